@@ -1,0 +1,1 @@
+"""Mathematics of the geo-registration: no ROS, no files, no printing."""

@@ -1,0 +1,1 @@
+"""Aiding measurements of the filter, one module a source."""

@@ -1,0 +1,170 @@
+"""Rotations: matrices, quaternions (w, x, y, z), rotation vectors, Euler angles.
+
+Every function takes leading axes: a ``(..., 4)`` quaternion gives a ``(..., 3, 3)`` matrix.
+Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
+2nd ed., section 2.2; rotation vectors as in its section 2.2.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.samples import Array
+
+
+def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
+    """The same angle in [-pi, pi)."""
+    return np.asarray((np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def skew(v: Array) -> Array:
+    """``[v x]``, so that ``skew(v) @ w == cross(v, w)``; (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(v, float)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def matrix_from_quat(q: Array) -> Array:
+    """Unit quaternion (..., 4) to rotation matrix (..., 3, 3)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quat_from_matrix(matrix: Array) -> Array:
+    """Rotation matrix (..., 3, 3) to unit quaternion (..., 4) with w >= 0.
+
+    Of the four classic forms the one with the largest divisor is taken (Shepperd, 1978).
+    """
+    m = np.asarray(matrix, float)
+    m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = (
+        m[..., 2, 1] - m[..., 1, 2],
+        m[..., 0, 2] - m[..., 2, 0],
+        m[..., 1, 0] - m[..., 0, 1],
+    )
+    xy, xz, yz = (
+        m[..., 1, 0] + m[..., 0, 1],
+        m[..., 0, 2] + m[..., 2, 0],
+        m[..., 2, 1] + m[..., 1, 2],
+    )
+    rows = np.stack(
+        [
+            np.stack([1 + m00 + m11 + m22, wx, wy, wz], -1),
+            np.stack([wx, 1 + m00 - m11 - m22, xy, xz], -1),
+            np.stack([wy, xy, 1 - m00 + m11 - m22, yz], -1),
+            np.stack([wz, xz, yz, 1 - m00 - m11 + m22], -1),
+        ],
+        -2,
+    )
+    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), -1)
+    q = np.take_along_axis(rows, best[..., None, None], -2)[..., 0, :]
+    return canonical(q)
+
+
+def canonical(q: Array) -> Array:
+    """The same rotation with unit norm and w >= 0."""
+    q = np.asarray(q, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(q[..., :1] < 0, -q, q))
+
+
+def quat_multiply(p: Array, q: Array) -> Array:
+    """Hamilton product: ``R(p q) = R(p) R(q)``; (..., 4)."""
+    p0, p1, p2, p3 = np.moveaxis(np.asarray(p, float), -1, 0)
+    q0, q1, q2, q3 = np.moveaxis(np.asarray(q, float), -1, 0)
+    return np.stack(
+        [
+            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
+            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
+            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
+            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
+        ],
+        -1,
+    )
+
+
+def quat_conjugate(q: Array) -> Array:
+    """The inverse rotation of a unit quaternion; (..., 4)."""
+    return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def quat_from_rotvec(rotvec: Array) -> Array:
+    """Rotation vector (..., 3), radians, to unit quaternion (..., 4)."""
+    v = np.asarray(rotvec, float)
+    half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
+    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half), fine at zero
+    return np.concatenate([np.cos(half), scale * v], -1)
+
+
+def rotvec_from_quat(q: Array) -> Array:
+    """Unit quaternion (..., 4) to the shortest rotation vector (..., 3), radians."""
+    q = canonical(q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    factor: Array = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    return np.asarray(factor * q[..., 1:])
+
+
+def matrix_from_rotvec(rotvec: Array) -> Array:
+    """Rotation vector (..., 3), radians, to rotation matrix (..., 3, 3): ``exp([v x])``."""
+    return matrix_from_quat(quat_from_rotvec(rotvec))
+
+
+def matrix_from_euler(
+    roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
+) -> Array:
+    """Euler angles to ``R_nb`` (..., 3, 3), z-y'-x'' (Groves 2.24, transposed)."""
+    roll, pitch, yaw = np.broadcast_arrays(
+        np.asarray(roll_rad, float), np.asarray(pitch_rad, float), np.asarray(yaw_rad, float)
+    )
+    return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+
+
+def euler_from_matrix(matrix: Array) -> Array:
+    """``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3); pitch in [-pi/2, pi/2] (Groves 2.25)."""
+    m = np.asarray(matrix, float)
+    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
+    pitch = -np.arcsin(np.clip(m[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    return np.stack([roll, pitch, yaw], -1)
+
+
+def euler_from_quat(q: Array) -> Array:
+    """``q_nb`` (..., 4) to roll, pitch, yaw (..., 3)."""
+    return euler_from_matrix(matrix_from_quat(q))
+
+
+def quat_from_euler(
+    roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
+) -> Array:
+    """Euler angles to ``q_nb`` (..., 4)."""
+    return quat_from_matrix(matrix_from_euler(roll_rad, pitch_rad, yaw_rad))
+
+
+def rotation_x(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about x; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [1.0, 0.0, 0.0]))
+
+
+def rotation_y(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about y; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 1.0, 0.0]))
+
+
+def rotation_z(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about z; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 0.0, 1.0]))
+
+
+def slerp(q0: Array, q1: Array, fraction: float) -> Array:
+    """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
+    step = rotvec_from_quat(quat_multiply(quat_conjugate(q0), q1))
+    return canonical(quat_multiply(q0, quat_from_rotvec(fraction * step)))

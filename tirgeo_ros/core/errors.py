@@ -1,0 +1,37 @@
+"""The errors that tirgeo raises: one root, one child a subject.
+
+Each carries a message of one line that names the file, key or topic and says what to do; the
+command line prints it and nothing else.
+"""
+
+
+class TirgeoError(Exception):
+    """Root of all errors that tirgeo raises on purpose."""
+
+
+class ConfigError(TirgeoError):
+    """A parameter is unknown, of the wrong type or out of its range."""
+
+
+class BagError(TirgeoError):
+    """A bag cannot be read or written, or lacks a needed topic."""
+
+
+class MapError(TirgeoError):
+    """A map file cannot be read or makes no sense as a map."""
+
+
+class CameraError(TirgeoError):
+    """A camera's calibration cannot be used."""
+
+
+class SurveyError(TirgeoError):
+    """A survey or an observation file cannot be read."""
+
+
+class ScenarioError(TirgeoError):
+    """A scenario of the simulator cannot be flown."""
+
+
+class GraphError(TirgeoError):
+    """The node graph did not start, stopped early or gave nothing."""

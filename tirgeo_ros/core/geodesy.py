@@ -1,0 +1,133 @@
+"""The WGS84 ellipsoid: radii, gravity, earth-fixed coordinates and the map's tangent plane.
+
+Equations: Groves, 2nd ed., sections 2.3 and 2.4. Latitude and longitude in radians, heights in
+metres above the ellipsoid.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import quat_from_matrix, quat_multiply
+from tirgeo_ros.core.samples import Array, BodyPose, NavSolution
+
+SEMI_MAJOR_AXIS_M = 6378137.0
+FLATTENING = 1 / 298.257223563
+ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
+SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
+EARTH_RATE_RAD_S = 7.292115e-5
+GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
+GRAVITY_EQUATOR_M_S2 = 9.7803253359
+SOMIGLIANA_CONSTANT = 0.001931853
+
+
+def radii_of_curvature(latitude_rad: float) -> tuple[float, float]:
+    """Meridian and transverse (prime vertical) radius in metres; Groves 2.105, 2.106."""
+    factor = 1 - ECCENTRICITY_SQUARED * math.sin(latitude_rad) ** 2
+    transverse = SEMI_MAJOR_AXIS_M / math.sqrt(factor)
+    return transverse * (1 - ECCENTRICITY_SQUARED) / factor, transverse
+
+
+def gravity_down(latitude_rad: float, height_m: float) -> float:
+    """Gravity (with the centrifugal part) in m/s2, down positive; Groves 2.134, 2.139."""
+    sin2 = math.sin(latitude_rad) ** 2
+    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_CONSTANT * sin2)
+    surface /= math.sqrt(1 - ECCENTRICITY_SQUARED * sin2)
+    a, f = SEMI_MAJOR_AXIS_M, FLATTENING
+    ratio = EARTH_RATE_RAD_S**2 * a * a * SEMI_MINOR_AXIS_M / GRAVITATIONAL_CONSTANT_M3_S2
+    linear = 2 / a * (1 + f * (1 - 2 * sin2) + ratio) * height_m
+    return surface * (1 - linear + 3 / (a * a) * height_m * height_m)
+
+
+def ecef_from_geodetic(
+    latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
+) -> Array:
+    """Earth-fixed position (..., 3) in metres; Groves 2.112."""
+    lat, lon, h = (np.asarray(x, float) for x in (latitude_rad, longitude_rad, height_m))
+    transverse = SEMI_MAJOR_AXIS_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
+    x = (transverse + h) * np.cos(lat) * np.cos(lon)
+    y = (transverse + h) * np.cos(lat) * np.sin(lon)
+    z = (transverse * (1 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)
+    return np.stack(np.broadcast_arrays(x, y, z), -1)
+
+
+def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
+    """Latitude, longitude, height of (..., 3) earth-fixed metres.
+
+    Bowring's start, then two Newton steps on the reduced latitude: below 1e-9 m for any height
+    an aircraft reaches.
+    """
+    x, y, z = np.moveaxis(np.asarray(position_e, float), -1, 0)
+    p = np.hypot(x, y)
+    reduced = np.arctan2(z, (1 - FLATTENING) * p)
+    second = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED)
+    lat = np.zeros_like(p)
+    for _ in range(3):
+        lat = np.arctan2(
+            z + second * SEMI_MINOR_AXIS_M * np.sin(reduced) ** 3,
+            p - ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M * np.cos(reduced) ** 3,
+        )
+        reduced = np.arctan2((1 - FLATTENING) * np.sin(lat), np.cos(lat))
+    sin, cos = np.sin(lat), np.cos(lat)
+    root = np.sqrt(1 - ECCENTRICITY_SQUARED * sin**2)
+    return lat, np.arctan2(y, x), p * cos + z * sin - SEMI_MAJOR_AXIS_M * root
+
+
+def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
+    """``R_en`` (3, 3): local north, east, down to earth-fixed; Groves 2.150, transposed."""
+    sl, cl = math.sin(latitude_rad), math.cos(latitude_rad)
+    so, co = math.sin(longitude_rad), math.cos(longitude_rad)
+    return np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
+
+
+@dataclass(frozen=True)
+class TangentPlane:
+    """The tangent plane of the ROS frame ``map``, in north, east, down metres from its origin."""
+
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float
+    _origin_e: Array = field(init=False, repr=False, compare=False)
+    _rotation_en: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Compute the origin and the axes in the earth-fixed frame once."""
+        origin = ecef_from_geodetic(self.latitude_rad, self.longitude_rad, self.height_m)
+        object.__setattr__(self, "_origin_e", origin)
+        rotation = rotation_ecef_from_ned(self.latitude_rad, self.longitude_rad)
+        object.__setattr__(self, "_rotation_en", rotation)
+
+    def ned_from_geodetic(
+        self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
+    ) -> Array:
+        """(..., 3) metres in the plane's axes."""
+        position_e = ecef_from_geodetic(latitude_rad, longitude_rad, height_m)
+        return np.asarray((position_e - self._origin_e) @ self._rotation_en)
+
+    def geodetic_from_ned(self, position_n: Array) -> tuple[Array, Array, Array]:
+        """Latitude, longitude (rad), height (m) of (..., 3) metres in the plane's axes."""
+        return geodetic_from_ecef(self._origin_e + np.asarray(position_n) @ self._rotation_en.T)
+
+    def rotation_from_local(self, latitude_rad: float, longitude_rad: float) -> Array:
+        """(3, 3): north, east, down at a place to the plane's axes."""
+        return np.asarray(
+            self._rotation_en.T @ rotation_ecef_from_ned(latitude_rad, longitude_rad)
+        )
+
+    def body_pose(self, solution: NavSolution) -> BodyPose:
+        """A navigation solution as a pose in the plane, turned by the convergence too."""
+        turn = self.rotation_from_local(solution.latitude_rad, solution.longitude_rad)
+        both = np.zeros((6, 6))
+        both[:3, :3] = both[3:, 3:] = turn
+        return BodyPose(
+            solution.stamp_ns,
+            self.ned_from_geodetic(
+                solution.latitude_rad, solution.longitude_rad, solution.height_m
+            ),
+            quat_multiply(quat_from_matrix(turn), solution.q_nb),
+            both @ solution.pose_covariance @ both.T,
+        )

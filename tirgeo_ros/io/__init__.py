@@ -1,0 +1,1 @@
+"""Files: bags, maps, parameter files, surveys. No ROS."""

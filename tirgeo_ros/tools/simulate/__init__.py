@@ -1,0 +1,1 @@
+"""A flight with truth: trajectory, sensors, pictures."""
