@@ -1,0 +1,145 @@
+"""Entry point of ``tirgeo``: finds the verbs, runs one, prints its result, owns the exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import math
+import os
+import pkgutil
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from types import FrameType, ModuleType
+from typing import NoReturn
+
+import tirgeo_ros
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.tools import cli
+from tirgeo_ros.tools.cli._verb import UsageError
+
+DONE, FAILED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 130, 141, 143
+
+
+def verbs() -> list[ModuleType]:
+    """The modules of the verbs, by name."""
+    names = (found.name for found in pkgutil.iter_modules(cli.__path__))
+    return [
+        importlib.import_module(f"{cli.__name__}.{name}")
+        for name in sorted(names)
+        if name != "main" and not name.startswith("_")
+    ]
+
+
+def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
+    """The command's parser with a subparser for each verb's module."""
+    parser = argparse.ArgumentParser(
+        prog="tirgeo",
+        description="A map on a drone's thermal video, placed by sensors alone.",
+        epilog="tirgeo VERB --help tells of a verb, with an example.",
+    )
+    parser.add_argument("--version", action="version", version=tirgeo_ros.__version__)
+    subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for module in modules:
+        _complete(module.add_parser(subparsers), module)
+    return parser
+
+
+def _complete(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        "--json", action="store_true", help="print the result as one JSON object on stdout"
+    )
+    parser.set_defaults(verb_module=module, verb_parser=parser)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``tirgeo argv`` and return its exit code; argparse leaves by SystemExit(2)."""
+    args = parser_of(verbs()).parse_args(argv)
+    try:
+        code = _run(args)
+        sys.stdout.flush()
+    except UsageError as error:
+        args.verb_parser.error(str(error))
+    except BrokenPipeError:
+        return _closed_pipe()
+    except (TirgeoError, OSError) as error:
+        return _say(args.verb, _message(error), FAILED)
+    except KeyboardInterrupt:
+        return _say(args.verb, "interrupted", INTERRUPTED)
+    return code
+
+
+def _run(args: argparse.Namespace) -> int:
+    result = args.verb_module.run(args)
+    if isinstance(result, int):
+        return result
+    if args.json:
+        print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
+    else:
+        print(getattr(args.verb_module, "describe", _lines)(result))
+    error = result.get("error")
+    return DONE if error is None else _say(args.verb, str(error), FAILED)
+
+
+def _say(verb: str, message: str, code: int) -> int:
+    print(f"tirgeo {verb}: {' '.join(message.splitlines())}", file=sys.stderr)
+    return code
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{os.fsdecode(error.filename)}: {error.strerror}"
+    return str(error)
+
+
+def _closed_pipe() -> int:
+    # The reader (head, less) has gone: nothing more to say, not even when Python flushes at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BROKEN_PIPE
+
+
+def plain(value: object) -> object:
+    """The value in JSON's own types: NaN and infinities None, arrays lists, the rest as text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # NumPy's arrays and scalars, without importing NumPy
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _lines(result: Mapping[str, object]) -> str:
+    pairs = [(name, item) for name, item in _flat(result) if item is not None]
+    width = max((len(name) for name, _ in pairs), default=0)
+    return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
+
+
+def _flat(result: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name, item in result.items():
+        if isinstance(item, Mapping):
+            yield from _flat(item, f"{prefix}{name}.")
+        else:
+            yield prefix + name, item
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def console() -> NoReturn:
+    """The installed command: ``main`` with SIGTERM unwinding the stack as Ctrl-C does."""
+    signal.signal(signal.SIGTERM, _terminate)
+    sys.exit(main())
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise SystemExit(TERMINATED)
+
+
+if __name__ == "__main__":
+    console()
