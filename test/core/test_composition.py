@@ -1,0 +1,231 @@
+"""The camera's pose from body and gimbal: Equation 12, the encoder chain, and covariances."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.attitude import (
+    euler_from_matrix,
+    euler_from_quat,
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_from_euler,
+    quat_from_matrix,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    rotvec_from_quat,
+    wrap_pi,
+)
+from tirgeo_ros.core.composition import Mount, from_joints, from_reported, heading_row
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.samples import BodyPose, CameraAttitudeSample, JointSample
+
+PLAIN = Mount.from_config(GimbalConfig())
+CONFIG = GimbalConfig(
+    lever_arm_m=(0.3, -0.1, -0.4),
+    camera_offset_m=(0.1, 0.05, -0.02),
+    boresight_rpy_deg=(0.4, -0.7, 1.1),
+    encoder_sigma_deg=0.2,
+)
+FULL = Mount.from_config(CONFIG)
+
+headings = st.floats(-3.1, 3.1)
+tilts = st.floats(-0.5, 0.5)
+attitudes = st.tuples(tilts, tilts, headings)
+# a gimbal's reach, kept off the pitch where Euler angles end: 1e-12 / cos(pitch) is the arithmetic
+camera_attitudes = st.tuples(st.floats(-0.5, 0.5), st.floats(-1.5, 0.5), headings)
+
+
+def body_at(euler, position_n=(3.0, 4.0, -20.0), covariance=None):
+    covariance = np.eye(6) * 1e-4 if covariance is None else covariance
+    return BodyPose(7, np.array(position_n), quat_from_euler(*euler), covariance)
+
+
+def some_covariance(seed=1):
+    root = np.random.default_rng(seed).normal(size=(6, 6)) * 1e-2
+    return root @ root.T
+
+
+def rotation_ng(pose):
+    """The camera body's rotation, where the mount has no boresight."""
+    return matrix_from_quat(pose.q_nc) @ BODY_OPTICAL.T
+
+
+@given(attitudes, headings, camera_attitudes)
+def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler):
+    autopilot = quat_from_euler(0.02, -0.03, autopilot_yaw)
+    reported = CameraAttitudeSample(7, quat_from_euler(*camera_euler))
+    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported)
+    roll, pitch, yaw = euler_from_matrix(rotation_ng(pose))
+    psi_coder = wrap_pi(camera_euler[2] - autopilot_yaw)
+    assert roll == pytest.approx(camera_euler[0], abs=1e-9)
+    assert pitch == pytest.approx(camera_euler[1], abs=1e-9)
+    assert wrap_pi(yaw - (body_euler[2] + psi_coder)) == pytest.approx(0, abs=1e-9)
+
+
+@given(headings, headings, headings, tilts)
+def test_looking_straight_down_only_the_heading_turns(body_yaw, autopilot_yaw, camera_yaw, roll):
+    body = body_at((0.01, 0.02, body_yaw))
+    autopilot = quat_from_euler(0.01, 0.02, autopilot_yaw)
+    found = []
+    for pitch in (-np.pi / 2, -np.pi / 2 + 1e-6):
+        reported = quat_from_euler(roll, pitch, camera_yaw)
+        pose = from_reported(PLAIN, body, autopilot, CameraAttitudeSample(7, reported))
+        turned = rotation_z(body_yaw - autopilot_yaw) @ matrix_from_quat(reported)
+        np.testing.assert_allclose(rotation_ng(pose), turned, atol=1e-9)
+        assert np.linalg.eigvalsh(pose.covariance)[0] > -1e-15
+        found.append(pose)
+    # continuous there: a pitch of 1e-6 moves the axes by as much and the covariance's axes too
+    np.testing.assert_allclose(rotation_ng(found[0]), rotation_ng(found[1]), atol=1.1e-6)
+
+
+@given(attitudes, camera_attitudes)
+def test_joints_are_the_whole_chain(body_euler, angles):
+    roll, pitch, yaw = angles
+    pose = from_joints(PLAIN, body_at(body_euler), JointSample(7, yaw, roll, pitch))
+    chain = rotation_z(yaw) @ rotation_x(roll) @ rotation_y(pitch)
+    expected = matrix_from_quat(quat_from_euler(*body_euler)) @ chain
+    np.testing.assert_allclose(rotation_ng(pose), expected, atol=1e-12)
+
+
+def test_signs_of_the_joints():
+    level_north = body_at((0.0, 0.0, 0.0))
+    down = from_joints(PLAIN, level_north, JointSample(7, 0.0, 0.0, np.radians(-30)))
+    axis_n = matrix_from_quat(down.q_nc)[:, 2]  # optical axis
+    np.testing.assert_allclose(axis_n, [np.cos(np.pi / 6), 0, 0.5], atol=1e-12)
+    right = from_joints(PLAIN, level_north, JointSample(7, np.radians(90), 0.0, 0.0))
+    np.testing.assert_allclose(matrix_from_quat(right.q_nc)[:, 2], [0, 1, 0], atol=1e-12)
+    rolled = from_joints(PLAIN, level_north, JointSample(7, 0.0, np.radians(10), 0.0))
+    assert matrix_from_quat(rolled.q_nc)[2, 0] > 0  # the picture's right side is down
+
+
+def test_lever_arm_and_offset_turn_with_body_and_camera():
+    mount = Mount.from_config(
+        GimbalConfig(lever_arm_m=(1.0, 0.0, -0.5), camera_offset_m=(0.2, 0.0, 0.0))
+    )
+    east = body_at((0.0, 0.0, np.pi / 2), position_n=(0.0, 0.0, 0.0))
+    pose = from_joints(mount, east, JointSample(7, np.pi / 2, 0.0, 0.0))
+    # body looks east, camera south; 0.5 m below the IMU is +0.5 down
+    np.testing.assert_allclose(pose.position_n, [-0.2, 1.0, 0.5], atol=1e-12)
+
+
+def test_boresight_turns_about_camera_axes():
+    mount = Mount.from_config(GimbalConfig(boresight_rpy_deg=(0.0, 0.0, -2.0)))  # FLU: right
+    down = from_joints(mount, body_at((0.0, 0.0, 0.0)), JointSample(7, 0.0, 0.0, -np.pi / 2))
+    up_in_picture_n = -matrix_from_quat(down.q_nc)[:, 1]
+    forward_n = matrix_from_quat(down.q_nc)[:, 2]
+    angle = np.radians(2.0)
+    np.testing.assert_allclose(forward_n, [0, np.sin(angle), np.cos(angle)], atol=1e-12)
+    np.testing.assert_allclose(up_in_picture_n, [1, 0, 0], atol=1e-12)
+
+
+@given(attitudes)
+def test_heading_row_against_differences(euler):
+    rotation = matrix_from_quat(quat_from_euler(*euler))
+    step = 1e-6
+    for k, derivative in enumerate(heading_row(rotation[:, 0])):
+        turn = step * np.eye(3)[k]
+        ends = [
+            euler_from_matrix(matrix_from_rotvec(sign * turn) @ rotation)[2] for sign in (1, -1)
+        ]
+        assert wrap_pi(ends[0] - ends[1]) / (2 * step) == pytest.approx(derivative, abs=1e-7)
+
+
+def turned(body, error):
+    """The body that a position error (m) and phi_n (rad), (6,), lead to."""
+    q = quat_from_matrix(matrix_from_rotvec(error[3:]) @ matrix_from_quat(body.q_nb))
+    return dataclasses.replace(body, position_n=body.position_n + error[:3], q_nb=q)
+
+
+def pose_error(pose, reference):
+    """(6,) position error and phi_n that take ``reference`` to ``pose``."""
+    turn = matrix_from_quat(pose.q_nc) @ matrix_from_quat(reference.q_nc).T
+    phi_n = rotvec_from_quat(quat_from_matrix(turn))
+    return np.concatenate([pose.position_n - reference.position_n, phi_n])
+
+
+def covariance_by_differences(compose, body, variances):
+    """J S J^T with J by central differences of the whole composition."""
+    count = 6 + len(variances)
+    zero = compose(body, np.zeros(len(variances)))
+    columns = []
+    for k in range(count):
+        step = np.zeros(count)
+        step[k] = 1e-5
+        ends = [compose(turned(body, sign * step[:6]), sign * step[6:]) for sign in (1, -1)]
+        columns.append((pose_error(ends[0], zero) - pose_error(ends[1], zero)) / 2e-5)
+    jacobian = np.array(columns).T
+    spread = np.zeros((count, count))
+    spread[:6, :6], spread[6:, 6:] = body.covariance, np.diag(variances)
+    return jacobian @ spread @ jacobian.T
+
+
+# step 1e-5: truncation 1e-10, rounding 1e-11, on covariances of order 1e-3 and arms below 1 m
+DIFFERENCE_TOLERANCE = 1e-9
+
+
+@settings(max_examples=20)  # each composes eighteen times
+@given(attitudes, camera_attitudes, st.integers(0, 1000))
+def test_covariance_by_joints_against_differences(body_euler, angles, seed):
+    roll, pitch, yaw = angles
+    body = body_at(body_euler, covariance=some_covariance(seed))
+
+    def compose(at, error):
+        return from_joints(FULL, at, JointSample(7, *(np.array([yaw, roll, pitch]) + error)))
+
+    expected = covariance_by_differences(compose, body, FULL.joint_variance)
+    found = compose(body, np.zeros(3)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
+
+
+@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
+def test_covariance_of_reported_against_differences(body_euler, camera, autopilot_yaw, seed):
+    body = body_at(body_euler, covariance=some_covariance(seed))
+    autopilot = quat_from_euler(0.0, 0.0, autopilot_yaw)
+
+    def compose(at, error):
+        euler = np.array(camera) + np.array([*error, 0.0])
+        reported = CameraAttitudeSample(7, quat_from_euler(*euler))
+        return from_reported(FULL, at, autopilot, reported)
+
+    expected = covariance_by_differences(compose, body, FULL.reported_variance)
+    found = compose(body, np.zeros(2)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_heading_alone_comes_from_the_filter_in_reported():
+    """A filter that errs in roll and pitch alone leaves a level aircraft's camera as reported."""
+    covariance = np.diag([0, 0, 0, 1e-2, 1e-2, 0])
+    body = body_at((0.0, 0.0, 0.4), covariance=covariance)
+    reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
+    pose = from_reported(PLAIN, body, body.q_nb, reported)
+    camera_n = matrix_from_quat(reported.q_ng)
+    across, forward = camera_n[:, 1], camera_n[:, 0]
+    roll_variance, pitch_variance = np.radians(GimbalConfig().reported_sigma_deg) ** 2
+    expected = roll_variance * np.outer(forward, forward) + pitch_variance * np.outer(
+        across, across
+    )
+    np.testing.assert_allclose(pose.covariance[3:, 3:], expected, atol=1e-15)
+
+
+def test_nose_straight_up_has_no_heading():
+    reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
+    up, level = quat_from_euler(0.0, np.pi / 2, 0.0), quat_from_euler(0.0, 0.0, 0.0)
+    upright = dataclasses.replace(body_at((0.0, 0.0, 0.0)), q_nb=up)
+    assert from_reported(PLAIN, upright, level, reported) is None
+    assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported) is None
+
+
+def test_camera_pose_keeps_stamp_of_body():
+    pose = from_joints(PLAIN, body_at((0.0, 0.0, 0.0)), JointSample(7, 0.0, 0.0, 0.0))
+    assert pose.stamp_ns == 7
+    np.testing.assert_allclose(euler_from_quat(quat_from_matrix(rotation_ng(pose))), 0, atol=1e-12)

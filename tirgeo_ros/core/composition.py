@@ -1,0 +1,167 @@
+"""From the body's pose and the gimbal's angles to the camera's pose, with its covariance.
+
+Two ways (Ren et al. 2022, section 3.4):
+
+``from_reported``
+    Equation 12: roll and pitch of the camera as the flight controller reports them, heading
+    psi_EKF + psi_coder, where psi_coder is the reported camera heading less the autopilot's own of
+    the same instant. That is the reported rotation turned about the vertical by
+    psi_EKF - psi_autopilot, the form used here: it also holds where the camera looks straight
+    down and its roll and heading are not defined.
+``from_joints``
+    The whole chain: body attitude, then the encoder angles.
+
+Errors are ``phi_n`` as in the charter. The camera's are linear in the body's position error,
+the body's phi_n and the gimbal's angle errors, so its covariance follows from Jacobians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, cos, sin
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import (
+    matrix_from_euler,
+    matrix_from_quat,
+    quat_from_matrix,
+    skew,
+)
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.samples import (
+    Array,
+    BodyPose,
+    CameraAttitudeSample,
+    CameraPose,
+    JointSample,
+)
+
+#: Smallest horizontal part of the nose's direction from which a heading is taken.
+_LEAST_HORIZONTAL = 1e-3
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How the camera hangs from the aircraft, and how well the gimbal's angles are known."""
+
+    lever_arm_b: Array  # (3,) pivot from the IMU, m
+    camera_offset_g: Array  # (3,) camera from the pivot, m
+    rotation_gc: Array  # (3, 3) optical frame to the gimbal's camera axes, with the boresight
+    joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
+    reported_variance: Array  # (2,) reported roll, pitch, rad2
+
+    @classmethod
+    def from_config(cls, config: GimbalConfig) -> Mount:
+        """Return the mount that a gimbal's parameters describe."""
+        return cls(
+            config.lever_arm_b,
+            config.camera_offset_g,
+            matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL,
+            np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
+            np.radians(np.array(config.reported_sigma_deg)) ** 2,
+        )
+
+
+def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose:
+    """Return the camera's pose by the body's attitude and the encoders."""
+    rotation_nb = matrix_from_quat(body.q_nb)
+    before_pitch, axes_b = _chain(joints)
+    cp, sp = cos(joints.pitch_rad), sin(joints.pitch_rad)
+    pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return _camera_pose(
+        mount,
+        body,
+        rotation_nb,
+        rotation_nb @ before_pitch @ pitch,
+        np.eye(3),
+        rotation_nb @ axes_b,
+        mount.joint_variance,
+    )
+
+
+def _chain(joints: JointSample) -> tuple[Array, Array]:
+    """``Rz(yaw) Rx(roll)`` (3, 3), and the joint axes yaw, roll, pitch in ``b`` as columns."""
+    cy, sy = cos(joints.yaw_rad), sin(joints.yaw_rad)
+    cr, sr = cos(joints.roll_rad), sin(joints.roll_rad)
+    before_pitch = np.array([[cy, -sy * cr, sy * sr], [sy, cy * cr, -cy * sr], [0.0, sr, cr]])
+    axes_b = np.array([[0.0, cy, -sy * cr], [0.0, sy, cy * cr], [1.0, 0.0, sr]])
+    return before_pitch, axes_b
+
+
+def from_reported(
+    mount: Mount, body: BodyPose, autopilot_q_nb: Array, reported: CameraAttitudeSample
+) -> CameraPose | None:
+    """Return the camera's pose by Equation 12, ``autopilot_q_nb`` (4,) of the same instant.
+
+    The reported attitude is level at the aircraft, the result in the map's plane; they differ
+    by the distance from the origin over the earth's radius, 0.009 deg in each km.
+    None where body or autopilot point straight up or down and have no heading.
+    """
+    rotation_nb = matrix_from_quat(body.q_nb)
+    nose, autopilot_nose = rotation_nb[:, 0], matrix_from_quat(autopilot_q_nb)[:, 0]
+    if not (_has_heading(nose) and _has_heading(autopilot_nose)):
+        return None
+    angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
+    c, s = cos(angle), sin(angle)
+    swing = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation_ng = swing @ matrix_from_quat(reported.q_ng)
+    vertical = np.zeros((3, 3))
+    vertical[2] = heading_row(nose)
+    axes_n = _roll_and_pitch_axes(rotation_ng)
+    return _camera_pose(
+        mount, body, rotation_nb, rotation_ng, vertical, axes_n, mount.reported_variance
+    )
+
+
+def _has_heading(nose_n: Array) -> bool:
+    return bool(np.hypot(nose_n[0], nose_n[1]) > _LEAST_HORIZONTAL)
+
+
+def heading_row(nose_n: Array) -> Array:
+    """(3,) derivative of the heading by phi_n, where ``nose_n`` (3,) is the body's x axis.
+
+    Equation 9's last row: [tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1].
+    """
+    x, y, z = nose_n
+    return np.asarray(np.array([-z * x, -z * y, x * x + y * y]) / (x * x + y * y))
+
+
+def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
+    """(3, 2) the axes about which Euler roll and pitch turn the camera."""
+    forward = rotation_ng[:, 0]
+    if _has_heading(forward):
+        across = np.array([-forward[1], forward[0], 0.0]) / np.hypot(forward[0], forward[1])
+    else:
+        across = rotation_ng[:, 1]  # the right side, level within the same small angle
+    return np.stack([forward, across], 1)
+
+
+def _camera_pose(
+    mount: Mount,
+    body: BodyPose,
+    rotation_nb: Array,
+    rotation_ng: Array,
+    from_phi: Array,
+    axes_n: Array,
+    variances: Array,
+) -> CameraPose:
+    """Assemble the pose, where phi_n of the camera = ``from_phi`` phi_n + ``axes_n`` angles.
+
+    ``from_phi`` (3, 3); ``axes_n`` (3, k) with the k angles' ``variances``, rad2.
+    """
+    lever_n = rotation_nb @ mount.lever_arm_b
+    offset_n = rotation_ng @ mount.camera_offset_g
+    arm = skew(offset_n)
+    by_body = np.eye(6)
+    by_body[:3, 3:] = -skew(lever_n) - arm @ from_phi
+    by_body[3:, 3:] = from_phi
+    by_angles = np.concatenate([-arm @ axes_n, axes_n])
+    covariance = by_body @ body.covariance @ by_body.T + (by_angles * variances) @ by_angles.T
+    return CameraPose(
+        body.stamp_ns,
+        body.position_n + lever_n + offset_n,
+        quat_from_matrix(rotation_ng @ mount.rotation_gc),
+        0.5 * (covariance + covariance.T),
+    )

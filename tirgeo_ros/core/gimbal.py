@@ -1,0 +1,157 @@
+"""Camera poses from gimbal samples, each at its own instant.
+
+A gimbal sample waits until the body poses on both sides of its stamp are there, then the camera's
+pose is composed (``tirgeo_ros.core.composition``) with the body's between them. Nothing is
+extrapolated: a sample that waits too long or falls into a gap is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass
+
+from tirgeo_ros.core.attitude import slerp
+from tirgeo_ros.core.composition import Mount, from_joints, from_reported
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory, is_rotation
+from tirgeo_ros.core.samples import (
+    Array,
+    BodyPose,
+    CameraAttitudeSample,
+    CameraPose,
+    JointSample,
+)
+
+_HISTORY_S = 3.0
+_MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lack:
+    """Why a gimbal sample has no camera pose, and whether it may have one later."""
+
+    reason: str
+    may_come: bool = False
+
+    @classmethod
+    def of(cls, what: str, miss: Miss) -> _Lack:
+        return cls(f"{what}_{miss.value}", miss in _MAY_COME)
+
+
+class GimbalComposer:
+    """Gimbal samples and body poses in, in any order of arrival; camera poses out.
+
+    Each ``add_`` returns the camera poses that became possible, one per gimbal sample, in order
+    of their stamps. With ``composition: auto`` the reported attitude drives until the first joint
+    sample, and joint angles from then on.
+    """
+
+    def __init__(self, config: GimbalConfig) -> None:
+        self._mount = Mount.from_config(config)
+        self._choice = config.composition
+        self._by_joints = config.composition == "encoders"
+        self._max_wait_ns = round(config.max_wait_s * 1e9)
+        span_s = _HISTORY_S + config.max_wait_s
+        self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s)
+        self._autopilot: StampedHistory[Array] = StampedHistory(span_s)
+        self._waiting: deque[JointSample | CameraAttitudeSample] = deque()
+        self._newest_ns: int | None = None
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def composition(self) -> str:
+        """The composition in use now: ``encoders`` or ``paper``."""
+        return "encoders" if self._by_joints else "paper"
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What became of the samples so far.
+
+        ``composed``; of the gimbal samples dropped: ``invalid``, ``repeated``, ``unused`` (of the
+        topic that does not drive), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
+        of a Miss; ``went_back`` for gimbal stamps that cleared those waiting; ``body_invalid``,
+        ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others.
+        """
+        found = Counter(self._counts)
+        found["body_invalid"] = self._bodies.invalid
+        found["body_went_back"] = self._bodies.went_back
+        found["autopilot_went_back"] = self._autopilot.went_back
+        return {name: number for name, number in sorted(found.items()) if number}
+
+    def add_body(self, pose: BodyPose) -> list[CameraPose]:
+        """Take a pose of the body."""
+        return self._resolve() if self._bodies.add(pose) else []
+
+    def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
+        """Take the autopilot's own attitude (4,), for the composition ``paper``."""
+        if not is_rotation(q_nb):
+            self._counts["autopilot_invalid"] += 1
+            return []
+        self._autopilot.put(stamp_ns, q_nb)
+        return self._resolve()
+
+    def add_joints(self, sample: JointSample) -> list[CameraPose]:
+        """Take the encoders' angles."""
+        angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
+        if not all(map(math.isfinite, angles)):
+            self._counts["invalid"] += 1
+            return []
+        if self._choice == "auto" and not self._by_joints:
+            self._by_joints = True
+            self._counts["unused"] += len(self._waiting)
+            self._waiting.clear()
+        return self._take(sample, drives=self._by_joints)
+
+    def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
+        """Take the camera attitude that the flight controller reports."""
+        if not is_rotation(sample.q_ng):
+            self._counts["invalid"] += 1
+            return []
+        return self._take(sample, drives=not self._by_joints)
+
+    def _take(
+        self, sample: JointSample | CameraAttitudeSample, *, drives: bool
+    ) -> list[CameraPose]:
+        if not drives:
+            self._counts["unused"] += 1
+            return []
+        if sample.stamp_ns == self._newest_ns:
+            self._counts["repeated"] += 1
+            return []
+        if self._newest_ns is not None and sample.stamp_ns < self._newest_ns:
+            self._counts["went_back"] += 1
+            self._waiting.clear()
+        self._newest_ns = sample.stamp_ns
+        self._waiting.append(sample)
+        return self._resolve()
+
+    def _resolve(self) -> list[CameraPose]:
+        poses = []
+        while self._waiting:
+            composed = self._compose(self._waiting[0])
+            if isinstance(composed, CameraPose):
+                self._counts["composed"] += 1
+                poses.append(composed)
+            elif composed.may_come and not self._overdue(self._waiting[0].stamp_ns):
+                break
+            else:
+                self._counts[composed.reason] += 1
+            self._waiting.popleft()
+        return poses
+
+    def _overdue(self, stamp_ns: int) -> bool:
+        newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
+        return newest_ns - stamp_ns > self._max_wait_ns
+
+    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _Lack:
+        body = self._bodies.at(sample.stamp_ns)
+        if isinstance(body, Miss):
+            return _Lack.of("body", body)
+        if isinstance(sample, JointSample):
+            return from_joints(self._mount, body, sample)
+        autopilot = self._autopilot.around(sample.stamp_ns)
+        if isinstance(autopilot, Miss):
+            return _Lack.of("autopilot", autopilot)
+        pose = from_reported(self._mount, body, slerp(*autopilot), sample)
+        return pose if pose is not None else _Lack("no_heading")
