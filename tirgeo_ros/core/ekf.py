@@ -1,0 +1,220 @@
+"""The error-state Kalman filter on the IMU, with a history for measurements that come late.
+
+Epochs (IMU samples) and measurements lie on one time line. Each epoch keeps the state and
+covariance after every measurement up to its stamp, so a late measurement only has to be put in its
+place and the epochs after it computed again: the result is the one that timely arrival gives.
+"""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tirgeo_ros.core.aiding.fusion import Aiding, Fusion, source_of
+from tirgeo_ros.core.alignment import Alignment
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.error_state import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    noise_density,
+    propagate_covariance,
+)
+from tirgeo_ros.core.samples import (
+    Array,
+    ImuSample,
+    NavSolution,
+    Outcome,
+    PositionSample,
+    Verdict,
+)
+from tirgeo_ros.core.strapdown import NavState, Vector, propagate
+
+#: The covariance is never carried further than this in one step.
+_LARGEST_STEP_S = 0.02
+
+
+@dataclass(slots=True)
+class _Epoch:
+    stamp_ns: int
+    force_b: Vector
+    rate_b: Vector
+    state: NavState
+    covariance: Array
+
+
+@dataclass(slots=True, eq=False)
+class _Record:
+    stamp_ns: int
+    sample: Aiding
+    held: bool  # it came before the IMU reached it
+    verdict: Verdict | None = None
+    offset_n: Array = field(default_factory=lambda: np.full(3, np.nan))  # see Fusion
+
+
+class Ekf:
+    """The filter from its alignment on. Samples must be finite (see ``navigation``)."""
+
+    def __init__(self, config: EkfConfig, alignment: Alignment) -> None:
+        self._config = config
+        self._density = noise_density(config.imu)
+        self._fusion = Fusion(config)
+        self._window = config.rtk.median_window
+        self._keep_ns = round(config.max_delay_s * 1e9)
+        start = _Epoch(
+            alignment.stamp_ns, *_readings(alignment.imu[0]), alignment.state, alignment.covariance
+        )
+        self._epochs = [start]
+        self._records: list[_Record] = []
+        self._resolved: list[Verdict] = []
+        self._done = 0  # index of the newest epoch whose state is up to date
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self._epochs[-1].stamp_ns
+
+    def add_imu(self, sample: ImuSample) -> None:
+        """Carry the state to an IMU sample, which must be newer than all before."""
+        last = self._epochs[-1]
+        self._epochs.append(
+            _Epoch(sample.stamp_ns, *_readings(sample), last.state, last.covariance)
+        )
+        self._catch_up(len(self._epochs) - 1)
+        self._forget()
+
+    def add_aiding(self, sample: Aiding) -> Verdict:
+        """Put a measurement in its place; one that the IMU has not reached yet is held."""
+        source = source_of(sample)
+        if sample.stamp_ns <= max(self._epochs[0].stamp_ns, self.newest_ns - self._keep_ns):
+            return Verdict(source, Outcome.TOO_OLD, "older than max_delay_s or the alignment")
+        if sample.stamp_ns > self.newest_ns + self._keep_ns:
+            return Verdict(source, Outcome.TOO_NEW, "newer than imu/data")
+        same = (r for r in self._records if r.stamp_ns == sample.stamp_ns)
+        if any(source_of(r.sample) is source for r in same):
+            return Verdict(source, Outcome.REPEATED)
+        record = _Record(sample.stamp_ns, sample, held=sample.stamp_ns > self.newest_ns)
+        bisect.insort(self._records, record, key=lambda r: r.stamp_ns)
+        if record.held:
+            return Verdict(source, Outcome.WAITING, "held until imu/data reaches it")
+        before = bisect.bisect_left(self._epochs, sample.stamp_ns, key=lambda e: e.stamp_ns) - 1
+        self._done = min(self._done, before)
+        self._catch_up(before + 1)
+        assert record.verdict is not None
+        return record.verdict
+
+    def take_resolved(self) -> list[Verdict]:
+        """Verdicts on measurements that were held, since the last call."""
+        found, self._resolved = self._resolved, []
+        return found
+
+    def solution(self) -> NavSolution:
+        """The state at the newest IMU sample."""
+        state, covariance = self.state()
+        order = np.r_[POSITION, ATTITUDE, VELOCITY]
+        return NavSolution(
+            self.newest_ns,
+            state.latitude_rad,
+            state.longitude_rad,
+            state.height_m,
+            np.array(state.velocity_n),
+            np.array(state.q_nb),
+            np.subtract(self._epochs[-1].rate_b, state.gyro_bias_b),
+            covariance[np.ix_(order, order)],
+        )
+
+    def state(self) -> tuple[NavState, Array]:
+        """Nominal state and (15, 15) covariance at the newest IMU sample."""
+        self._catch_up(len(self._epochs) - 1)
+        return self._epochs[-1].state, self._epochs[-1].covariance
+
+    def _catch_up(self, index: int) -> None:
+        while self._done < index:
+            self._advance(self._epochs[self._done], self._epochs[self._done + 1])
+            self._done += 1
+
+    def _advance(self, start: _Epoch, end: _Epoch) -> None:
+        """State of ``end`` from that of ``start`` and the measurements in between."""
+        state, covariance, now_ns = start.state, start.covariance, start.stamp_ns
+        first = bisect.bisect_right(self._records, now_ns, key=lambda r: r.stamp_ns)
+        for record in self._records[first:]:
+            if record.stamp_ns > end.stamp_ns:
+                break
+            state, covariance = self._carry(state, covariance, start, end, now_ns, record.stamp_ns)
+            now_ns = record.stamp_ns
+            rate_b = np.subtract(_between(start, end, now_ns)[1], state.gyro_bias_b)
+            state, covariance = self._apply(record, state, covariance, rate_b)
+        end.state, end.covariance = self._carry(
+            state, covariance, start, end, now_ns, end.stamp_ns
+        )
+
+    def _carry(
+        self,
+        state: NavState,
+        covariance: Array,
+        start: _Epoch,
+        end: _Epoch,
+        from_ns: int,
+        to_ns: int,
+    ) -> tuple[NavState, Array]:
+        """Mechanise within one IMU interval; readings are linear between the two samples."""
+        steps = -(-(to_ns - from_ns) // round(_LARGEST_STEP_S * 1e9))
+        for step in range(steps):
+            middle_ns = from_ns + (to_ns - from_ns) * (2 * step + 1) // (2 * steps)
+            step_s = (to_ns - from_ns) * 1e-9 / steps
+            old = state
+            state, rates = propagate(old, *_between(start, end, middle_ns), step_s)
+            covariance = propagate_covariance(
+                covariance, old, rates, step_s, self._config.imu, self._density
+            )
+        return state, covariance
+
+    def _apply(
+        self, record: _Record, state: NavState, covariance: Array, rate_b: Array
+    ) -> tuple[NavState, Array]:
+        window: list[Array] = []
+        if isinstance(record.sample, PositionSample):
+            record.offset_n = self._fusion.offset_n(state, record.sample)
+            last = self._records.index(record)
+            window = [r.offset_n for r in self._positions(self._records[: last + 1])]
+        fused = self._fusion.fuse(record.sample, state, covariance, rate_b, window)
+        if record.held and record.verdict is None:
+            self._resolved.append(fused.verdict)
+        record.verdict = fused.verdict
+        return fused.state, fused.covariance
+
+    def _positions(self, records: list[_Record]) -> list[_Record]:
+        """The newest positions that fill the median's window."""
+        return [r for r in records if isinstance(r.sample, PositionSample)][-self._window :]
+
+    def _forget(self) -> None:
+        """Drop what no measurement can reach any more; the median's window stays."""
+        oldest_ns = self.newest_ns - self._keep_ns
+        if self._epochs[min(64, len(self._epochs) - 1)].stamp_ns >= oldest_ns:
+            return  # in batches: cutting the lists at every sample would cost more than it frees
+        drop = bisect.bisect_right(self._epochs, oldest_ns, key=lambda e: e.stamp_ns) - 1
+        del self._epochs[:drop]
+        self._done -= drop
+        first_ns = self._epochs[0].stamp_ns
+        kept = self._positions([r for r in self._records if r.stamp_ns <= first_ns])
+        self._records = kept + [r for r in self._records if r.stamp_ns > first_ns]
+
+
+def _readings(sample: ImuSample) -> tuple[Vector, Vector]:
+    return tuple(sample.specific_force_b.tolist()), tuple(sample.angular_rate_b.tolist())
+
+
+def _between(start: _Epoch, end: _Epoch, stamp_ns: int) -> tuple[Vector, Vector]:
+    """Readings at a time between two samples, linearly."""
+    share = (stamp_ns - start.stamp_ns) / (end.stamp_ns - start.stamp_ns)
+    return _mixed(start.force_b, end.force_b, share), _mixed(start.rate_b, end.rate_b, share)
+
+
+def _mixed(a: Vector, b: Vector, share: float) -> Vector:
+    return (
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+    )

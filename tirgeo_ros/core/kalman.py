@@ -1,0 +1,69 @@
+"""The Kalman update of an error state, with its gate."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.samples import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A measurement as the filter sees it: ``innovation = design @ error + noise``."""
+
+    innovation: Array  # (m,) measured minus predicted
+    design: Array  # (m, 15) H, for error states truth minus estimate
+    noise: Array  # (m, m) R
+    gate_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What an update gives; ``error`` and ``covariance`` are None where the gate refused."""
+
+    test_ratio: float
+    error: Array | None  # (15,)
+    covariance: Array | None  # (15, 15)
+
+
+def update(covariance: Array, measurement: Measurement) -> Update:
+    """One update in Joseph's form; refused where the test ratio is above one."""
+    design, noise = measurement.design, measurement.noise
+    cross = covariance @ design.T
+    inverse = np.linalg.inv(design @ cross + noise)
+    distance = float(measurement.innovation @ inverse @ measurement.innovation)
+    ratio = distance / chi_square_limit(measurement.gate_sigma, len(measurement.innovation))
+    if not ratio <= 1:
+        return Update(ratio, None, None)
+    gain = cross @ inverse
+    keep = -gain @ design
+    keep[np.arange(len(keep)), np.arange(len(keep))] += 1.0
+    joseph = keep @ covariance @ keep.T + gain @ noise @ gain.T
+    return Update(ratio, gain @ measurement.innovation, 0.5 * (joseph + joseph.T))
+
+
+@functools.lru_cache(maxsize=64)
+def chi_square_limit(sigma: float, degrees: int) -> float:
+    """The squared distance that is exceeded as rarely as ``sigma`` in one dimension.
+
+    ``degrees`` is 1, 2 or 3; the survival functions are closed forms, inverted by bisection.
+    """
+    wanted = math.erfc(sigma / math.sqrt(2))
+    low, high = 0.0, (sigma + 4) ** 2
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _survival(middle, degrees) > wanted else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _survival(squared: float, degrees: int) -> float:
+    if degrees == 2:
+        return math.exp(-squared / 2)
+    tail = math.erfc(math.sqrt(squared / 2))
+    if degrees == 1:
+        return tail
+    return tail + math.sqrt(2 * squared / math.pi) * math.exp(-squared / 2)

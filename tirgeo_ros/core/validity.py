@@ -1,0 +1,56 @@
+"""What is wrong with a sample by itself: numbers that are no measurement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.samples import (
+    Array,
+    HeadingSample,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+)
+
+_LARGEST_HEIGHT_M = 50_000.0
+
+
+def fault_of(sample: NavigationInput) -> str:
+    """Why a sample cannot be used, or an empty string."""
+    if isinstance(sample, ImuSample):
+        return _imu_fault(sample)
+    if isinstance(sample, HeadingSample):
+        finite = math.isfinite(sample.heading_rad) and math.isfinite(sample.variance_rad2)
+        return "" if finite else "heading is not finite"
+    if isinstance(sample, PositionSample):
+        return _position_fault(sample) or _covariance_fault(sample.covariance_n)
+    if not np.isfinite(sample.velocity_n).all():
+        return "velocity is not finite"
+    return _covariance_fault(sample.covariance_n)
+
+
+def usable_attitude(q: Array | None) -> bool:
+    """Whether a quaternion (4,) is there, finite and of unit norm within 1 %."""
+    return q is not None and bool(abs(float(q @ q) - 1.0) < 0.02)
+
+
+def _imu_fault(sample: ImuSample) -> str:
+    total = float(sample.specific_force_b.sum()) + float(sample.angular_rate_b.sum())
+    return "" if math.isfinite(total) else "force or rate is not finite"
+
+
+def _position_fault(sample: PositionSample) -> str:
+    place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
+    if not all(math.isfinite(value) for value in place):
+        return "position is not finite"
+    if abs(sample.latitude_rad) > math.pi / 2 or abs(sample.longitude_rad) > 2 * math.pi:
+        return "latitude or longitude is out of range"
+    if sample.latitude_rad == 0 and sample.longitude_rad == 0:
+        return "position is 0, 0: receivers say so when they have none"
+    return "" if abs(sample.height_m) < _LARGEST_HEIGHT_M else "height is out of range"
+
+
+def _covariance_fault(covariance: Array) -> str:
+    return "" if np.isfinite(covariance).all() else "covariance is not finite"
