@@ -177,7 +177,8 @@ def _position(
     latitude = state.latitude_rad + north / rates.meridian_m * step_s
     middle = 0.5 * (state.latitude_rad + latitude)
     longitude = state.longitude_rad + east / (rates.transverse_m * math.cos(middle)) * step_s
-    longitude = (longitude + math.pi) % (2 * math.pi) - math.pi
+    if abs(longitude) > math.pi:
+        longitude = math.remainder(longitude, 2 * math.pi)
     return latitude, longitude, state.height_m - down * step_s
 
 

@@ -1,0 +1,183 @@
+"""F, feedback and the noise model against the non-linear mechanisation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.attitude import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_conjugate,
+    quat_from_euler,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.config import ImuConfig
+from tirgeo_ros.core.error_state import (
+    STATES,
+    dynamics,
+    feedback,
+    noise_density,
+    propagate_covariance,
+)
+from tirgeo_ros.core.geodesy import radii_of_curvature
+from tirgeo_ros.core.strapdown import NavState, propagate
+
+IMU = ImuConfig()
+#: Steps of the differences: small against the curvature of the model, large against rounding.
+STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [10.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
+
+
+def state_of(lat: float, roll: float, pitch: float, yaw: float, velocity) -> NavState:
+    q = tuple(quat_from_euler(roll, pitch, yaw).tolist())
+    return NavState(q, tuple(velocity), lat, 1.0, 120.0, (1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03), (0.0,) * 3)
+
+
+def difference(truth: NavState, estimate: NavState) -> np.ndarray:
+    """The 15 error states between two nominal states."""
+    meridian, transverse = radii_of_curvature(estimate.latitude_rad)
+    return np.concatenate(
+        [
+            rotvec_from_quat(quat_multiply(truth.q_nb, quat_conjugate(np.array(estimate.q_nb)))),
+            np.subtract(truth.velocity_n, estimate.velocity_n),
+            [
+                (truth.latitude_rad - estimate.latitude_rad) * (meridian + estimate.height_m),
+                (truth.longitude_rad - estimate.longitude_rad)
+                * (transverse + estimate.height_m)
+                * math.cos(estimate.latitude_rad),
+                estimate.height_m - truth.height_m,
+            ],
+            np.subtract(truth.gyro_bias_b, estimate.gyro_bias_b),
+            np.subtract(truth.accel_bias_b, estimate.accel_bias_b),
+        ]
+    )
+
+
+angles = st.floats(-0.5, 0.5)
+speeds = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 5))
+
+
+@given(st.floats(-1.2, 1.2), angles, angles, st.floats(-3, 3), speeds)
+def test_dynamics_are_the_derivative_of_the_mechanisation(lat, roll, pitch, yaw, velocity):
+    """Each column of F against central differences of one short step."""
+    state = state_of(lat, roll, pitch, yaw, velocity)
+    force, rate, step = (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 1e-3
+    after, rates = propagate(state, force, rate, step)
+    f = dynamics(state, rates, IMU)
+    for column in range(STATES):
+        error = np.zeros(STATES)
+        error[column] = STEPS[column]
+        plus, _ = propagate(feedback(state, error), force, rate, step)
+        minus, _ = propagate(feedback(state, -error), force, rate, step)
+        grown = (difference(plus, after) - difference(minus, after)) / 2
+        measured = (grown - error) / step / STEPS[column]
+        expected = f[:, column].copy()
+        expected[9:] = 0.0  # the nominal biases stand still; their decay is the noise model's
+        # Second order in the step: half of F^2 dt, whose largest terms are force times rate and
+        # velocity gain (10 x 1 x 1e-3 / 2). Angles of position round to 2e-16 rad, 1.4e-9 m, a few times.
+        bound = np.full(STATES, 6e-3)
+        bound[6:9] += 5e-9 / step / STEPS[column]
+        assert (np.abs(measured - expected) <= bound).all()
+
+
+def test_small_terms_of_the_dynamics():
+    """Transport, Coriolis and gravity terms, too small for the bound above, by a long step."""
+    state = state_of(0.7, 0.0, 0.0, 0.0, (20.0, 15.0, -2.0))
+    state = state._replace(gyro_bias_b=(0.0,) * 3, accel_bias_b=(0.0,) * 3)
+    rest, rates = propagate(state, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
+    f = dynamics(state, rates, IMU)
+    for column, size in [(3, 10.0), (4, 10.0), (5, 10.0), (6, 1e4), (7, 1e4), (8, 1e3)]:
+        error = np.zeros(STATES)
+        error[column] = size
+        step = 1.0
+        plus, _ = propagate(feedback(state, error), (0.0,) * 3, (0.0,) * 3, step)
+        minus, _ = propagate(feedback(state, -error), (0.0,) * 3, (0.0,) * 3, step)
+        grown = difference(plus, minus) / 2 / size
+        measured = (grown[:6] - np.eye(STATES)[column, :6]) / step
+        # Relative to the largest term of the column; second order in the step is below 1e-3 of it.
+        bound = np.full(6, 5e-3 * np.abs(f[:6, column]).max() + 1e-12)
+        # F leaves out that gravity changes with latitude: 0.052 m/s2 sin(2 lat) / 2 over the radius.
+        bound[5] += 1e-8 if column == 6 else 0.0
+        assert (np.abs(measured - f[:6, column]) <= bound).all(), column
+
+
+@given(st.lists(st.floats(-1, 1), min_size=STATES, max_size=STATES))
+def test_feedback_then_difference_is_the_error(values):
+    """Feedback and the definition of the errors are inverse to first order."""
+    state = state_of(0.7, 0.1, -0.2, 2.0, (3.0, -1.0, 0.5))
+    error = np.array(values) * np.array([1e-3] * 3 + [1.0] * 12)
+    error[9:] *= 1e-2
+    # Metres through radians at 6e6 m: 1e-9; east by the cosine at the changed latitude: 1e-7 m.
+    assert difference(feedback(state, error), state) == pytest.approx(error, abs=1e-6)
+
+
+def test_biases_accumulate():
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    error = np.zeros(STATES)
+    error[9], error[14] = 1e-4, 1e-2
+    twice = feedback(feedback(state, error), error)
+    assert twice.gyro_bias_b[0] == pytest.approx(state.gyro_bias_b[0] + 2e-4, abs=1e-15)
+    assert twice.accel_bias_b[2] == pytest.approx(state.accel_bias_b[2] + 2e-2, abs=1e-15)
+
+
+def test_gauss_markov_bias_keeps_its_standard_deviation():
+    """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
+    covariance = np.zeros((STATES, STATES))
+    s = np.array(IMU.accel_bias_instability)
+    covariance[12:, 12:] = np.diag(s**2)
+    covariance[9:12, 9:12] = np.diag(np.array(IMU.gyro_bias_instability) ** 2)
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    density = noise_density(IMU)
+    _, rates = propagate(state, (0.0, 0.0, -9.8), (0.0,) * 3, 0.01)
+    for _ in range(2000):  # 20 s: one correlation time of the fastest axis
+        covariance = propagate_covariance(covariance, state, rates, 0.01, IMU, density)
+    # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.
+    assert np.diag(covariance)[12:] == pytest.approx(s**2, rel=1e-3)
+    assert np.diag(covariance)[9:12] == pytest.approx(
+        np.array(IMU.gyro_bias_instability) ** 2, rel=1e-3
+    )
+
+
+def test_random_walks_grow_as_named():
+    """After one second at rest the attitude variance is the angle random walk squared."""
+    state = state_of(0.7, 0.0, 0.0, 0.5, (0.0, 0.0, 0.0))
+    covariance = np.zeros((STATES, STATES))
+    density = noise_density(IMU)
+    density[9:] = 0.0
+    for _ in range(100):
+        _, rates = propagate(state, (0.0, 0.0, -9.8), (0.0,) * 3, 0.01)
+        covariance = propagate_covariance(covariance, state, rates, 0.01, IMU, density)
+    rotation = matrix_from_quat(np.array(state.q_nb))
+    expected = rotation @ np.diag(np.array(IMU.angle_random_walk) ** 2) @ rotation.T
+    # Earth rate turns the axes into each other by 7.3e-5 rad in that second.
+    bound = 1e-4 * np.abs(expected).max()
+    assert covariance[:3, :3] == pytest.approx(expected, abs=bound)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_covariance_stays_symmetric_and_positive(seed):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(STATES, STATES)) * STEPS
+    covariance = root @ root.T
+    state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
+    for _ in range(20):
+        after, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.02)
+        covariance = propagate_covariance(covariance, state, rates, 0.02, IMU, noise_density(IMU))
+        state = after
+    assert np.array_equal(covariance, covariance.T)
+    scaled = covariance / np.outer(STEPS, STEPS)
+    assert np.linalg.eigvalsh(scaled).min() > -1e-9 * np.linalg.eigvalsh(scaled).max()
+
+
+def test_attitude_error_is_truth_from_estimate():
+    state = state_of(0.7, 0.1, 0.2, 0.3, (0.0, 0.0, 0.0))
+    phi = np.array([0.01, -0.02, 0.03])
+    error = np.concatenate([phi, np.zeros(12)])
+    truth = matrix_from_quat(np.array(feedback(state, error).q_nb))
+    expected = matrix_from_rotvec(phi) @ matrix_from_quat(np.array(state.q_nb))
+    assert truth == pytest.approx(expected, abs=1e-12)
