@@ -1,0 +1,96 @@
+"""A flight in memory: the truth, and what the sensors said, in order of arrival. No pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.tools.simulate.gimbal import Gimbal, gimbal_samples
+from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.sensors import (
+    Arrival,
+    Autopilot,
+    Epochs,
+    ImuBias,
+    gps_samples,
+    imu_bias,
+    imu_samples,
+    rtk_samples,
+)
+from tirgeo_ros.tools.simulate.trajectory import Trajectory, geodetic_state
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true state at every IMU stamp; axes ``n`` are north, east, down at the aircraft."""
+
+    stamp_ns: list[int]
+    t_s: Array  # (N,) from the start of the flight
+    latitude_rad: Array  # (N,)
+    longitude_rad: Array  # (N,)
+    height_m: Array  # (N,)
+    velocity_n: Array  # (N, 3) m/s
+    q_nb: Array  # (N, 4) wxyz
+    specific_force_b: Array  # (N, 3) m/s2, what a perfect IMU says
+    angular_rate_b: Array  # (N, 3) rad/s, what a perfect IMU says
+    gyro_bias_b: Array  # (N, 3) rad/s
+    accel_bias_b: Array  # (N, 3) m/s2
+    position_p: Array  # (N, 3) m in the plane of the site
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flown scenario."""
+
+    scenario: Scenario
+    seed: int
+    trajectory: Trajectory
+    gimbal: Gimbal
+    truth: Truth
+    samples: list[Arrival]  # (arrival_ns, sample), sorted by arrival
+
+    @property
+    def plane(self) -> TangentPlane:
+        """The plane of the site, in which the truth's poses are given."""
+        return self.trajectory.plane
+
+
+def fly(scenario: Scenario, seed: int | None = None) -> Flight:
+    """Fly a scenario with its own or another seed; the same seed gives the same flight."""
+    seed = scenario.seed if seed is None else seed
+    trajectory = Trajectory(scenario, seed)
+    pilot = Autopilot(scenario, seed)
+    gimbal = Gimbal(scenario, seed, trajectory)
+    epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
+    bias = imu_bias(scenario.imu, seed, len(epochs.stamp_ns))
+    samples = [
+        *imu_samples(scenario, seed, trajectory, pilot, bias),
+        *rtk_samples(scenario, seed, trajectory),
+        *gps_samples(scenario, seed, trajectory),
+        *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
+    ]
+    samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
+    return Flight(scenario, seed, trajectory, gimbal, _truth(trajectory, epochs, bias), samples)
+
+
+def _truth(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
+    motion = trajectory.motion(epochs.t_s)
+    force, rate = trajectory.inertial(motion)
+    lat, lon, height, velocity_n, q_nb = geodetic_state(
+        trajectory.plane, motion.position_p, motion.velocity_p, motion.rotation_pb
+    )
+    return Truth(
+        epochs.stamp_ns,
+        epochs.t_s,
+        lat,
+        lon,
+        height,
+        velocity_n,
+        q_nb,
+        force,
+        rate,
+        bias.gyro_b,
+        bias.accel_b,
+        motion.position_p,
+    )

@@ -1,0 +1,119 @@
+"""The true camera on its gimbal, and what the encoders and the flight controller say of it.
+
+The gimbal follows the nose with a lag and holds roll and pitch. It holds them not quite: the
+camera wanders by Table 8's amounts, the encoders see it and the flight controller does not.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import (
+    euler_from_matrix,
+    matrix_from_euler,
+    quat_from_euler,
+    quat_from_matrix,
+    quat_multiply,
+)
+from tirgeo_ros.core.frames import Q_BODY_OPTICAL
+from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise
+from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.sensors import Arrival, Autopilot, Epochs
+from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, local_axes
+
+_KNOT_S = 0.05
+
+
+class Gimbal:
+    """The true attitude and place of the camera as functions of time."""
+
+    def __init__(self, scenario: Scenario, seed: int, trajectory: Trajectory) -> None:
+        """Draw the wander of the camera and let its heading follow the flight's."""
+        self._scenario = scenario.gimbal
+        self._trajectory = trajectory
+        knots_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
+        nose = trajectory.motion(knots_s).heading_rad
+        self._heading = Spline(_lagging(nose, scenario.gimbal.lag_s)[:, None], _KNOT_S)
+        self._wander: Spline = scaled_noise(
+            generator(seed, "gimbal"),
+            scenario.duration_s,
+            scenario.gimbal.error_time_s,
+            np.radians(scenario.gimbal.error_rms_deg),
+        )
+
+    def wander_rad(self, t_s: Array) -> Array:
+        """(N, 2) true minus commanded camera roll and pitch."""
+        return self._wander(t_s)
+
+    def rotation_pg(self, t_s: Array) -> Array:
+        """(N, 3, 3) true camera attitude in the plane of the site."""
+        roll, pitch = self._wander(t_s).T
+        pitch = pitch + math.radians(self._scenario.pitch_deg)
+        return matrix_from_euler(roll, pitch, self._heading(t_s)[:, 0])
+
+    def camera(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
+        """True position (N, 3) and quaternion ``q_pc`` (N, 4) of the optical frame in ``p``."""
+        times = np.atleast_1d(np.asarray(t_s, float))
+        motion = self._trajectory.motion(times)
+        rotation = self.rotation_pg(times)
+        pivot_p, _ = motion.at_arm(self._scenario.lever_arm_b)
+        q_pc = quat_multiply(quat_from_matrix(rotation), Q_BODY_OPTICAL)
+        return pivot_p + rotation @ self._scenario.camera_offset_g, q_pc
+
+
+def gimbal_samples(
+    scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, gimbal: Gimbal
+) -> list[Arrival]:
+    """``gimbal/joint_states`` and ``gimbal/attitude``, which arrive as they are measured."""
+    epochs = Epochs.at_rate(scenario, scenario.gimbal.rate_hz)
+    motion = trajectory.motion(epochs.t_s)
+    rotation_pg = gimbal.rotation_pg(epochs.t_s)
+    noise = generator(seed, "encoders").standard_normal((len(epochs.t_s), 3))
+    noise *= math.radians(scenario.gimbal.encoder_sigma_deg)
+    joints = joint_angles(np.swapaxes(motion.rotation_pb, 1, 2) @ rotation_pg) + noise
+    reported = _reported(scenario, trajectory, pilot, motion, rotation_pg, noise[:, 0])
+    samples: list[Arrival] = []
+    for stamp, (yaw, roll, pitch), q_ng in zip(epochs.stamp_ns, joints, reported, strict=True):
+        samples.append((stamp, JointSample(stamp, float(yaw), float(roll), float(pitch))))
+        samples.append((stamp, CameraAttitudeSample(stamp, q_ng)))
+    return samples
+
+
+def joint_angles(rotation_bg: Array) -> Array:
+    """(N, 3) yaw, roll, pitch with ``R_bg = Rz(yaw) Rx(roll) Ry(pitch)`` of (N, 3, 3)."""
+    roll = np.arcsin(np.clip(rotation_bg[:, 2, 1], -1.0, 1.0))
+    yaw = np.arctan2(-rotation_bg[:, 0, 1], rotation_bg[:, 1, 1])
+    pitch = np.arctan2(-rotation_bg[:, 2, 0], rotation_bg[:, 2, 2])
+    return np.stack([yaw, roll, pitch], -1)
+
+
+def _reported(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    pilot: Autopilot,
+    motion: Motion,
+    rotation_pg: Array,
+    encoder_noise_rad: Array,
+) -> Array:
+    """(N, 4) commanded roll and pitch; the autopilot's heading and the encoders' difference."""
+    lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
+    rotation_nb = local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb
+    nose = pilot.euler_rad(motion, rotation_nb)[:, 2]
+    camera = euler_from_matrix(rotation_pg)[:, 2]
+    aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + encoder_noise_rad
+    return quat_from_euler(0.0, math.radians(scenario.gimbal.pitch_deg), nose + aside)
+
+
+def _lagging(heading_rad: Array, lag_s: float) -> Array:
+    """(N,) the heading behind a first-order lag."""
+    gain = 1 - math.exp(-_KNOT_S / lag_s)
+    out = np.empty_like(heading_rad)
+    value = heading_rad[0]
+    for k, nose in enumerate(heading_rad):
+        value += gain * (nose - value)
+        out[k] = value
+    return out

@@ -1,0 +1,118 @@
+"""Smooth and random functions of time: what the simulated flight and its errors are made of.
+
+Every process draws from a generator of its own, named after it, so that a change of one sensor
+leaves the others' noise as it was.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.samples import Array
+
+DEGREE = 7  # six continuous derivatives: a jerk and its derivative without corners
+
+
+def generator(seed: int, name: str) -> np.random.Generator:
+    """The random generator of one named process of a flight."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def _basis(degree: int) -> Array:
+    """(degree + 1, degree + 1): row m has the polynomial in u of control point m's weight.
+
+    The recursion of Cox and de Boor on uniform knots.
+    """
+    rows = np.zeros((1, degree + 1))
+    rows[0, 0] = 1.0
+    for d in range(1, degree + 1):
+        new = np.zeros((d + 1, degree + 1))
+        for m in range(d + 1):
+            if m > 0:
+                new[m] += ((d - m) * rows[m - 1] + np.roll(rows[m - 1], 1)) / d
+            if m < d:
+                new[m] += ((m + 1) * rows[m] - np.roll(rows[m], 1)) / d
+        rows = new
+    return rows
+
+
+_BASIS = _basis(DEGREE)
+
+
+class Spline:
+    """A uniform B-spline of degree 7 that runs near its control points and smooths them.
+
+    Outside its knots the first and the last control point hold.
+    """
+
+    def __init__(self, control: Array, spacing_s: float) -> None:
+        """Control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
+        self._spacing_s = spacing_s
+        self._count = len(control)
+        self._padded = np.pad(np.asarray(control, float), ((DEGREE, DEGREE), (0, 0)), "edge")
+
+    def __call__(self, t_s: npt.ArrayLike, derivative: int = 0) -> Array:
+        """(..., k) values of a derivative at the times ``t_s`` (...)."""
+        times = np.asarray(t_s, float) / self._spacing_s
+        # Beyond four knots outside everything is constant, so clipping there changes nothing.
+        times = np.clip(times, -4.0, self._count + 3.0 - 1e-9)
+        span = np.floor(times)
+        weights = self._weights(times - span, derivative)
+        first = span.astype(int) - DEGREE // 2 + DEGREE
+        index = np.clip(first[..., None] + np.arange(DEGREE + 1), 0, len(self._padded) - 1)
+        return np.asarray(np.einsum("...m,...mk->...k", weights, self._padded[index]))
+
+    def _weights(self, u: Array, derivative: int) -> Array:
+        powers = np.arange(DEGREE + 1 - derivative)
+        factors = np.array([math.perm(p + derivative, derivative) for p in powers])
+        polynomials = _BASIS[:, derivative:] * factors
+        scale = self._spacing_s**-derivative
+        return np.asarray(u[..., None] ** powers @ polynomials.T * scale)
+
+
+def gauss_markov(
+    rng: np.random.Generator, count: int, step_s: float, time_s: Array, std: Array
+) -> Array:
+    """(count, k) samples of k first-order Gauss-Markov processes, stationary from the start.
+
+    ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations: the exact
+    discrete form of a driving noise of ``std * sqrt(2 / time_s)``.
+    """
+    decay = np.exp(-step_s / np.asarray(time_s, float))
+    shocks = rng.standard_normal((count, len(decay))) * std
+    shocks[1:] *= np.sqrt(1 - decay**2)
+    out = np.empty_like(shocks)
+    value = np.zeros(len(decay))
+    for k in range(count):
+        value = decay * value + shocks[k]
+        out[k] = value
+    return out
+
+
+def smooth_noise(
+    rng: np.random.Generator, duration_s: float, time_s: float, std: npt.ArrayLike
+) -> Spline:
+    """A Gauss-Markov process with correlation time ``time_s``, smoothed over a part of it."""
+    return Spline(*_knots(rng, duration_s, time_s, np.asarray(std, float)))
+
+
+def scaled_noise(
+    rng: np.random.Generator, duration_s: float, time_s: float, rms: npt.ArrayLike
+) -> Spline:
+    """As ``smooth_noise``, scaled so that its rms over 0 to ``duration_s`` is ``rms`` (k,)."""
+    wanted = np.atleast_1d(np.asarray(rms, float))
+    control, spacing_s = _knots(rng, duration_s, time_s, np.ones(len(wanted)))
+    values = Spline(control, spacing_s)(np.arange(0.0, duration_s, min(0.05, duration_s / 100)))
+    return Spline(control * wanted / np.sqrt(np.mean(values**2, axis=0)), spacing_s)
+
+
+def _knots(
+    rng: np.random.Generator, duration_s: float, time_s: float, std: Array
+) -> tuple[Array, float]:
+    spacing_s = time_s / 6
+    count = math.ceil(duration_s / spacing_s) + 2
+    return gauss_markov(rng, count, spacing_s, np.full(len(std), time_s), std), spacing_s

@@ -1,0 +1,245 @@
+"""What the aircraft's sensors say of the true motion, each with its errors and its delay.
+
+Every function gives ``(arrival_ns, sample)`` pairs in order of arrival; a sample's stamp is its
+measurement's time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import (
+    euler_from_matrix,
+    quat_from_euler,
+)
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.geodesy import radii_of_curvature
+from tirgeo_ros.core.samples import (
+    Array,
+    CameraAttitudeSample,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    NavigationInput,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, scaled_noise
+from tirgeo_ros.tools.simulate.scenario import ImuScenario, Scenario
+from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state, local_axes
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+Arrival = tuple[int, Sample]
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """The instants at which one sensor measures."""
+
+    stamp_ns: list[int]
+    t_s: Array  # (N,) from the start of the flight
+
+    @staticmethod
+    def at_rate(scenario: Scenario, rate_hz: float) -> Epochs:
+        """From the first instant of the flight to its last."""
+        count = math.floor(scenario.duration_s * rate_hz + 1e-9) + 1
+        offsets = [round(k * 1e9 / rate_hz) for k in range(count)]
+        return Epochs([scenario.start_ns + x for x in offsets], np.array(offsets) / 1e9)
+
+
+@dataclass(frozen=True)
+class ImuBias:
+    """The true biases (N, 3) of the IMU at its samples, FRD."""
+
+    gyro_b: Array  # rad/s
+    accel_b: Array  # m/s2
+
+
+def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
+    """A constant turn-on bias and a Gauss-Markov part of Table 5's size and correlation time."""
+    noise, step_s = scenario.noise, 1 / scenario.rate_hz
+    rng = generator(seed, "imu bias")
+    turn_on = rng.standard_normal((2, 3))
+    gyro = gauss_markov(
+        rng, count, step_s, np.array(noise.gyro_bias_time_s), np.array(noise.gyro_bias_instability)
+    )
+    accel = gauss_markov(
+        rng,
+        count,
+        step_s,
+        np.array(noise.accel_bias_time_s),
+        np.array(noise.accel_bias_instability),
+    )
+    gyro += scenario.gyro_turn_on_bias_rad_s * turn_on[0]
+    accel += scenario.accel_turn_on_bias_m_s2 * turn_on[1]
+    return ImuBias(scenario.noise_scale * gyro, scenario.noise_scale * accel)
+
+
+class Autopilot:
+    """The autopilot's own attitude: the truth with slow errors in heading, roll and pitch."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        """Draw the errors of the whole flight."""
+        pilot, length_s = scenario.autopilot, scenario.duration_s
+        self._heading: Spline = scaled_noise(
+            generator(seed, "autopilot heading"),
+            length_s,
+            pilot.heading_time_s,
+            math.radians(pilot.heading_rms_deg),
+        )
+        self._tilt: Spline = scaled_noise(
+            generator(seed, "autopilot tilt"),
+            length_s,
+            pilot.tilt_time_s,
+            np.radians(pilot.tilt_rms_deg),
+        )
+
+    def errors_rad(self, t_s: Array) -> Array:
+        """(N, 3) reported minus true roll, pitch, yaw."""
+        return np.concatenate([self._tilt(t_s), self._heading(t_s)], axis=-1)
+
+    def euler_rad(self, motion: Motion, rotation_nb: Array) -> Array:
+        """(N, 3) reported roll, pitch, yaw."""
+        return euler_from_matrix(rotation_nb) + self.errors_rad(motion.t_s)
+
+
+def imu_samples(
+    scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, bias: ImuBias
+) -> list[Arrival]:
+    """``imu/data``: instantaneous force and rate, white noise, bias; the autopilot's attitude."""
+    epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
+    motion = trajectory.motion(epochs.t_s)
+    force, rate = trajectory.inertial(motion)
+    noise, rng = scenario.imu.noise, generator(seed, "imu white")
+    # A random walk of N per root second is white noise of N / sqrt(dt) a sample.
+    white = scenario.imu.noise_scale * math.sqrt(scenario.imu.rate_hz)
+    draws = white * rng.standard_normal((2, *force.shape))
+    rate = rate + bias.gyro_b + draws[0] * np.array(noise.angle_random_walk)
+    force = force + bias.accel_b + draws[1] * np.array(noise.velocity_random_walk)
+    lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
+    rotation_nb = local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb
+    q_nb = quat_from_euler(*pilot.euler_rad(motion, rotation_nb).T)
+    return [
+        (stamp, ImuSample(stamp, f, w, q))
+        for stamp, f, w, q in zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
+    ]
+
+
+def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
+    """``rtk/fix``, ``rtk/vel`` and ``rtk/heading`` of the same epochs."""
+    rtk = scenario.rtk
+    epochs = Epochs.at_rate(scenario, rtk.rate_hz)
+    motion = trajectory.motion(epochs.t_s)
+    delay_ns = round(rtk.arrival_delay_s * 1e9)
+    rng = generator(seed, "rtk")
+    draws = rng.standard_normal((2, len(epochs.stamp_ns), 3))
+    sigmas = np.array(rtk.position_sigma_m), np.array(rtk.velocity_sigma_m_s)
+    fixes = _fixes(
+        trajectory,
+        epochs,
+        (motion, flu_from_frd(np.array(rtk.lever_arm_m))),
+        (draws[0] * sigmas[0], draws[1] * sigmas[1]),
+        (np.diag(sigmas[0] ** 2), np.diag(sigmas[1] ** 2)),
+        (Source.RTK_POSITION, Source.RTK_VELOCITY),
+        FixStatus.FIXED,
+    )
+    headings = _headings(scenario, seed, motion, epochs)
+    return [
+        (sample.stamp_ns + delay_ns, sample)
+        for epoch in zip(*fixes, headings, strict=True)
+        for sample in epoch
+    ]
+
+
+def _headings(
+    scenario: Scenario, seed: int, motion: Motion, epochs: Epochs
+) -> list[HeadingSample]:
+    """White noise, then whole steps, of the direction in which the baseline points."""
+    config = scenario.heading
+    offset = math.radians(config.offset_deg)
+    baseline_b = np.array([math.cos(offset), math.sin(offset), 0.0])
+    baseline_p = motion.rotation_pb @ baseline_b
+    heading_deg = np.degrees(np.arctan2(baseline_p[:, 1], baseline_p[:, 0]))
+    noise = generator(seed, "rtk heading").standard_normal(len(heading_deg))
+    heading_deg = heading_deg + config.sigma_deg * noise
+    if config.step_deg > 0:
+        heading_deg = config.step_deg * np.round(heading_deg / config.step_deg)
+    # The variance of rounding is a twelfth of the step's square.
+    variance = math.radians(1) ** 2 * (config.sigma_deg**2 + config.step_deg**2 / 12)
+    return [
+        HeadingSample(stamp, math.radians(value % 360.0), variance)
+        for stamp, value in zip(epochs.stamp_ns, heading_deg, strict=True)
+    ]
+
+
+def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
+    """``gps/fix`` and ``gps/vel``: errors that vary slowly, of Table 1's rms over this flight."""
+    gps = scenario.gps
+    epochs = Epochs.at_rate(scenario, gps.rate_hz)
+    motion = trajectory.motion(epochs.t_s)
+    slow = scaled_noise(
+        generator(seed, "gps position"),
+        scenario.duration_s,
+        gps.position_time_s,
+        np.array(gps.position_rms_m),
+    )
+    draws = generator(seed, "gps velocity").standard_normal((len(epochs.t_s), 3))
+    positions, velocities = _fixes(
+        trajectory,
+        epochs,
+        (motion, flu_from_frd(np.array(gps.lever_arm_m))),
+        (slow(epochs.t_s), gps.velocity_sigma_m_s * draws),
+        (np.diag(np.array(gps.position_rms_m) ** 2), np.eye(3) * gps.velocity_sigma_m_s**2),
+        (Source.GPS_POSITION, Source.GPS_VELOCITY),
+        FixStatus.SINGLE,
+    )
+    delay_ns = round(gps.arrival_delay_s * 1e9)
+    pairs = zip(positions, velocities, strict=True)
+    return [(sample.stamp_ns + delay_ns, sample) for pair in pairs for sample in pair]
+
+
+def _fixes(
+    trajectory: Trajectory,
+    epochs: Epochs,
+    antenna: tuple[Motion, Array],
+    errors_n: tuple[Array, Array],
+    covariances_n: tuple[Array, Array],
+    sources: tuple[Source, Source],
+    status: FixStatus,
+) -> tuple[list[PositionSample], list[VelocitySample]]:
+    """Position and velocity of the antenna ``(motion, arm_b)`` with errors (N, 3) each, NED."""
+    motion, arm_b = antenna
+    position_p, velocity_p = motion.at_arm(arm_b)
+    lat, lon, height, velocity_n, _ = geodetic_state(
+        trajectory.plane, position_p, velocity_p, motion.rotation_pb
+    )
+    lat, lon, height = _shifted(lat, lon, height, errors_n[0])
+    velocity_n = velocity_n + errors_n[1]
+    positions = [
+        PositionSample(
+            stamp, sources[0], status, float(lat[k]), float(lon[k]), float(height[k]),
+            covariances_n[0],
+        )
+        for k, stamp in enumerate(epochs.stamp_ns)
+    ]  # fmt: skip
+    velocities = [
+        VelocitySample(stamp, sources[1], velocity_n[k], covariances_n[1])
+        for k, stamp in enumerate(epochs.stamp_ns)
+    ]
+    return positions, velocities
+
+
+def _shifted(lat: Array, lon: Array, height: Array, error_n: Array) -> tuple[Array, Array, Array]:
+    """Positions moved by (N, 3) metres north, east, down."""
+    # Errors are metres, the site some hundreds: one place's radii serve to 1e-5 of the error.
+    meridian, transverse = radii_of_curvature(float(lat[0]))
+    return (
+        lat + error_n[:, 0] / (meridian + height),
+        lon + error_n[:, 1] / ((transverse + height) * np.cos(lat)),
+        height - error_n[:, 2],
+    )

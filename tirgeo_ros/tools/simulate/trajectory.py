@@ -1,0 +1,156 @@
+"""The true motion of the aircraft, and what a perfect IMU on the turning earth feels of it.
+
+Position and heading are splines with six continuous derivatives; roll and pitch follow from the
+thrust that the acceleration and the air need. Here ``p`` is the tangent plane at the site (north,
+east, down there): it is fixed to the earth, so earth rate, Coriolis and gravity come in exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import (
+    matrix_from_euler,
+    quat_from_matrix,
+    skew,
+)
+from tirgeo_ros.core.geodesy import (
+    EARTH_RATE_RAD_S,
+    TangentPlane,
+    gravity_down,
+    rotation_ecef_from_ned,
+)
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, smooth_noise
+from tirgeo_ros.tools.simulate.routes import route
+from tirgeo_ros.tools.simulate.scenario import Scenario
+
+_KNOT_S = 0.4
+_HOLD_TIME_S = 4.0
+_GRAVITY_P = np.array([0.0, 0.0, 9.8])  # for leaning only; the IMU feels the ellipsoid's
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the aircraft is at N instants, in the plane ``p`` of the site."""
+
+    t_s: Array  # (N,)
+    position_p: Array  # (N, 3) m, the IMU
+    velocity_p: Array  # (N, 3) m/s
+    acceleration_p: Array  # (N, 3) m/s2
+    rotation_pb: Array  # (N, 3, 3)
+    rate_pb_b: Array  # (N, 3) rad/s, of the body against the earth
+    heading_rad: Array  # (N,) unwrapped
+
+    def at_arm(self, arm_b: Array) -> tuple[Array, Array]:
+        """Position and velocity (N, 3) in ``p`` of a point ``arm_b`` (3,) from the IMU."""
+        spin = np.cross(self.rate_pb_b, arm_b)
+        return (
+            self.position_p + self.rotation_pb @ arm_b,
+            self.velocity_p + np.einsum("nij,nj->ni", self.rotation_pb, spin),
+        )
+
+
+class Trajectory:
+    """A flight as a function of time."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        """Plan the route and draw the gusts and the autopilot's slips."""
+        self.plane: TangentPlane = scenario.site.plane
+        self._drag_1_s = scenario.wind.drag_1_s
+        self._mean_wind_p = np.array([*scenario.wind.mean_m_s, 0.0])
+        times_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
+        level, heading = route(scenario.route, times_s)
+        down = np.full(len(times_s), -scenario.route.height_above_ground_m)
+        control = np.column_stack([level, down]) + _slips(scenario, seed, len(times_s))
+        self._position = Spline(control, _KNOT_S)
+        self._heading = Spline(heading[:, None], _KNOT_S)
+        gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # less of it upright
+        self._gust = smooth_noise(
+            generator(seed, "gusts"), scenario.duration_s, scenario.wind.gust_time_s, gust
+        )
+
+    def motion(self, t_s: npt.ArrayLike) -> Motion:
+        """The motion at times (N,) in seconds from the start."""
+        times = np.atleast_1d(np.asarray(t_s, float))
+        position, velocity, acceleration, jerk = (self._position(times, k) for k in range(4))
+        yaw, yaw_rate = (self._heading(times, k)[:, 0] for k in range(2))
+        wind = self._mean_wind_p + self._gust(times)
+        thrust = acceleration - _GRAVITY_P + self._drag_1_s * (velocity - wind)
+        thrust_rate = jerk + self._drag_1_s * (acceleration - self._gust(times, 1))
+        tilt, tilt_rate = _tilt(thrust, thrust_rate, yaw, yaw_rate)
+        rotation = matrix_from_euler(tilt[:, 0], tilt[:, 1], yaw)
+        rate = _body_rate(tilt, tilt_rate, yaw_rate)
+        return Motion(times, position, velocity, acceleration, rotation, rate, yaw)
+
+    def inertial(self, motion: Motion) -> tuple[Array, Array]:
+        """Specific force and angular rate (N, 3) in ``b`` that a perfect IMU would measure."""
+        lat, lon, height = self.plane.geodetic_from_ned(motion.position_p)
+        gravity_p = np.array(
+            [
+                self.plane.rotation_from_local(a, b)[:, 2] * gravity_down(a, h)
+                for a, b, h in zip(lat, lon, height, strict=True)
+            ]
+        )
+        to_earth = rotation_ecef_from_ned(self.plane.latitude_rad, self.plane.longitude_rad)
+        spin_p = to_earth.T @ np.array([0.0, 0.0, EARTH_RATE_RAD_S])
+        # The centrifugal part is in gravity (Groves 2.132), so only Coriolis is added.
+        force_p = motion.acceleration_p + 2 * motion.velocity_p @ skew(spin_p).T - gravity_p
+        force_b = np.einsum("nji,nj->ni", motion.rotation_pb, force_p)
+        return force_b, motion.rate_pb_b + np.einsum("nji,j->ni", motion.rotation_pb, spin_p)
+
+
+def local_axes(plane: TangentPlane, latitude_rad: Array, longitude_rad: Array) -> Array:
+    """(N, 3, 3) rotations from the plane ``p`` to north, east, down at N places."""
+    places = zip(latitude_rad, longitude_rad, strict=True)
+    return np.array([plane.rotation_from_local(lat, lon).T for lat, lon in places])
+
+
+def geodetic_state(
+    plane: TangentPlane, position_p: Array, velocity_p: Array, rotation_pb: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Latitude, longitude (rad), height (m), velocity (N, 3) and quaternion (N, 4), local NED."""
+    lat, lon, height = plane.geodetic_from_ned(position_p)
+    turn = local_axes(plane, lat, lon)
+    velocity_n = np.einsum("nij,nj->ni", turn, velocity_p)
+    return lat, lon, height, velocity_n, quat_from_matrix(turn @ rotation_pb)
+
+
+def _slips(scenario: Scenario, seed: int, count: int) -> Array:
+    rng = generator(seed, "hold")
+    std = np.full(3, scenario.route.hold_error_m)
+    return gauss_markov(rng, count, _KNOT_S, np.full(3, _HOLD_TIME_S), std)
+
+
+def _tilt(thrust: Array, thrust_rate: Array, yaw: Array, yaw_rate: Array) -> tuple[Array, Array]:
+    """Roll and pitch (N, 2) that point the body's up along ``thrust``, and their rates."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    north, east, down = -thrust.T
+    north_rate, east_rate, down_rate = -thrust_rate.T
+    # Down of the body, in axes turned by the heading: (cos r sin p, -sin r, cos r cos p) times its
+    # length.
+    x, y, z = cos * north + sin * east, cos * east - sin * north, down
+    x_rate = cos * north_rate + sin * east_rate + yaw_rate * y
+    y_rate = cos * east_rate - sin * north_rate - yaw_rate * x
+    upright = np.hypot(x, z)
+    upright_rate = (x * x_rate + z * down_rate) / upright
+    tilt = np.stack([np.arctan2(-y, upright), np.arctan2(x, z)], -1)
+    roll_rate = (y * upright_rate - upright * y_rate) / (upright**2 + y**2)
+    pitch_rate = (z * x_rate - x * down_rate) / upright**2
+    return tilt, np.stack([roll_rate, pitch_rate], -1)
+
+
+def _body_rate(tilt: Array, tilt_rate: Array, yaw_rate: Array) -> Array:
+    """(N, 3) rate in ``b`` from rates of Euler angles (Groves 2.57)."""
+    (roll, pitch), (roll_rate, pitch_rate) = tilt.T, tilt_rate.T
+    return np.stack(
+        [
+            roll_rate - np.sin(pitch) * yaw_rate,
+            np.cos(roll) * pitch_rate + np.sin(roll) * np.cos(pitch) * yaw_rate,
+            np.cos(roll) * np.cos(pitch) * yaw_rate - np.sin(roll) * pitch_rate,
+        ],
+        -1,
+    )
