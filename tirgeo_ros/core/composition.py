@@ -23,6 +23,7 @@ from math import atan2, cos, sin
 import numpy as np
 
 from tirgeo_ros.core.attitude import (
+    canonical,
     matrix_from_euler,
     matrix_from_quat,
     quat_from_matrix,
@@ -106,7 +107,7 @@ def from_reported(
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
     c, s = cos(angle), sin(angle)
     swing = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    rotation_ng = swing @ matrix_from_quat(reported.q_ng)
+    rotation_ng = swing @ matrix_from_quat(canonical(reported.q_ng))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)
     axes_n = _roll_and_pitch_axes(rotation_ng)

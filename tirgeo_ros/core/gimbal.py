@@ -84,7 +84,9 @@ class GimbalComposer:
         return self._resolve() if self._bodies.add(pose) else []
 
     def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
-        """Take the autopilot's own attitude (4,), for the composition ``paper``."""
+        """Take the autopilot's own attitude (4,), which the composition ``paper`` needs."""
+        if self._by_joints:
+            return []
         if not is_rotation(q_nb):
             self._counts["autopilot_invalid"] += 1
             return []
