@@ -1,0 +1,68 @@
+"""Sensor samples in, body and camera poses out: the core objects of the nodes, one after another.
+
+What ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.gimbal import GimbalComposer
+from tirgeo_ros.core.navigation import Navigation
+from tirgeo_ros.core.samples import (
+    BodyPose,
+    CameraAttitudeSample,
+    CameraPose,
+    ImuSample,
+    JointSample,
+    NavigationInput,
+    NavSolution,
+)
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+
+
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """What one sample made possible."""
+
+    solution: NavSolution | None = None
+    body: BodyPose | None = None
+    cameras: list[CameraPose] = field(default_factory=list)
+
+
+class Registration:
+    """The filter and the gimbal composition, fed with samples in order of arrival."""
+
+    def __init__(self, ekf: EkfConfig, gimbal: GimbalConfig) -> None:
+        self.navigation = Navigation(ekf)
+        self.composer = GimbalComposer(gimbal)
+
+    def take(self, sample: Sample) -> Registered:
+        """Take a sample to the objects that it is for."""
+        solution = navigated(self.navigation, sample)
+        plane = self.navigation.plane
+        if solution is None or plane is None:
+            return Registered(cameras=composed(self.composer, sample, None))
+        body = plane.body_pose(solution)
+        return Registered(solution, body, composed(self.composer, sample, body))
+
+
+def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:
+    """What the filter publishes on a sample; gimbal samples are not for it."""
+    if isinstance(sample, JointSample | CameraAttitudeSample):
+        return None
+    return navigation.process(sample).solution
+
+
+def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) -> list[CameraPose]:
+    """Camera poses from a sample and the body pose that the filter published on it."""
+    if isinstance(sample, JointSample):
+        return composer.add_joints(sample)
+    if isinstance(sample, CameraAttitudeSample):
+        return composer.add_attitude(sample)
+    cameras = []
+    if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
+        cameras = composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+    return cameras if body is None else cameras + composer.add_body(body)
