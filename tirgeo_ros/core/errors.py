@@ -17,6 +17,10 @@ class BagError(TirgeoError):
     """A bag cannot be read or written, or lacks a needed topic."""
 
 
+class MessageError(TirgeoError):
+    """A message cannot be decoded or lacks what it must hold: count it and go on."""
+
+
 class MapError(TirgeoError):
     """A map file cannot be read or makes no sense as a map."""
 
@@ -31,6 +35,10 @@ class SurveyError(TirgeoError):
 
 class ScenarioError(TirgeoError):
     """A scenario of the simulator cannot be flown."""
+
+
+class VideoError(TirgeoError):
+    """A video file cannot be written."""
 
 
 class GraphError(TirgeoError):

@@ -1,0 +1,44 @@
+"""The one place that knows ROS messages: their layouts, their frames, the topics they go by.
+
+Both kinds of message classes serve, rclpy's and those that bags are read with: attributes and
+keyword arguments have the same names.
+"""
+
+from tirgeo_ros.io.messages.decode import (
+    body_pose,
+    camera_attitude,
+    camera_pose,
+    heading_sample,
+    imu_sample,
+    joint_sample,
+    pixel,
+    position_sample,
+    stamp_ns,
+    tangent_plane,
+    velocity_sample,
+)
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_status
+from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
+from tirgeo_ros.io.messages.topics import TOPIC_TYPES
+
+__all__ = [
+    "TOPIC_TYPES",
+    "DiagnosticItem",
+    "Messages",
+    "body_pose",
+    "camera",
+    "camera_attitude",
+    "camera_pose",
+    "compressed_pixels",
+    "heading_sample",
+    "image_pixels",
+    "imu_sample",
+    "joint_sample",
+    "navigation_status",
+    "pixel",
+    "position_sample",
+    "stamp_ns",
+    "tangent_plane",
+    "velocity_sample",
+]

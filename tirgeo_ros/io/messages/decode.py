@@ -1,0 +1,175 @@
+"""Messages to the core's samples.
+
+Pure conversion of axes, units and marks of absence. Nothing is judged here: a NaN, a zero
+quaternion or an impossible covariance goes through as it is and meets a verdict in the core.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.errors import MessageError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import (
+    Array,
+    BodyPose,
+    CameraAttitudeSample,
+    CameraPose,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.io.messages.axes import (
+    covariance_turned_world,
+    quat_turned_both,
+    quat_turned_world,
+)
+from tirgeo_ros.io.messages.topics import JOINT_SIGNS
+
+_ABSENT = -1.0  # first entry of a covariance whose value is not there (sensor_msgs/Imu)
+_COVARIANCE_TYPE_UNKNOWN = 0
+_XYZ_ROWS = np.s_[:3, :3]
+
+
+def stamp_ns(msg: Any) -> int:
+    """The header's stamp in nanoseconds."""
+    stamp = msg.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def imu_sample(msg: Any) -> ImuSample:
+    """``sensor_msgs/Imu``; no attitude where its covariance says that it is absent."""
+    force, rate = msg.linear_acceleration, msg.angular_velocity
+    attitude = None if msg.orientation_covariance[0] == _ABSENT else _both(msg.orientation)
+    return ImuSample(
+        stamp_ns(msg),
+        np.array([force.x, -force.y, -force.z]),
+        np.array([rate.x, -rate.y, -rate.z]),
+        attitude,
+    )
+
+
+def position_sample(msg: Any, source: Source) -> PositionSample:
+    """``sensor_msgs/NavSatFix``; a covariance of unknown type becomes zero.
+
+    A status that the contract does not number counts as no fix.
+    """
+    known = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
+    return PositionSample(
+        stamp_ns(msg),
+        source,
+        _fix_status(int(msg.status.status)),
+        math.radians(msg.latitude),
+        math.radians(msg.longitude),
+        float(msg.altitude),
+        _covariance(msg.position_covariance) if known else np.zeros((3, 3)),
+    )
+
+
+def velocity_sample(msg: Any, source: Source) -> VelocitySample:
+    """``geometry_msgs/TwistWithCovarianceStamped``, ENU in ``linear``."""
+    linear = msg.twist.twist.linear
+    covariance = np.asarray(msg.twist.covariance).reshape(6, 6)[_XYZ_ROWS]
+    return VelocitySample(
+        stamp_ns(msg),
+        source,
+        np.array([linear.y, linear.x, -linear.z]),
+        _covariance(covariance),
+    )
+
+
+def heading_sample(msg: Any) -> HeadingSample:
+    """``sensor_msgs/Imu`` of a dual-antenna receiver: the ENU yaw as a heading in [0, 2 pi).
+
+    NaN where the message has no orientation, so that the core refuses it.
+    """
+    present = msg.orientation_covariance[0] != _ABSENT
+    yaw = _enu_yaw(msg.orientation) if present else math.nan
+    heading = (0.5 * math.pi - yaw) % math.tau
+    return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
+
+
+def joint_sample(msg: Any) -> JointSample:
+    """``sensor_msgs/JointState`` of the gimbal, FLU joints to FRD.
+
+    Raises MessageError where one of the three joints is missing.
+    """
+    names = list(msg.name)
+    angles = []
+    for joint, sign in JOINT_SIGNS.items():
+        if joint not in names or names.index(joint) >= len(msg.position):
+            raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
+        angles.append(sign * float(msg.position[names.index(joint)]))
+    yaw, roll, pitch = angles
+    return JointSample(stamp_ns(msg), yaw_rad=yaw, roll_rad=roll, pitch_rad=pitch)
+
+
+def camera_attitude(msg: Any) -> CameraAttitudeSample:
+    """``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+    return CameraAttitudeSample(stamp_ns(msg), _both(msg.quaternion))
+
+
+def body_pose(msg: Any) -> BodyPose:
+    """``nav_msgs/Odometry`` of ``tirgeo/odometry``."""
+    pose = msg.pose.pose
+    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
+    return BodyPose(stamp_ns(msg), _ned(pose.position), _both(pose.orientation), covariance)
+
+
+def camera_pose(msg: Any) -> CameraPose:
+    """``geometry_msgs/PoseWithCovarianceStamped`` of ``tirgeo/camera_pose``."""
+    pose = msg.pose.pose
+    q = pose.orientation
+    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
+    q_nc = np.array(quat_turned_world(q.w, q.x, q.y, q.z))
+    return CameraPose(stamp_ns(msg), _ned(pose.position), q_nc, covariance)
+
+
+def tangent_plane(msg: Any) -> TangentPlane:
+    """``sensor_msgs/NavSatFix`` of ``tirgeo/origin``."""
+    return TangentPlane(
+        math.radians(msg.latitude), math.radians(msg.longitude), float(msg.altitude)
+    )
+
+
+def pixel(msg: Any) -> tuple[int, float, float]:
+    """``geometry_msgs/PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
+    return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
+
+
+def _fix_status(number: int) -> FixStatus:
+    try:
+        return FixStatus(number)
+    except ValueError:
+        return FixStatus.NONE
+
+
+def _covariance(enu: Any) -> Array:
+    """(3, 3) NED; zero where the first entry marks it as absent."""
+    flat = np.asarray(enu).ravel()
+    if flat[0] == _ABSENT:
+        return np.zeros((3, 3))
+    return covariance_turned_world(flat, 3).reshape(3, 3)
+
+
+def _both(q: Any) -> Array:
+    return np.array(quat_turned_both(q.w, q.x, q.y, q.z))
+
+
+def _ned(point: Any) -> Array:
+    return np.array([point.y, point.x, -point.z])
+
+
+def _enu_yaw(q: Any) -> float:
+    """Yaw of a quaternion of any length; NaN for one of no length, whose yaw would read 0."""
+    if not q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z > 0:
+        return math.nan
+    sine = 2 * (q.w * q.z + q.x * q.y)
+    return math.atan2(sine, q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)

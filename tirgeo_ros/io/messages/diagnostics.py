@@ -1,0 +1,64 @@
+"""What the estimator says of itself as key and value strings, and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from tirgeo_ros.core.errors import MessageError
+from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+
+OK, WARN = 0, 1
+_COUNT, _RATIO = "count", "test_ratio"
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosticItem:
+    """One status of a ``diagnostic_msgs/DiagnosticArray``."""
+
+    name: str
+    level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    message: str
+    values: dict[str, str] = field(default_factory=dict)
+
+
+def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
+    """The estimator's status; a warning while it does not run."""
+    running = status.state is FilterState.RUNNING
+    values = {
+        "method": status.method,
+        "state": status.state.value,
+        "reason": status.reason,
+        "rtk_status": status.rtk_status.name.lower(),
+        "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
+    }
+    values |= {f"{_COUNT}.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
+    values |= {f"{_RATIO}.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
+    message = status.state.value + (f": {status.reason}" if status.reason else "")
+    return DiagnosticItem(name, OK if running else WARN, message, values)
+
+
+def navigation_status(msg: Any) -> NavigationStatus:
+    """``diagnostic_msgs/DiagnosticStatus`` of the estimator, the inverse of the encoder's.
+
+    Raises MessageError where it is not one.
+    """
+    values = {item.key: item.value for item in msg.values}
+    try:
+        return _status(values)
+    except (KeyError, ValueError) as error:
+        raise MessageError(f"diagnostics: {msg.name!r} is no navigation status: {error}") from None
+
+
+def _status(values: dict[str, str]) -> NavigationStatus:
+    parts = [(key.split("."), value) for key, value in values.items()]
+    return NavigationStatus(
+        method=values["method"],
+        state=FilterState(values["state"]),
+        reason=values["reason"],
+        rtk_status=FixStatus[values["rtk_status"].upper()],
+        heading_sigma_rad=math.radians(float(values["heading_sigma_deg"])),
+        counts={(k[1], k[2]): int(v) for k, v in parts if k[0] == _COUNT and len(k) == 3},
+        test_ratios={k[1]: float(v) for k, v in parts if k[0] == _RATIO and len(k) == 2},
+    )

@@ -1,0 +1,265 @@
+"""The core's samples and results to messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import matrix_from_quat, skew
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import (
+    Array,
+    BodyPose,
+    CameraAttitudeSample,
+    CameraPose,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    NavigationStatus,
+    NavSolution,
+    PositionSample,
+    VelocitySample,
+)
+from tirgeo_ros.io.messages.axes import (
+    Quaternion,
+    covariance_turned_body,
+    covariance_turned_world,
+    positive,
+    quat_turned_both,
+    quat_turned_world,
+)
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
+from tirgeo_ros.io.messages.parts import COVARIANCE_KNOWN, Parts
+from tirgeo_ros.io.messages.topics import BODY_FRAME, JOINT_SIGNS, MAP_FRAME, OPTICAL_FRAME
+
+#: Variance of what is not known, where a reader takes any number for a variance: so large that
+#: it weighs nothing. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
+UNKNOWN_VARIANCE = 1e6
+
+_ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
+_NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+class Messages:
+    """Makes messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
+
+    Nodes pass rclpy's classes, bags those they are written with (``io.bag.Cdr.types``).
+    """
+
+    def __init__(self, types: Callable[[str], type]) -> None:
+        self.types = types
+        self._parts = Parts(types)
+
+    def imu(self, sample: ImuSample, frame_id: str = BODY_FRAME) -> Any:
+        """``sensor_msgs/Imu``: FRD to FLU; covariances zero, which the message calls unknown."""
+        attitude = sample.autopilot_q_nb
+        covariance = np.zeros(9)
+        covariance[0] = -1.0 if attitude is None else 0.0
+        turned = _NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
+        return self._parts.imu(
+            sample.stamp_ns,
+            frame_id,
+            (turned, covariance),
+            (sample.angular_rate_b, np.zeros(9)),
+            (sample.specific_force_b, np.zeros(9)),
+        )
+
+    def heading(self, sample: HeadingSample, frame_id: str = BODY_FRAME) -> Any:
+        """``sensor_msgs/Imu`` with the heading as ENU yaw and all else marked as absent."""
+        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
+        covariance = np.zeros(9)
+        covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
+        absent = np.zeros(9)
+        absent[0] = -1.0
+        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
+        nothing = (np.zeros(3), absent)
+        return self._parts.imu(sample.stamp_ns, frame_id, (turned, covariance), nothing, nothing)
+
+    def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
+        """``sensor_msgs/NavSatFix`` of an antenna."""
+        place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
+        covariance = covariance_turned_world(sample.covariance_n, 3)
+        return self._parts.fix(sample.stamp_ns, frame_id, sample.status, place, covariance)
+
+    def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
+        """``geometry_msgs/TwistWithCovarianceStamped``, ENU; no rate, its variance unknown."""
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
+        covariance[[3, 4, 5], [3, 4, 5]] = UNKNOWN_VARIANCE
+        north, east, down = sample.velocity_n.tolist()
+        twist = self._parts.twist((east, north, -down), (0.0, 0.0, 0.0), covariance.ravel())
+        return self._parts.new(
+            "geometry_msgs/msg/TwistWithCovarianceStamped",
+            header=self._parts.header(sample.stamp_ns, frame_id),
+            twist=twist,
+        )
+
+    def joints(self, sample: JointSample) -> Any:
+        """``sensor_msgs/JointState`` of the gimbal, FLU."""
+        frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
+        angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
+        return self._parts.new(
+            "sensor_msgs/msg/JointState",
+            header=self._parts.header(sample.stamp_ns, BODY_FRAME),
+            name=list(JOINT_SIGNS),
+            position=self._parts.doubles(angles),
+            velocity=self._parts.doubles([]),
+            effort=self._parts.doubles([]),
+        )
+
+    def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
+        """``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+        return self._parts.new(
+            "geometry_msgs/msg/QuaternionStamped",
+            header=self._parts.header(sample.stamp_ns, MAP_FRAME),
+            quaternion=self._parts.quaternion(positive(quat_turned_both(*sample.q_ng.tolist()))),
+        )
+
+    def odometry(
+        self, solution: NavSolution, pose: BodyPose, rate_variance: float = UNKNOWN_VARIANCE
+    ) -> Any:
+        """``nav_msgs/Odometry``, map -> base_link.
+
+        Pose covariance: x, y, z, then rotations about the map's axes. Twist in base_link; the
+        velocity's covariance is that of the solution turned to the body, with the attitude's part.
+        ``rate_variance``, (rad/s)^2, stands for each axis of the angular rate.
+        """
+        turned = positive(quat_turned_both(*pose.q_nb.tolist()))
+        return self._parts.new(
+            "nav_msgs/msg/Odometry",
+            header=self._parts.header(solution.stamp_ns, MAP_FRAME),
+            child_frame_id=BODY_FRAME,
+            pose=self._parts.pose(pose.position_n, turned, pose.covariance),
+            twist=self._body_twist(solution, rate_variance),
+        )
+
+    def fix(self, solution: NavSolution) -> Any:
+        """``sensor_msgs/NavSatFix`` of base_link."""
+        place = (solution.latitude_rad, solution.longitude_rad, solution.height_m)
+        covariance = covariance_turned_world(solution.covariance[:3, :3], 3)
+        return self._parts.fix(solution.stamp_ns, BODY_FRAME, FixStatus.SINGLE, place, covariance)
+
+    def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
+        """``sensor_msgs/NavSatFix``: where the map's origin is. It is exact by definition."""
+        place = (plane.latitude_rad, plane.longitude_rad, plane.height_m)
+        message = self._parts.fix(stamp_ns, MAP_FRAME, FixStatus.SINGLE, place, np.zeros(9))
+        message.position_covariance_type = COVARIANCE_KNOWN
+        return message
+
+    def camera_pose(self, pose: CameraPose) -> Any:
+        """``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
+        turned = positive(quat_turned_world(*pose.q_nc.tolist()))
+        return self._parts.new(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            header=self._parts.header(pose.stamp_ns, MAP_FRAME),
+            pose=self._parts.pose(pose.position_n, turned, pose.covariance),
+        )
+
+    def image(self, stamp_ns: int, pixels: npt.NDArray[Any], frame_id: str = OPTICAL_FRAME) -> Any:
+        """``sensor_msgs/Image``: mono8 (h, w) or bgr8 (h, w, 3) of uint8, mono16 (h, w) of uint16.
+
+        Raises ValueError for any other array.
+        """
+        encoding = _ENCODINGS.get((pixels.dtype.str, pixels.ndim))
+        if encoding is None or pixels.shape[2:] not in {(), (3,)}:
+            raise ValueError(f"no image encoding for {pixels.dtype} {pixels.shape}")
+        height, width = pixels.shape[:2]
+        return self._parts.new(
+            "sensor_msgs/msg/Image",
+            header=self._parts.header(stamp_ns, frame_id),
+            height=height,
+            width=width,
+            encoding=encoding,
+            is_bigendian=0,
+            step=pixels.nbytes // height,
+            data=self._parts.octets(np.ascontiguousarray(pixels)),
+        )
+
+    def compressed(self, stamp_ns: int, jpeg: bytes, frame_id: str = OPTICAL_FRAME) -> Any:
+        """``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
+        return self._parts.new(
+            "sensor_msgs/msg/CompressedImage",
+            header=self._parts.header(stamp_ns, frame_id),
+            format="jpeg",
+            data=self._parts.octets(np.frombuffer(jpeg, np.uint8)),
+        )
+
+    def camera_info(self, camera: Camera, stamp_ns: int, frame_id: str = OPTICAL_FRAME) -> Any:
+        """``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
+        k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], float)
+        size = 5 if len(camera.distortion) <= 5 else 8
+        padded = [*map(float, camera.distortion), *[0.0] * (size - len(camera.distortion))]
+        return self._parts.new(
+            "sensor_msgs/msg/CameraInfo",
+            header=self._parts.header(stamp_ns, frame_id),
+            height=camera.height,
+            width=camera.width,
+            distortion_model="plumb_bob" if size == 5 else "rational_polynomial",
+            d=self._parts.doubles(padded),
+            k=k,
+            r=np.eye(3).ravel(),
+            p=np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=self._parts.new(
+                "sensor_msgs/msg/RegionOfInterest",
+                x_offset=0,
+                y_offset=0,
+                height=0,
+                width=0,
+                do_rectify=False,
+            ),
+        )
+
+    def clock(self, stamp_ns: int) -> Any:
+        """``rosgraph_msgs/Clock``."""
+        return self._parts.new("rosgraph_msgs/msg/Clock", clock=self._parts.time(stamp_ns))
+
+    def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
+        """``diagnostic_msgs/DiagnosticArray``."""
+        return self._parts.new(
+            "diagnostic_msgs/msg/DiagnosticArray",
+            header=self._parts.header(stamp_ns, ""),
+            status=[self._status(item) for item in items],
+        )
+
+    @staticmethod
+    def navigation_diagnostic(name: str, status: NavigationStatus) -> DiagnosticItem:
+        """The estimator's status; ``navigation_status`` is the inverse."""
+        return navigation_item(name, status)
+
+    def _body_twist(self, solution: NavSolution, rate_variance: float) -> Any:
+        rotation_bn = matrix_from_quat(solution.q_nb).T
+        forward, right, down = (rotation_bn @ solution.velocity_n).tolist()
+        x, y, z = solution.angular_rate_b.tolist()
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = _velocity_covariance_flu(solution, rotation_bn)
+        covariance[[3, 4, 5], [3, 4, 5]] = rate_variance
+        return self._parts.twist((forward, -right, -down), (x, -y, -z), covariance.ravel())
+
+    def _status(self, item: DiagnosticItem) -> Any:
+        level = item.level if self._parts.takes_ndarray else bytes([item.level])
+        return self._parts.new(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=item.name,
+            message=item.message,
+            hardware_id="",
+            values=[
+                self._parts.new("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+                for key, value in item.values.items()
+            ],
+        )
+
+
+def _velocity_covariance_flu(solution: NavSolution, rotation_bn: Array) -> Array:
+    """(3, 3) covariance of the body-frame velocity: ``dv_b = R_bn (dv_n + [v_n x] phi_n)``."""
+    partials = np.hstack([rotation_bn @ skew(solution.velocity_n), rotation_bn])
+    covariance = partials @ solution.covariance[3:9, 3:9] @ partials.T
+    return covariance_turned_body(covariance).reshape(3, 3)

@@ -1,0 +1,154 @@
+"""The pieces that messages are made of, for either kind of message class."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.samples import Array, FixStatus
+from tirgeo_ros.io.messages.axes import Quaternion, covariance_turned_world, positive
+
+_SERVICE_GPS = 1  # which satellite systems took part is not known to us; GPS always does
+COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
+
+
+class Parts:
+    """Makes the pieces of messages of the classes that ``types`` gives.
+
+    ``takes_ndarray`` says which of the two kinds they are.
+    """
+
+    def __init__(self, types: Callable[[str], type]) -> None:
+        self.types = types
+        self._known: dict[str, Callable[..., Any]] = {}
+        # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags ndarray alone.
+        self.takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
+
+    def new(self, typename: str, **fields: Any) -> Any:
+        """A message of a type, with these fields."""
+        kind = self._known.get(typename)
+        if kind is None:
+            kind = self._known[typename] = self.types(typename)
+        return kind(**fields)
+
+    def time(self, stamp_ns: int) -> Any:
+        """``builtin_interfaces/Time``."""
+        seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
+        return self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """``std_msgs/Header``."""
+        return self.new("std_msgs/msg/Header", stamp=self.time(stamp_ns), frame_id=frame_id)
+
+    def quaternion(self, q: Quaternion) -> Any:
+        """``geometry_msgs/Quaternion`` of (w, x, y, z)."""
+        w, x, y, z = q
+        return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+    def vector(self, xyz: tuple[float, float, float]) -> Any:
+        """``geometry_msgs/Vector3`` of (x, y, z)."""
+        x, y, z = xyz
+        return self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+    def frd(self, v: Array) -> Any:
+        """``geometry_msgs/Vector3`` in FLU of a (3,) vector in FRD."""
+        x, y, z = v.tolist()
+        return self.vector((x, -y, -z))
+
+    def imu(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        attitude: tuple[Quaternion, Array],
+        rate: tuple[Array, Array],
+        force: tuple[Array, Array],
+    ) -> Any:
+        """``sensor_msgs/Imu`` of pairs of a value and its (9,) covariance.
+
+        The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
+        """
+        return self.new(
+            "sensor_msgs/msg/Imu",
+            header=self.header(stamp_ns, frame_id),
+            orientation=self.quaternion(positive(attitude[0])),
+            orientation_covariance=attitude[1],
+            angular_velocity=self.frd(rate[0]),
+            angular_velocity_covariance=rate[1],
+            linear_acceleration=self.frd(force[0]),
+            linear_acceleration_covariance=force[1],
+        )
+
+    def fix(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        status: FixStatus,
+        place: tuple[float, float, float],
+        covariance: Array,
+    ) -> Any:
+        """``sensor_msgs/NavSatFix`` of latitude, longitude (rad), height (m); (9,) ENU covariance.
+
+        A covariance of zeros is marked as unknown.
+        """
+        known = bool(np.any(covariance))
+        latitude_rad, longitude_rad, height_m = place
+        return self.new(
+            "sensor_msgs/msg/NavSatFix",
+            header=self.header(stamp_ns, frame_id),
+            status=self.new(
+                "sensor_msgs/msg/NavSatStatus", status=int(status), service=_SERVICE_GPS
+            ),
+            latitude=math.degrees(latitude_rad),
+            longitude=math.degrees(longitude_rad),
+            altitude=float(height_m),
+            position_covariance=covariance,
+            position_covariance_type=COVARIANCE_KNOWN if known else COVARIANCE_UNKNOWN,
+        )
+
+    def pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
+        """``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED; ``turned`` is in ENU."""
+        north, east, down = position_n.tolist()
+        pose = self.new(
+            "geometry_msgs/msg/Pose",
+            position=self.new("geometry_msgs/msg/Point", x=east, y=north, z=-down),
+            orientation=self.quaternion(turned),
+        )
+        return self.new(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=pose,
+            covariance=covariance_turned_world(covariance, 6),
+        )
+
+    def twist(
+        self,
+        linear: tuple[float, float, float],
+        angular: tuple[float, float, float],
+        covariance: Array,
+    ) -> Any:
+        """``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
+        twist = self.new(
+            "geometry_msgs/msg/Twist",
+            linear=self.vector(linear),
+            angular=self.vector(angular),
+        )
+        return self.new(
+            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance
+        )
+
+    def octets(self, data: npt.NDArray[Any]) -> Any:
+        """The bytes of a contiguous array as a field ``uint8[]`` takes them fastest."""
+        flat = data.reshape(-1).view(np.uint8)
+        if self.takes_ndarray:
+            return flat
+        out = array.array("B")
+        out.frombytes(flat.data)
+        return out
+
+    def doubles(self, values: Sequence[float]) -> Any:
+        """A field ``float64[]``."""
+        return np.array(values, float) if self.takes_ndarray else array.array("d", values)

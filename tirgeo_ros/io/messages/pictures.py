@@ -1,0 +1,123 @@
+"""Image and camera messages to arrays and cameras."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.errors import CameraError, MessageError
+
+Pixels = npt.NDArray[np.uint8]
+
+#: Encoding to bytes a pixel; the second names are those of newer sensor_msgs for the first.
+_BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
+_ALIASES = {
+    "8UC1": "mono8",
+    "16UC1": "mono16",
+    "8UC3": "bgr8",
+    "uyvy": "yuv422",
+    "yuyv": "yuv422_yuy2",
+}
+_CONVERSIONS = {
+    "rgb8": cv2.COLOR_RGB2BGR,
+    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
+}
+#: A 16-bit picture is stretched between these percentiles: single hot or dead pixels count not.
+_STRETCH_PERCENTILES = (1.0, 99.0)
+#: Numbers of distortion coefficients that each model may have.
+_MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
+
+
+def image_pixels(msg: Any) -> Pixels:
+    """``sensor_msgs/Image`` as uint8 (h, w), or (h, w, 3) in blue, green, red.
+
+    mono8, mono16 (stretched to 8 bits), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2. The array may
+    share the message's memory: do not write into it. Raises MessageError.
+    """
+    encoding = _ALIASES.get(msg.encoding, msg.encoding)
+    if encoding not in _BYTES:
+        raise MessageError(f"image: encoding {msg.encoding!r} is not one of {', '.join(_BYTES)}")
+    rows = _rows(msg, _BYTES[encoding])
+    if encoding == "mono8":
+        return rows
+    if encoding == "mono16":
+        order = ">u2" if msg.is_bigendian else "<u2"
+        return stretched(np.ascontiguousarray(rows).view(order))
+    colours = rows.reshape(msg.height, msg.width, _BYTES[encoding])
+    if encoding == "bgr8":
+        return colours
+    return _converted(colours, encoding)
+
+
+def _rows(msg: Any, bytes_per_pixel: int) -> Pixels:
+    """(h, w * bytes) without the padding at the end of each row."""
+    data = np.frombuffer(msg.data, np.uint8)
+    height, width, step = int(msg.height), int(msg.width), int(msg.step)
+    used = width * bytes_per_pixel
+    if min(height, width) < 1 or step < used or data.size < height * step:
+        raise MessageError(
+            f"image: {data.size} bytes do not hold {width}x{height} pixels of {msg.encoding} "
+            f"with {step} bytes a row"
+        )
+    return data[: height * step].reshape(height, step)[:, :used]
+
+
+def _converted(colours: Pixels, encoding: str) -> Pixels:
+    if encoding.startswith("yuv") and colours.shape[1] % 2:
+        raise MessageError(f"image: {encoding} needs an even width, has {colours.shape[1]}")
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), _CONVERSIONS[encoding]))
+
+
+def stretched(pixels: npt.NDArray[Any]) -> Pixels:
+    """(h, w) 16-bit values to 8 bits between two of their percentiles; one value gives black."""
+    low, high = np.percentile(pixels[::4, ::4], _STRETCH_PERCENTILES)
+    scale = 255.0 / max(high - low, 1.0)
+    return np.asarray(cv2.convertScaleAbs(np.maximum(pixels, low), alpha=scale, beta=-low * scale))
+
+
+def compressed_pixels(msg: Any) -> Pixels:
+    """``sensor_msgs/CompressedImage`` as ``image_pixels`` gives it. Raises MessageError."""
+    data = np.frombuffer(msg.data, np.uint8)
+    try:
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise MessageError(f"compressed image: {data.size} bytes are no {msg.format or 'picture'}")
+    if pixels.dtype == np.uint16:
+        pixels = stretched(pixels if pixels.ndim == 2 else pixels[..., 0])
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        pixels = pixels[..., :3]
+    return np.asarray(pixels, np.uint8)
+
+
+def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
+    """``sensor_msgs/CameraInfo`` as a camera; K and D alone are used.
+
+    Raises CameraError naming ``topic`` where there is no calibration or none that is known.
+    """
+    distortion = tuple(float(number) for number in msg.d)
+    _check_model(msg.distortion_model, len(distortion), topic)
+    fx, cx, fy, cy = (float(msg.k[i]) for i in (0, 2, 4, 5))
+    if fx == 0 or fy == 0:
+        raise CameraError(f"{topic}: K is zero: the camera is not calibrated")
+    try:
+        return Camera(int(msg.width), int(msg.height), fx, fy, cx, cy, distortion)
+    except CameraError as error:
+        raise CameraError(f"{topic}: {error}") from None
+
+
+def _check_model(model: str, coefficients: int, topic: str) -> None:
+    if coefficients == 0 and (model in _MODELS or not model):
+        return
+    if model not in _MODELS:
+        known = " or ".join(_MODELS)
+        raise CameraError(f"{topic}: distortion model {model!r} is not known; use {known}")
+    if coefficients not in _MODELS[model]:
+        wanted = " or ".join(str(number) for number in _MODELS[model])
+        raise CameraError(f"{topic}: {model} needs {wanted} coefficients in D, has {coefficients}")

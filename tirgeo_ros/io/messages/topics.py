@@ -1,0 +1,37 @@
+"""The topics of the contract with their types, and the names that stand inside messages."""
+
+from __future__ import annotations
+
+#: Topic to type. A leading slash marks a topic that no namespace moves.
+TOPIC_TYPES: dict[str, str] = {
+    "imu/data": "sensor_msgs/msg/Imu",
+    "gps/fix": "sensor_msgs/msg/NavSatFix",
+    "gps/vel": "geometry_msgs/msg/TwistWithCovarianceStamped",
+    "rtk/fix": "sensor_msgs/msg/NavSatFix",
+    "rtk/vel": "geometry_msgs/msg/TwistWithCovarianceStamped",
+    "rtk/heading": "sensor_msgs/msg/Imu",
+    "gimbal/joint_states": "sensor_msgs/msg/JointState",
+    "gimbal/attitude": "geometry_msgs/msg/QuaternionStamped",
+    "thermal/image_raw": "sensor_msgs/msg/Image",
+    "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+    "thermal/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/locate/pixel": "geometry_msgs/msg/PointStamped",
+    "tirgeo/odometry": "nav_msgs/msg/Odometry",
+    "tirgeo/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/origin": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/overlay/image": "sensor_msgs/msg/Image",
+    "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/clock": "rosgraph_msgs/msg/Clock",
+}
+
+MAP_FRAME = "map"
+BODY_FRAME = "base_link"
+OPTICAL_FRAME = "tir_optical_frame"
+
+#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes
+#: y and z point the other way, x does not.
+JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
