@@ -1,0 +1,45 @@
+#!/bin/sh
+# Makes the virtual environment $1 with tirgeo in it, editable. Run by make, from the project.
+#   setup.sh .venv user          ROS 2 Jazzy from wheels, or the sourced one where there is one
+#   setup.sh .venv-floor floor   the oldest versions that tirgeo is made for, without ROS
+set -eu
+venv=$1
+kind=$2
+
+stop() {
+    echo "tirgeo: $*" >&2
+    exit 1
+}
+
+if [ "$kind" = floor ]; then
+    unset ROS_DISTRO PYTHONPATH # a sourced ROS would bring its own versions in
+    newest=3.12                 # NumPy 1.26 has no wheels for a later Python
+    options=
+    extras=test
+    pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.*'
+elif [ "${ROS_DISTRO:-}" = jazzy ]; then
+    newest=3.13
+    options=--system-site-packages
+    extras=test
+    # The messages of a ROS 2 from packages are compiled against NumPy 1, and so is OpenCV to 4.11.
+    pins='numpy<2 opencv-python-headless<4.12'
+elif [ -n "${ROS_DISTRO:-}" ]; then
+    stop "ROS 2 $ROS_DISTRO is sourced, but tirgeo is made for Jazzy: source" \
+        "/opt/ros/jazzy/setup.bash, or take a shell without ROS (then its wheels are installed)"
+elif [ "$(uname -sm)" = "Linux x86_64" ]; then
+    newest=3.13
+    options=
+    extras=ros,test
+    pins=
+else
+    stop "the wheels of ROS 2 Jazzy are for Linux on x86-64, this is $(uname -sm):" \
+        "install ROS 2 Jazzy, source it and run make again"
+fi
+
+python=$("$(dirname "$0")/find_python.sh" "$newest")
+echo "tirgeo: setting up $venv with $python (once, a minute or two)" >&2
+# shellcheck disable=SC2086 # no option must be no argument
+"$python" -m venv --clear $options "$venv"
+for pin in $pins; do echo "$pin"; done >"$venv/constraints.txt"
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --constraint "$venv/constraints.txt" --editable ".[$extras]"

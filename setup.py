@@ -1,0 +1,83 @@
+"""The package for colcon, pip and wheels; pyproject.toml holds the tools' settings alone."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "tirgeo"
+NODES = ("ekf_node", "gimbal_node", "overlay_node", "bag_player")
+VERSION = re.search(r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.M)
+
+# A wheel has its executables in bin, where ros2 run does not look: these pass on to them.
+FORWARD = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"\n'
+
+
+def shared(folder: str) -> list[tuple[str, list[str]]]:
+    """All files of a folder, as data_files below share/tirgeo."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            found.setdefault(f"share/{NAME}/{path.parent}", []).append(str(path))
+    return list(found.items())
+
+
+def forwarding_scripts() -> list[tuple[str, list[str]]]:
+    """The scripts of a wheel below lib/tirgeo; nothing when colcon builds, which makes its own."""
+    if "bdist_wheel" not in sys.argv:
+        return []
+    folder = Path("build/forward")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in NODES:
+        (folder / name).write_text(FORWARD)
+        (folder / name).chmod(0o755)
+    return [(f"lib/{NAME}", [str(folder / name) for name in NODES])]
+
+
+setup(
+    name=NAME,
+    version=VERSION.group(1),
+    description="A map on a drone's thermal video, placed by sensors alone",
+    license="Apache-2.0",
+    author="The tirgeo maintainers",
+    author_email="maintainers@tirgeo.example",
+    packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
+    python_requires=">=3.10",
+    install_requires=[
+        "numpy>=1.26",
+        "opencv-python-headless>=4.6",
+        "pyproj>=3.6",
+        "mcap>=1.1",
+        "rosbags>=0.10",
+        "PyYAML>=5.4",
+    ],
+    extras_require={
+        "ros": [
+            "ros-jazzy-rclpy",
+            "ros-jazzy-common-interfaces",
+            "ros-jazzy-rmw-fastrtps-cpp",
+        ],
+        # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
+        "test": ["pytest>=7.4,<9", "hypothesis>=6.98"],
+        # All of ruff's rules are on: a new version brings new ones.
+        "lint": ["ruff==0.17.*", "mypy==2.4.*"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *shared("config"),
+        *shared("launch"),
+        *shared("bags/sample"),
+        *forwarding_scripts(),
+    ],
+    entry_points={
+        "console_scripts": [
+            "tirgeo = tirgeo_ros.tools.cli.main:console",
+            *(f"{name} = tirgeo_ros.nodes.start:{name}" for name in NODES),
+        ],
+    },
+    zip_safe=False,
+)
