@@ -30,7 +30,8 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
 )
 from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, scaled_noise
-from tirgeo_ros.tools.simulate.scenario import ImuScenario, Scenario
+from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.scenario_aircraft import ImuScenario
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state, local_axes
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample

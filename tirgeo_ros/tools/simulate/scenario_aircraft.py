@@ -1,0 +1,153 @@
+"""The part of a scenario that flies: route, air, sensors, gimbal, each with its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.config import ImuConfig
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.samples import Array
+
+SHAPES = ("lawnmower", "hover", "figure_eight")
+
+
+@dataclass(frozen=True, slots=True)
+class RouteScenario:
+    """What is flown; see ``routes.py`` for the shapes."""
+
+    shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
+    height_above_ground_m: float = param(20.0, "height of the IMU", unit="m", low=2, high=500)
+    speed_m_s: float = param(3.0, "cruise", unit="m/s", low=0.1, high=25)
+    acceleration_m_s2: float = param(
+        1.5, "largest acceleration, along and across", unit="m/s2", low=0.1, high=10
+    )
+    turn_radius_m: float = param(4.2, "radius of a turn", unit="m", low=0.5, high=500)
+    yaw_rate_deg_s: float = param(
+        35.0, "yaw rate of turns on the spot (hover)", unit="deg/s", low=1, high=150
+    )
+    hover_s: float = param(4.0, "hover before the start", unit="s", low=0, high=600)
+    heading_deg: float = param(0.0, "first heading", unit="deg", low=-360, high=360)
+    legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", low=1, high=1000)
+    leg_length_m: float = param(42.0, "length of a leg", unit="m", low=1, high=5000)
+    leg_spacing_m: float = param(15.0, "distance between legs", unit="m", low=1, high=1000)
+    hold_error_m: float = param(
+        0.1, "the autopilot keeps its route to this, per axis, rms", unit="m", low=0, high=10
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class WindScenario:
+    """The air: the aircraft leans against its drag."""
+
+    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "north and east", unit="m/s")
+    gust_m_s: float = param(
+        1.0, "standard deviation of gusts, per axis", unit="m/s", low=0, high=20
+    )
+    gust_time_s: float = param(2.0, "correlation time of gusts", unit="s", low=0.2, high=100)
+    drag_1_s: float = param(0.15, "drag deceleration per airspeed", unit="1/s", low=0, high=5)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuScenario:
+    """The autopilot's inertial sensor."""
+
+    rate_hz: float = param(100.0, "samples per second", unit="Hz", low=50, high=400)
+    gyro_turn_on_bias_rad_s: float = param(
+        3e-4, "standard deviation of the constant part of the bias", unit="rad/s", low=0, high=1
+    )
+    accel_turn_on_bias_m_s2: float = param(
+        1e-2, "standard deviation of the constant part of the bias", unit="m/s2", low=0, high=10
+    )
+    noise_scale: float = param(
+        1.0, "all random errors of the IMU times this; 0 = a perfect IMU", low=0, high=100
+    )
+    noise: ImuConfig = group(ImuConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class RtkScenario:
+    """The RTK receiver with two antennas; status is fixed throughout."""
+
+    rate_hz: float = param(5.0, "fixes per second", unit="Hz", low=0.1, high=50)
+    arrival_delay_s: float = param(0.08, "arrival minus measurement", unit="s", low=0, high=2)
+    position_sigma_m: tuple[float, ...] = param((0.01, 0.01, 0.02), "north, east, down", unit="m")
+    velocity_sigma_m_s: tuple[float, ...] = param(
+        (0.02, 0.02, 0.02), "north, east, down", unit="m/s"
+    )
+    lever_arm_m: tuple[float, ...] = param(
+        (-0.10, 0.32, 0.38), "antenna from the IMU (forward, left, up)", unit="m"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingScenario:
+    """The heading of the two antennas."""
+
+    sigma_deg: float = param(0.4, "white noise", unit="deg", low=0, high=90)
+    step_deg: float = param(
+        1.0, "reported in steps of this; 0 = not rounded", unit="deg", low=0, high=90
+    )
+    offset_deg: float = param(
+        0.0, "direction reported, from the nose, clockwise", unit="deg", low=-360, high=360
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GpsScenario:
+    """The autopilot's ordinary GPS, with slowly varying errors."""
+
+    rate_hz: float = param(10.0, "fixes per second", unit="Hz", low=0.1, high=50)
+    arrival_delay_s: float = param(0.0, "arrival minus measurement", unit="s", low=0, high=2)
+    position_rms_m: tuple[float, ...] = param(
+        (0.9342, 1.2846, 2.8017), "north, east, down error over the flight (Table 1)", unit="m"
+    )
+    position_time_s: float = param(45.0, "correlation time", unit="s", low=0.5, high=1e5)
+    velocity_sigma_m_s: float = param(0.1, "per axis", unit="m/s", low=0, high=10)
+    lever_arm_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.28), "antenna from the IMU (forward, left, up)", unit="m"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotScenario:
+    """The errors of the autopilot's own attitude."""
+
+    heading_rms_deg: float = param(
+        1.7972, "heading error over the flight (Table 1)", unit="deg", low=0, high=90
+    )
+    heading_time_s: float = param(30.0, "its correlation time", unit="s", low=0.5, high=1e5)
+    tilt_rms_deg: tuple[float, ...] = param((0.3, 0.3), "roll, pitch error", unit="deg")
+    tilt_time_s: float = param(10.0, "their correlation time", unit="s", low=0.5, high=1e5)
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalScenario:
+    """The gimbal: it follows the nose, and holds the camera level nearly."""
+
+    rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
+    pitch_deg: float = param(-30.0, "commanded camera pitch", unit="deg", low=-90, high=30)
+    lag_s: float = param(0.35, "time constant with which it follows the nose", unit="s", low=0.02)
+    error_rms_deg: tuple[float, ...] = param(
+        (0.2704, 0.4839), "camera roll, pitch from commanded, not reported (Table 8)", unit="deg"
+    )
+    error_time_s: float = param(2.5, "their correlation time", unit="s", low=0.2, high=1e3)
+    encoder_sigma_deg: float = param(0.02, "noise of a joint angle", unit="deg", low=0, high=10)
+    lever_arm_m: tuple[float, ...] = param(
+        (0.08, 0.0, -0.25), "pivot from the IMU (forward, left, up)", unit="m"
+    )
+    camera_offset_m: tuple[float, ...] = param(
+        (0.05, 0.02, -0.01), "camera from the pivot (camera's forward, left, up)", unit="m"
+    )
+
+    @property
+    def lever_arm_b(self) -> Array:
+        """(3,) pivot from the IMU, FRD, m."""
+        return flu_from_frd(np.array(self.lever_arm_m))
+
+    @property
+    def camera_offset_g(self) -> Array:
+        """(3,) camera from the pivot, camera body FRD, m."""
+        return flu_from_frd(np.array(self.camera_offset_m))

@@ -1,0 +1,73 @@
+"""The part of a scenario that is looked at: site, park, video, survey."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.parameter import param
+
+
+@dataclass(frozen=True, slots=True)
+class SiteScenario:
+    """Where the flight is: the origin of the plane in which the truth is given."""
+
+    latitude_deg: float = param(39.85, "latitude", unit="deg", low=-89, high=89)
+    longitude_deg: float = param(116.70, "longitude", unit="deg", low=-180, high=180)
+    ground_height_m: float = param(
+        11.5, "ellipsoidal height of the ground", unit="m", low=-500, high=9000
+    )
+
+    @property
+    def plane(self) -> TangentPlane:
+        """The tangent plane of the site, at the height of the ground."""
+        lat, lon = np.radians([self.latitude_deg, self.longitude_deg])
+        return TangentPlane(float(lat), float(lon), self.ground_height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class VideoScenario:
+    """The thermal camera's pictures; the lens is Table 9's."""
+
+    rate_hz: float = param(9.0, "frames per second", unit="Hz", low=0.1, high=60)
+    latency_s: float = param(0.05, "stamp minus exposure", unit="s", low=0, high=2)
+    jpeg_quality: int = param(72, "of thermal/image_raw/compressed", low=1, high=100)
+    blur_px: float = param(0.7, "standard deviation of the optics' blur", unit="px", low=0, high=9)
+    noise_grey: float = param(
+        1.0, "standard deviation of a pixel's noise, grey levels", low=0, high=50
+    )
+    vignetting: float = param(0.06, "loss of contrast in the corners", low=0, high=1)
+
+
+@dataclass(frozen=True, slots=True)
+class ParkScenario:
+    """Where the flower beds lie, from the site's origin, and how finely they are painted."""
+
+    north_m: tuple[float, ...] = param(
+        (-62.0, 112.0), "south and north edge of the beds", unit="m"
+    )
+    east_m: tuple[float, ...] = param((-32.0, 92.0), "west and east edge of the beds", unit="m")
+    cell_m: float = param(14.0, "one bed is laid in a square of this", unit="m", low=6, high=100)
+    margin_m: float = param(
+        130.0, "grass around the beds, as far as the camera sees", unit="m", low=0, high=2000
+    )
+    resolution_m: float = param(0.05, "of the painted ground", unit="m", low=0.01, high=1)
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyScenario:
+    """Control points on corners of beds, and an operator's clicks on them."""
+
+    points: int = param(20, "control points", low=1, high=1000)
+    views: int = param(3, "clicks on each, in as many frames", low=1, high=100)
+    sigma_m: tuple[float, ...] = param(
+        (0.01, 0.01, 0.02), "error of the survey: north, east, down", unit="m"
+    )
+    click_sigma_px: float = param(0.5, "error of a click, per axis", unit="px", low=0, high=50)
+    rows_px: tuple[float, ...] = param(
+        (180.0, 490.0), "an operator clicks between these rows", unit="px"
+    )
+    side_px: float = param(40.0, "and this far from the left and right edge", unit="px", low=0)
+    apart_s: float = param(1.0, "least time between clicks on a point", unit="s", low=0, high=100)
