@@ -19,8 +19,7 @@ from tirgeo_ros.core.error_state import (
     ATTITUDE,
     POSITION,
     VELOCITY,
-    noise_density,
-    propagate_covariance,
+    CovariancePropagation,
 )
 from tirgeo_ros.core.samples import (
     Array,
@@ -34,6 +33,8 @@ from tirgeo_ros.core.strapdown import NavState, Vector, propagate
 
 #: The covariance is never carried further than this in one step.
 _LARGEST_STEP_S = 0.02
+#: Rows and columns of a solution's covariance.
+_SOLUTION_ORDER = np.ix_(*[np.r_[POSITION, ATTITUDE, VELOCITY]] * 2)
 
 
 @dataclass(slots=True)
@@ -54,12 +55,26 @@ class _Record:
     offset_n: Array = field(default_factory=lambda: np.full(3, np.nan))  # see Fusion
 
 
+@dataclass(frozen=True, slots=True)
+class _Pause:
+    """The state after the last measurement of an interval, from where one more goes on.
+
+    A receiver's position, velocity and heading come one after the other with one stamp; without
+    this each would compute the ones before it again.
+    """
+
+    start_ns: int  # the interval's first epoch
+    stamp_ns: int
+    applied: int  # measurements of the interval in the state
+    state: NavState
+    covariance: Array
+
+
 class Ekf:
     """The filter from its alignment on. Samples must be finite (see ``navigation``)."""
 
     def __init__(self, config: EkfConfig, alignment: Alignment) -> None:
-        self._config = config
-        self._density = noise_density(config.imu)
+        self._propagation = CovariancePropagation(config.imu)
         self._fusion = Fusion(config)
         self._window = config.rtk.median_window
         self._keep_ns = round(config.max_delay_s * 1e9)
@@ -69,6 +84,7 @@ class Ekf:
         self._epochs = [start]
         self._records: list[_Record] = []
         self._resolved: list[Verdict] = []
+        self._pause: _Pause | None = None
         self._done = 0  # index of the newest epoch whose state is up to date
 
     @property
@@ -101,6 +117,8 @@ class Ekf:
             return Verdict(source, Outcome.WAITING, "held until imu/data reaches it")
         before = bisect.bisect_left(self._epochs, sample.stamp_ns, key=lambda e: e.stamp_ns) - 1
         self._done = min(self._done, before)
+        if self._pause is not None and self._pause.stamp_ns > sample.stamp_ns:
+            self._pause = None
         self._catch_up(before + 1)
         assert record.verdict is not None
         return record.verdict
@@ -113,7 +131,6 @@ class Ekf:
     def solution(self) -> NavSolution:
         """The state at the newest IMU sample."""
         state, covariance = self.state()
-        order = np.r_[POSITION, ATTITUDE, VELOCITY]
         return NavSolution(
             self.newest_ns,
             state.latitude_rad,
@@ -122,7 +139,7 @@ class Ekf:
             np.array(state.velocity_n),
             np.array(state.q_nb),
             np.subtract(self._epochs[-1].rate_b, state.gyro_bias_b),
-            covariance[np.ix_(order, order)],
+            covariance[_SOLUTION_ORDER],
         )
 
     def state(self) -> tuple[NavState, Array]:
@@ -137,15 +154,20 @@ class Ekf:
 
     def _advance(self, start: _Epoch, end: _Epoch) -> None:
         """State of ``end`` from that of ``start`` and the measurements in between."""
-        state, covariance, now_ns = start.state, start.covariance, start.stamp_ns
-        first = bisect.bisect_right(self._records, now_ns, key=lambda r: r.stamp_ns)
-        for record in self._records[first:]:
+        pause = self._pause
+        if pause is None or pause.start_ns != start.stamp_ns:
+            pause = _Pause(start.stamp_ns, start.stamp_ns, 0, start.state, start.covariance)
+        state, covariance, now_ns = pause.state, pause.covariance, pause.stamp_ns
+        first = bisect.bisect_right(self._records, start.stamp_ns, key=lambda r: r.stamp_ns)
+        for record in self._records[first + pause.applied :]:
             if record.stamp_ns > end.stamp_ns:
                 break
             state, covariance = self._carry(state, covariance, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
             rate_b = np.subtract(_between(start, end, now_ns)[1], state.gyro_bias_b)
             state, covariance = self._apply(record, state, covariance, rate_b)
+            pause = _Pause(start.stamp_ns, now_ns, pause.applied + 1, state, covariance)
+        self._pause = pause if pause.applied else None
         end.state, end.covariance = self._carry(
             state, covariance, start, end, now_ns, end.stamp_ns
         )
@@ -166,9 +188,7 @@ class Ekf:
             step_s = (to_ns - from_ns) * 1e-9 / steps
             old = state
             state, rates = propagate(old, *_between(start, end, middle_ns), step_s)
-            covariance = propagate_covariance(
-                covariance, old, rates, step_s, self._config.imu, self._density
-            )
+            covariance = self._propagation.step(covariance, old, rates, step_s)
         return state, covariance
 
     def _apply(

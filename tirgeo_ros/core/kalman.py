@@ -34,14 +34,14 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     """One update in Joseph's form; refused where the test ratio is above one."""
     design, noise = measurement.design, measurement.noise
     cross = covariance @ design.T
-    inverse = np.linalg.inv(design @ cross + noise)
+    spread = design @ cross + noise
+    inverse = 1 / spread if len(spread) == 1 else np.linalg.inv(spread)
     distance = float(measurement.innovation @ inverse @ measurement.innovation)
     ratio = distance / chi_square_limit(measurement.gate_sigma, len(measurement.innovation))
     if not ratio <= 1:
         return Update(ratio, None, None)
     gain = cross @ inverse
-    keep = -gain @ design
-    keep[np.arange(len(keep)), np.arange(len(keep))] += 1.0
+    keep = np.eye(len(covariance)) - gain @ design
     joseph = keep @ covariance @ keep.T + gain @ noise @ gain.T
     return Update(ratio, gain @ measurement.innovation, 0.5 * (joseph + joseph.T))
 

@@ -37,8 +37,8 @@ def usable_attitude(q: Array | None) -> bool:
 
 
 def _imu_fault(sample: ImuSample) -> str:
-    total = float(sample.specific_force_b.sum()) + float(sample.angular_rate_b.sum())
-    return "" if math.isfinite(total) else "force or rate is not finite"
+    finite = all(map(math.isfinite, (*sample.specific_force_b, *sample.angular_rate_b)))
+    return "" if finite else "force or rate is not finite"
 
 
 def _position_fault(sample: PositionSample) -> str:

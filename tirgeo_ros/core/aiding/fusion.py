@@ -99,7 +99,8 @@ class Fusion:
             )
         fixed = sample.status is FixStatus.FIXED
         sigma_m = self._rtk.position_sigma_floor_m if fixed else _FLOAT_SIGMA_M
-        innovation = np.median(window, axis=0) - np.array(state.correction_n)
+        middle = window[0] if len(window) == 1 else np.median(window, axis=0)
+        innovation = middle - np.array(state.correction_n)
         noise = floored(sample.covariance_n, sigma_m)
         return position_measurement(state, innovation, noise, self._lever_b, gate_sigma)
 
