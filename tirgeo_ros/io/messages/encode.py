@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_quat, skew
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import (
@@ -26,6 +25,7 @@ from tirgeo_ros.core.samples import (
     PositionSample,
     VelocitySample,
 )
+from tirgeo_ros.core.strapdown import matrix, rotation_of
 from tirgeo_ros.io.messages.axes import (
     Quaternion,
     covariance_turned_body,
@@ -235,7 +235,7 @@ class Messages:
         return navigation_item(name, status)
 
     def _body_twist(self, solution: NavSolution, rate_variance: float) -> Any:
-        rotation_bn = matrix_from_quat(solution.q_nb).T
+        rotation_bn = matrix(rotation_of(solution.q_nb.tolist())).T
         forward, right, down = (rotation_bn @ solution.velocity_n).tolist()
         x, y, z = solution.angular_rate_b.tolist()
         covariance = np.zeros((6, 6))
@@ -260,6 +260,14 @@ class Messages:
 
 def _velocity_covariance_flu(solution: NavSolution, rotation_bn: Array) -> Array:
     """(3, 3) covariance of the body-frame velocity: ``dv_b = R_bn (dv_n + [v_n x] phi_n)``."""
-    partials = np.hstack([rotation_bn @ skew(solution.velocity_n), rotation_bn])
+    north, east, down = solution.velocity_n.tolist()
+    partials = np.array(
+        [
+            [0.0, -down, east, 1.0, 0.0, 0.0],
+            [down, 0.0, -north, 0.0, 1.0, 0.0],
+            [-east, north, 0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+    partials = rotation_bn @ partials
     covariance = partials @ solution.covariance[3:9, 3:9] @ partials.T
     return covariance_turned_body(covariance).reshape(3, 3)

@@ -1,0 +1,219 @@
+"""Surveyed ground points and where they were seen in pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tirgeo_ros.core.errors import SurveyError
+
+T = TypeVar("T")
+
+_SURVEY_COLUMNS = ("id", "lat", "lon", "h")
+_OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyPoint:
+    """A surveyed ground point."""
+
+    id: str
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float  # ellipsoidal
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A ground point seen in a picture."""
+
+    id: str
+    stamp_ns: int  # of the picture's header
+    u: float  # column, px
+    v: float  # row, px
+
+
+def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
+    """Points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
+
+    Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
+    """
+    text = _text(path)
+    if text.lstrip().startswith(("{", "[")):
+        points = _geojson_points(path, text)
+    else:
+        points = _csv_rows(path, text, _SURVEY_COLUMNS, _point_of_row)
+    _refuse_repeated(path, points)
+    return points
+
+
+def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> None:
+    """Write points as CSV where the name ends in ``.csv``, else as GeoJSON."""
+    as_csv = Path(path).suffix.lower() == ".csv"
+    _write(path, _survey_csv(points) if as_csv else _survey_geojson(points))
+
+
+def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
+    """Observations of a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
+    return _csv_rows(path, _text(path), _OBSERVATION_COLUMNS, _observation_of_row)
+
+
+def save_observations(path: str | os.PathLike[str], observations: Sequence[Observation]) -> None:
+    """Write observations as CSV, pixels to a thousandth."""
+    rows = [(o.id, str(o.stamp_ns), f"{o.u:.3f}", f"{o.v:.3f}") for o in observations]
+    _write(path, _csv([_OBSERVATION_COLUMNS, *rows]))
+
+
+def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint]:
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise SurveyError(f"{path}: line {error.lineno}: not JSON: {error.msg}") from None
+    features = document.get("features") if isinstance(document, dict) else None
+    if not isinstance(features, list):
+        raise SurveyError(f"{path}: no GeoJSON FeatureCollection of points")
+    return [_point_of_feature(path, number, f) for number, f in enumerate(features, 1)]
+
+
+def _point_of_feature(path: str | os.PathLike[str], number: int, feature: Any) -> SurveyPoint:
+    try:
+        name = {"id": str(feature["properties"]["id"])}
+        coordinates = {"Point": feature["geometry"]["coordinates"]}[feature["geometry"]["type"]]
+        longitude, latitude, height = (float(x) for x in coordinates[:3])
+        return _point(_name(name), latitude, longitude, height)
+    except (KeyError, TypeError, ValueError):
+        raise SurveyError(
+            f"{path}: feature {number} is no Point with longitude, latitude, height and a "
+            "property id"
+        ) from None
+
+
+def _csv_rows(
+    path: str | os.PathLike[str],
+    text: str,
+    columns: tuple[str, ...],
+    made: Callable[[dict[str, str]], T],
+) -> list[T]:
+    return list(_each_row(path, text, columns, made))
+
+
+def _each_row(
+    path: str | os.PathLike[str],
+    text: str,
+    columns: tuple[str, ...],
+    made: Callable[[dict[str, str]], T],
+) -> Iterator[T]:
+    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    header = [name.strip() for name in reader.fieldnames or ()]
+    missing = [name for name in columns if name not in header]
+    if missing:
+        raise SurveyError(
+            f"{path}: no column {', '.join(missing)}; the first line must be {','.join(columns)}"
+        )
+    reader.fieldnames = header
+    try:
+        for row in reader:
+            yield made(row)
+    except (TypeError, ValueError, csv.Error):
+        raise SurveyError(
+            f"{path}: line {reader.line_num} does not read {','.join(columns)}"
+        ) from None
+
+
+def _point_of_row(row: dict[str, str]) -> SurveyPoint:
+    return _point(_name(row), float(row["lat"]), float(row["lon"]), float(row["h"]))
+
+
+def _observation_of_row(row: dict[str, str]) -> Observation:
+    u, v = float(row["u"]), float(row["v"])
+    if not (math.isfinite(u) and math.isfinite(v)):
+        raise ValueError
+    return Observation(_name(row), int(row["stamp_ns"]), u, v)
+
+
+def _name(row: dict[str, str]) -> str:
+    name = (row["id"] or "").strip()
+    if not name:
+        raise ValueError
+    return name
+
+
+def _point(name: str, latitude_deg: float, longitude_deg: float, height_m: float) -> SurveyPoint:
+    """A point; ValueError for what is no place on earth."""
+    if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180 and math.isfinite(height_m)):
+        raise ValueError
+    return SurveyPoint(name, math.radians(latitude_deg), math.radians(longitude_deg), height_m)
+
+
+def _refuse_repeated(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> None:
+    seen: set[str] = set()
+    for point in points:
+        if point.id in seen:
+            raise SurveyError(f"{path}: point {point.id} stands twice; give each its own id")
+        seen.add(point.id)
+
+
+def _survey_csv(points: Sequence[SurveyPoint]) -> str:
+    rows = [
+        (p.id, _degrees(p.latitude_rad), _degrees(p.longitude_rad), f"{p.height_m:.4f}")
+        for p in points
+    ]
+    return _csv([_SURVEY_COLUMNS, *rows])
+
+
+def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"id": p.id},
+            "geometry": {
+                "type": "Point",
+                "coordinates": [
+                    float(_degrees(p.longitude_rad)),
+                    float(_degrees(p.latitude_rad)),
+                    round(p.height_m, 4),
+                ],
+            },
+        }
+        for p in points
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def _degrees(angle_rad: float) -> str:
+    """Ten decimals: a hundredth of a millimetre on the ground."""
+    return f"{math.degrees(angle_rad):.10f}"
+
+
+def _csv(rows: Sequence[tuple[str, ...]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def _text(path: str | os.PathLike[str]) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SurveyError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise SurveyError(f"{path}: not a text file in UTF-8") from None
+
+
+def _write(path: str | os.PathLike[str], text: str) -> None:
+    """The whole file or none."""
+    part = Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise SurveyError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        part.unlink(missing_ok=True)
