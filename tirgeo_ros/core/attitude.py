@@ -7,6 +7,9 @@ Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navi
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -27,68 +30,69 @@ def skew(v: Array) -> Array:
     return out
 
 
+def _parts(a: Array) -> Any:
+    """The entries of the last axis: arrays, or for a single vector floats, which are faster."""
+    return a.tolist() if a.ndim == 1 else np.moveaxis(a, -1, 0)
+
+
 def matrix_from_quat(q: Array) -> Array:
     """Unit quaternion (..., 4) to rotation matrix (..., 3, 3)."""
-    w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    q = np.asarray(q, float)
+    w, x, y, z = _parts(q)
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    wx, wy, wz = w * x, w * y, w * z
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 1, 1], out[..., 2, 2] = (
+        1 - 2 * (yy + zz),
+        1 - 2 * (xx + zz),
+        1 - 2 * (xx + yy),
+    )
+    out[..., 0, 1], out[..., 1, 2], out[..., 2, 0] = 2 * (xy - wz), 2 * (yz - wx), 2 * (xz - wy)
+    out[..., 1, 0], out[..., 2, 1], out[..., 0, 2] = 2 * (xy + wz), 2 * (yz + wx), 2 * (xz + wy)
+    return out
 
 
 def quat_from_matrix(matrix: Array) -> Array:
     """Rotation matrix (..., 3, 3) to unit quaternion (..., 4) with w >= 0.
 
-    Of the four classic forms the one with the largest divisor is taken (Shepperd, 1978).
+    Of the four classic forms the one with the largest divisor is taken (Shepperd, 1978): the rows
+    of 4 q q^T, of which that with the largest diagonal entry.
     """
     m = np.asarray(matrix, float)
-    m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    wx, wy, wz = (
-        m[..., 2, 1] - m[..., 1, 2],
-        m[..., 0, 2] - m[..., 2, 0],
-        m[..., 1, 0] - m[..., 0, 1],
-    )
-    xy, xz, yz = (
-        m[..., 1, 0] + m[..., 0, 1],
-        m[..., 0, 2] + m[..., 2, 0],
-        m[..., 2, 1] + m[..., 1, 2],
-    )
-    rows = np.stack(
-        [
-            np.stack([1 + m00 + m11 + m22, wx, wy, wz], -1),
-            np.stack([wx, 1 + m00 - m11 - m22, xy, xz], -1),
-            np.stack([wy, xy, 1 - m00 + m11 - m22, yz], -1),
-            np.stack([wz, xz, yz, 1 - m00 - m11 + m22], -1),
-        ],
-        -2,
-    )
-    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), -1)
-    q = np.take_along_axis(rows, best[..., None, None], -2)[..., 0, :]
-    return canonical(q)
+    lead = m.shape[:-2]
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = _parts(m.reshape(*lead, 9))
+    rows = np.empty((*lead, 16))
+    rows[..., 0], rows[..., 5] = 1 + xx + yy + zz, 1 + xx - yy - zz
+    rows[..., 10], rows[..., 15] = 1 - xx + yy - zz, 1 - xx - yy + zz
+    rows[..., 1] = rows[..., 4] = zy - yz
+    rows[..., 2] = rows[..., 8] = xz - zx
+    rows[..., 3] = rows[..., 12] = yx - xy
+    rows[..., 6] = rows[..., 9] = yx + xy
+    rows[..., 7] = rows[..., 13] = xz + zx
+    rows[..., 11] = rows[..., 14] = zy + yz
+    flat = rows.reshape(-1, 4, 4)
+    best = rows[..., ::5].reshape(-1, 4).argmax(1)
+    return canonical(flat[np.arange(len(flat)), best].reshape(*lead, 4))
 
 
 def canonical(q: Array) -> Array:
     """The same rotation with unit norm and w >= 0."""
     q = np.asarray(q, float)
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.asarray(np.where(q[..., :1] < 0, -q, q))
+    norm = np.sqrt((q * q).sum(-1, keepdims=True))
+    return np.asarray(q / np.where(q[..., :1] < 0, -norm, norm))
 
 
 def quat_multiply(p: Array, q: Array) -> Array:
     """Hamilton product: ``R(p q) = R(p) R(q)``; (..., 4)."""
-    p0, p1, p2, p3 = np.moveaxis(np.asarray(p, float), -1, 0)
-    q0, q1, q2, q3 = np.moveaxis(np.asarray(q, float), -1, 0)
-    return np.stack(
-        [
-            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
-            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
-            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
-            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
-        ],
-        -1,
-    )
+    p, q = np.asarray(p, float), np.asarray(q, float)
+    p0, p1, p2, p3 = _parts(p)
+    q0, q1, q2, q3 = _parts(q)
+    out = np.empty(np.broadcast(p, q).shape)
+    out[..., 0] = p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3
+    out[..., 1] = p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2
+    out[..., 2] = p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1
+    out[..., 3] = p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0
+    return out
 
 
 def quat_conjugate(q: Array) -> Array:
@@ -166,5 +170,10 @@ def rotation_z(angle_rad: npt.ArrayLike) -> Array:
 
 def slerp(q0: Array, q1: Array, fraction: float) -> Array:
     """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
-    step = rotvec_from_quat(quat_multiply(quat_conjugate(q0), q1))
-    return canonical(quat_multiply(q0, quat_from_rotvec(fraction * step)))
+    cosine = float(q0 @ q1)
+    across = (q1 - cosine * q0) if cosine >= 0 else (cosine * q0 - q1)
+    sine = math.sqrt(float(across @ across))
+    angle = math.atan2(sine, abs(cosine))
+    # below 1e-8 sin(f a) / sin(a) is f to the last digit
+    scale = math.sin(fraction * angle) / sine if sine > 1e-8 else fraction
+    return canonical(math.cos(fraction * angle) * q0 + scale * across)
