@@ -49,10 +49,11 @@ def ecef_from_geodetic(
     """Earth-fixed position (..., 3) in metres; Groves 2.112."""
     lat, lon, h = (np.asarray(x, float) for x in (latitude_rad, longitude_rad, height_m))
     transverse = SEMI_MAJOR_AXIS_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
-    x = (transverse + h) * np.cos(lat) * np.cos(lon)
-    y = (transverse + h) * np.cos(lat) * np.sin(lon)
-    z = (transverse * (1 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)
-    return np.stack(np.broadcast_arrays(x, y, z), -1)
+    out = np.empty((*np.broadcast(lat, lon, h).shape, 3))
+    out[..., 0] = (transverse + h) * np.cos(lat) * np.cos(lon)
+    out[..., 1] = (transverse + h) * np.cos(lat) * np.sin(lon)
+    out[..., 2] = (transverse * (1 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)
+    return out
 
 
 def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
