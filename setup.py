@@ -10,7 +10,9 @@ from setuptools import find_packages, setup
 
 NAME = "tirgeo"
 NODES = ("ekf_node", "gimbal_node", "overlay_node", "bag_player")
-VERSION = re.search(r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.M)
+VERSION = re.search(
+    r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.MULTILINE
+)
 
 # A wheel has its executables in bin, where ros2 run does not look: these pass on to them.
 FORWARD = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"\n'
