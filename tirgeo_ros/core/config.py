@@ -323,6 +323,18 @@ class BagPlayerConfig:
         "",
         "topics, separated by commas, that need a subscriber before the start; empty = any topic",
     )
+    topics: str = param(
+        "",
+        "topics to play, separated by commas; empty = all that the graph does not make itself",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """Parameters of recorder."""
+
+    output: str = param("", "the MCAP file to write")
+    topics: str = param("", "topics to record, separated by commas")
 
 
 #: Every node's parameter tree, by the node's name.
@@ -331,4 +343,5 @@ NODE_CONFIGS: dict[str, type] = {
     "gimbal_node": GimbalConfig,
     "overlay_node": OverlayConfig,
     "bag_player": BagPlayerConfig,
+    "recorder": RecorderConfig,
 }
