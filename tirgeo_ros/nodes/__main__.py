@@ -1,0 +1,14 @@
+"""``python -m tirgeo_ros.nodes NAME --ros-args ...``: a node where no executable is installed."""
+
+from __future__ import annotations
+
+import sys
+
+from tirgeo_ros.nodes.start import start
+
+NAMES = ("ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder")
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or sys.argv[1] not in NAMES:
+        sys.exit(f"usage: python -m tirgeo_ros.nodes {{{','.join(NAMES)}}} [--ros-args ...]")
+    sys.exit(start(sys.argv.pop(1)))

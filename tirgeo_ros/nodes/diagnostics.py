@@ -1,0 +1,50 @@
+"""What a node says of itself on /diagnostics, once a second of real time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.nodes.monitor import OK, Monitor
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.topics import advertise
+
+PERIOD_S = 1.0
+
+
+class Diagnostics:
+    """Publishes the items that ``items()`` gives, and the monitor's, on a steady timer."""
+
+    def __init__(
+        self,
+        node: Node,
+        messages: Messages,
+        monitor: Monitor,
+        items: Callable[[], list[DiagnosticItem]],
+    ) -> None:
+        self._node = node
+        self._messages = messages
+        self._monitor = monitor
+        self._items = items
+        self._publisher = advertise(node, "/diagnostics", output())
+        # Real time also under use_sim_time: a clock that stands still is worth a report.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD_S, self._publish, clock=steady)
+
+    def _publish(self) -> None:
+        own = self._monitor.item(item_name(self._node, "topics"))
+        now_ns = self._node.get_clock().now().nanoseconds
+        self._publisher.publish(self._messages.diagnostics(now_ns, [*self._items(), own]))
+
+
+def item_name(node: Node, subject: str) -> str:
+    """``/namespace/node: subject``, as diagnostic aggregators expect."""
+    return f"{node.get_fully_qualified_name()}: {subject}"
+
+
+def counts_item(name: str, counts: Mapping[str, int], message: str = "ok") -> DiagnosticItem:
+    """An item that is a table of counts."""
+    return DiagnosticItem(name, OK, message, {key: str(number) for key, number in counts.items()})

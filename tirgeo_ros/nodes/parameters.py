@@ -1,0 +1,160 @@
+"""The configuration dataclasses as ROS parameters: declared, checked, resolved once at start."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.parameter import Parameter, Value, config_from, parameters_of, values_of
+from tirgeo_ros.io.parameter_file import load_parameters
+
+T = TypeVar("T")
+_ROS_OWN = {"use_sim_time": bool, "start_type_description_service": bool}
+
+
+def declare(node: Node, kind: type[T]) -> T:
+    """Declare every parameter of ``kind`` on the node, read-only, and return their values.
+
+    Raises ConfigError, naming the key and the parameter file, for an unknown name, a wrong type
+    or a value out of range. A whole number for a double is converted.
+    """
+    config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
+    values = values_of(config)
+    for parameter in parameters_of(kind):
+        node.declare_parameter(
+            parameter.name,
+            _ros_value(values[parameter.name]),
+            _descriptor(parameter),
+            ignore_override=True,
+        )
+    return config
+
+
+def _given(node: Node, kind: type) -> dict[str, object]:
+    """The values from files and command line that are this node's to judge."""
+    # rclpy has no public way to see overrides that are not declared yet.
+    overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
+    for name, wanted in _ROS_OWN.items():
+        if name in overrides and not isinstance(overrides[name].value, wanted):
+            raise ConfigError(f"parameter {name}: {overrides[name].value!r} is not of type bool")
+    own = {parameter.name: parameter for parameter in parameters_of(kind)}
+    return {
+        name: _plain(given, own.get(name))
+        for name, given in overrides.items()
+        if name in own or not _of_another(name)
+    }
+
+
+def _of_another(name: str) -> bool:
+    if name in _ROS_OWN or name.startswith("qos_overrides."):
+        return True
+    return any(name == p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind))
+
+
+def _plain(given: RosParameter, own: Parameter | None) -> object:
+    if given.value is None and own is not None and isinstance(own.default, tuple):
+        return ()  # rcl reads an empty list as nothing
+    return given.value
+
+
+def _ros_value(value: Value) -> object:
+    if isinstance(value, tuple):
+        # An empty list has no type of its own; the type alone declares it.
+        return list(value) if value else RosParameter.Type.DOUBLE_ARRAY
+    return value
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    made = ParameterDescriptor(name=parameter.name, read_only=True)
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    made.description = parameter.description + unit
+    made.additional_constraints = _constraints(parameter)
+    low, high = parameter.low, parameter.high
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return made
+    if type(parameter.default) is int:
+        made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    elif isinstance(parameter.default, float) and not math.isnan(parameter.default):
+        # A range would refuse nan, which is how a value is left unset.
+        made.floating_point_range = [
+            FloatingPointRange(from_value=float(low), to_value=float(high))
+        ]
+    return made
+
+
+def _constraints(parameter: Parameter) -> str:
+    parts = []
+    if parameter.choices:
+        parts.append("one of " + ", ".join(parameter.choices))
+    if parameter.sizes:
+        parts.append(" or ".join(map(str, parameter.sizes)) + " numbers")
+    if math.isfinite(parameter.low) or math.isfinite(parameter.high):
+        parts.append(f"{parameter.low:g} to {parameter.high:g}")
+    return ", ".join(parts)
+
+
+def parameter_files(arguments: Sequence[str]) -> list[str]:
+    """The parameter files on a command line, in order."""
+    return [b for a, b in pairwise(arguments) if a == "--params-file"]
+
+
+def check_arguments(name: str, arguments: Sequence[str]) -> None:
+    """Read each parameter file first, for rcl's own complaints name neither key nor cure.
+
+    Raises ConfigError naming file and key. A node that was given another name is left to rcl.
+    """
+    if any(argument.startswith("__node:=") for argument in arguments):
+        name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
+    if name not in NODE_CONFIGS:
+        return
+    for path in parameter_files(arguments):
+        values = load_parameters(path, name, _namespace(arguments))
+        for key, value in values.items():
+            if isinstance(value, list) and len({type(item) for item in value}) > 1:
+                raise ConfigError(
+                    f"{path}: parameter {key}: ROS takes lists of one type only: "
+                    f"write all of {value} with a decimal point"
+                )
+
+
+def _namespace(arguments: Sequence[str]) -> str:
+    found = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
+    return found[-1] if found else ""
+
+
+@contextmanager
+def explained(arguments: Sequence[str]) -> Iterator[None]:
+    """Turn what rclpy raises for wrong arguments and parameters into a ConfigError."""
+    try:
+        yield
+    except (ParameterException, NameValidationException) as error:
+        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
+    except RuntimeError as error:
+        # rcl's errors have no class of their own in the public API.
+        if type(error).__name__ not in {
+            "RCLError",
+            "UnknownROSArgsError",
+            "RCLInvalidROSArgsError",
+        }:
+            raise
+        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
+
+
+def _where(arguments: Sequence[str]) -> str:
+    files = ", ".join(parameter_files(arguments))
+    return f"{files}: " if files else ""
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,64 @@
+"""Publishers and subscriptions by contract topic: type, quality of service, overrides, counts."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from tirgeo_ros.core.errors import ConfigError, TirgeoError
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.nodes.monitor import Monitor
+
+
+@cache
+def message_class(typename: str) -> type:
+    """The rclpy class of ``package/msg/Name``; ConfigError if its package is not installed."""
+    package, _, name = typename.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError):
+        raise ConfigError(f"message type {typename} is not installed") from None
+
+
+def advertise(node: Node, topic: str, qos: QoSProfile) -> Publisher:
+    """A publisher of a contract topic whose quality of service a parameter can override."""
+    kind = message_class(TOPIC_TYPES[topic])
+    with_overrides = QoSOverridingOptions.with_default_policies()
+    return _made(
+        lambda: node.create_publisher(kind, topic, qos, qos_overriding_options=with_overrides)
+    )
+
+
+def subscribe(
+    node: Node, topic: str, handle: Callable[[Any], None], qos: QoSProfile, monitor: Monitor
+) -> Subscription:
+    """A subscription to a contract topic; a message that cannot be read is counted, not raised."""
+    kind = message_class(TOPIC_TYPES[topic])
+
+    def receive(message: Any) -> None:
+        monitor.received(topic)
+        try:
+            handle(message)
+        except TirgeoError as error:
+            monitor.refused(topic)
+            node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=10.0)
+
+    options = QoSOverridingOptions.with_default_policies()
+    return _made(
+        lambda: node.create_subscription(kind, topic, receive, qos, qos_overriding_options=options)
+    )
+
+
+def _made(create: Callable[[], Any]) -> Any:
+    try:
+        return create()
+    except (InvalidQosOverridesError, RuntimeError, ValueError) as error:
+        raise ConfigError(f"qos_overrides: {error}") from None
