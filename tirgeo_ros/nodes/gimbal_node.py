@@ -1,0 +1,93 @@
+"""The gimbal: the body's pose and the gimbal's angles in, the camera's pose out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal import GimbalComposer
+from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.io.messages import (
+    DiagnosticItem,
+    Messages,
+    body_pose,
+    camera_attitude,
+    imu_sample,
+    joint_sample,
+)
+from tirgeo_ros.nodes.diagnostics import Diagnostics, counts_item, item_name
+from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.qos import output, sensor_input
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+
+
+class GimbalNode(Node):
+    """One GimbalComposer with its topics."""
+
+    def __init__(self) -> None:
+        super().__init__("gimbal_node")
+        config = declare(self, GimbalConfig)
+        self._composer = GimbalComposer(config)
+        self._messages = Messages(message_class)
+        self._monitor = Monitor()
+        self._camera_pose = advertise(self, "tirgeo/camera_pose", output())
+        subscribe(self, "tirgeo/odometry", self._take_body, output(), self._monitor)
+        if config.composition != "paper":
+            self._listen("gimbal/joint_states", self._take_joints)
+        # What the composition "paper" needs beside odometry; given up when encoders drive.
+        self._for_paper = {}
+        if config.composition != "encoders":
+            for topic, take in (
+                ("gimbal/attitude", self._take_attitude),
+                ("imu/data", self._take_autopilot),
+            ):
+                self._for_paper[topic] = self._listen(topic, take)
+        self._told = ""
+        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+
+    def _listen(self, topic: str, take: Any) -> Any:
+        return subscribe(self, topic, take, sensor_input(), self._monitor)
+
+    def _take_body(self, message: Any) -> None:
+        self._publish(self._composer.add_body(body_pose(message)))
+
+    def _take_joints(self, message: Any) -> None:
+        self._publish(self._composer.add_joints(joint_sample(message)))
+
+    def _take_attitude(self, message: Any) -> None:
+        self._publish(self._composer.add_attitude(camera_attitude(message)))
+
+    def _take_autopilot(self, message: Any) -> None:
+        sample = imu_sample(message)
+        if sample.autopilot_q_nb is not None:
+            self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
+
+    def _publish(self, poses: list[CameraPose]) -> None:
+        for pose in poses:
+            self._camera_pose.publish(self._messages.camera_pose(pose))
+            self._monitor.published("tirgeo/camera_pose", self.get_clock(), pose.stamp_ns)
+
+    def _items(self) -> list[DiagnosticItem]:
+        composition = self._composer.composition
+        if composition != self._told:
+            self.get_logger().info(f"composition: {composition}")
+            self._told = composition
+        if composition == "encoders":
+            self._give_up_paper()
+        name = item_name(self, "camera pose")
+        return [counts_item(name, self._composer.counts, f"composition: {composition}")]
+
+    def _give_up_paper(self) -> None:
+        while self._for_paper:
+            topic, subscription = self._for_paper.popitem()
+            self.destroy_subscription(subscription)
+            self._monitor.forget(topic)
+
+
+def main() -> int:
+    """Run the node; the exit code."""
+    return run("gimbal_node", GimbalNode)
