@@ -1,0 +1,102 @@
+"""Which topics of a bag are played, under which names, and who listens to them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from tirgeo_ros.core.errors import BagError, ConfigError
+from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.topics import message_class
+
+_DEPTH = 100
+_STEADY_S = 1.0
+_POLL_S = 0.05
+_LATCHED = ("tirgeo/origin", "tf_static")
+#: What the running graph makes itself: played again it would meet its own copy.
+_OUTPUTS = ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose")
+_OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
+_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
+
+
+def publishers_for(node: Node, topics: Mapping[str, str], wanted: str) -> dict[str, Publisher]:
+    """A publisher for each topic of a bag (name -> type) that is to be played.
+
+    ``wanted`` names topics, separated by commas; empty = all that the graph does not make itself.
+    Names are published relative, so the node's namespace applies. A type that is not installed is
+    passed over with a warning. Raises BagError for a wanted topic that the bag lacks.
+    """
+    chosen = _chosen(topics, names(wanted))
+    found = {}
+    for topic in chosen:
+        relative = topic.lstrip("/")
+        qos = latched() if relative.endswith(_LATCHED) else output(_DEPTH)
+        try:
+            found[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
+        except ConfigError as error:
+            node.get_logger().warning(f"{topic} is not played: {error}")
+    if not found:
+        raise BagError(f"the bag has no topic to play (it has: {', '.join(topics) or 'none'})")
+    return found
+
+
+def names(listed: str) -> list[str]:
+    """The relative names in a list that is separated by commas."""
+    return [name.strip().lstrip("/") for name in listed.split(",") if name.strip()]
+
+
+def _chosen(topics: Mapping[str, str], wanted: Sequence[str]) -> list[str]:
+    if not wanted:
+        return [topic for topic in topics if not _made_by_graph(topic.lstrip("/"))]
+    by_name = {topic.lstrip("/"): topic for topic in topics}
+    absent = [name for name in wanted if name not in by_name]
+    if absent:
+        raise BagError(f"the bag has no {', '.join(absent)} (it has: {', '.join(topics)})")
+    return [by_name[name] for name in wanted]
+
+
+def _made_by_graph(name: str) -> bool:
+    # A bag recorded in a namespace carries it in front.
+    own = name[name.find("tirgeo/") :] if "tirgeo/" in name else name
+    return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
+
+
+class Audience:
+    """The subscribers of some publishers; ``awaited`` names topics that need one, or is empty."""
+
+    def __init__(self, node: Node, publishers: Sequence[Publisher], awaited: str) -> None:
+        self._publishers = list(publishers)
+        self._awaited = {node.resolve_topic_name(name) for name in names(awaited)}
+        unknown = self._awaited - {publisher.topic_name for publisher in publishers}
+        if unknown:
+            raise ConfigError(f"parameter wait_for: {', '.join(sorted(unknown))} is not played")
+
+    def missing(self) -> str:
+        """The topics without a subscriber that are waited for, for a person."""
+        counts = self._counts()
+        absent = sorted(name for name in self._awaited if not counts[name])
+        return f"a subscriber of {', '.join(absent)}" if absent else "any steady subscriber"
+
+    def wait(self, timeout_s: float, stop: threading.Event) -> bool:
+        """Whether the awaited subscribers came, and none came or went for a second."""
+        begin = changed = time.monotonic()
+        counts = self._counts()
+        while not stop.wait(_POLL_S):
+            now = time.monotonic()
+            before, counts = counts, self._counts()
+            changed = now if counts != before else changed
+            if self._complete(counts) and now - changed >= _STEADY_S:
+                return True
+            if now - begin >= timeout_s:
+                return False
+        return True
+
+    def _complete(self, counts: Mapping[str, int]) -> bool:
+        return all(counts[name] for name in self._awaited) and any(counts.values())
+
+    def _counts(self) -> dict[str, int]:
+        return {p.topic_name: p.get_subscription_count() for p in self._publishers}
