@@ -1,0 +1,192 @@
+"""The whole node graph as separate processes over DDS, with a bag played through it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tirgeo_ros
+from tirgeo_ros.core.errors import GraphError
+from tirgeo_ros.tools.node_process import NodeProcess
+from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.resources import find_resource
+
+_READY_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 15.0
+#: Frames that still wait for their pose when the bag ends, and the last diagnostics.
+_SETTLE_S = 1.5
+_POLL_S = 0.1
+#: Those that every method needs, so that they have a subscriber.
+_AWAITED = ("imu/data", "thermal/camera_info")
+
+RECORDED = (
+    "tirgeo/odometry",
+    "tirgeo/origin",
+    "tirgeo/camera_pose",
+    "tirgeo/overlay/image/compressed",
+    "/diagnostics",
+)
+
+
+@dataclass(frozen=True)
+class GraphSetup:
+    """What to run. ``folder`` takes the recording and the logs."""
+
+    bag: Path
+    folder: Path
+    params: Path | None = None
+    map: Path | None = None
+    method: str | None = None
+    rate: float = 1.0
+    topics: Sequence[str] = RECORDED
+    environment: dict[str, str] = field(default_factory=dict)  # beside that of this process
+
+
+@dataclass(frozen=True)
+class GraphRun:
+    """What came of it: the bag of outputs, and by node its processor time (s) and cores."""
+
+    recording: Path
+    play_s: float  # real time that the bag took
+    cpu_s: dict[str, float]  # from start to end
+    cores: dict[str, float]  # while the bag played
+
+
+def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -> GraphRun:
+    """Start all nodes, play the bag through them, stop them, and say what it cost.
+
+    ``duration_s`` is the length of the bag, for ``progress``. Whatever happens, no process is
+    left. Raises GraphError for a node that dies, with the last line that it said.
+    """
+    setup.folder.mkdir(parents=True, exist_ok=True)
+    recording = setup.folder / "recording.mcap"
+    environment = graph_environment(setup)
+    with _processes() as processes:
+        for name, arguments in _nodes(setup, recording).items():
+            log = setup.folder / f"{name}.log"
+            processes.append(NodeProcess(name, arguments, environment, log))
+        _await_words(processes, "ready")
+        player = NodeProcess(
+            "bag_player", _player(setup), environment, setup.folder / "bag_player.log"
+        )
+        processes.append(player)
+        _await_words([player], "playing")
+        play_s, cores = _watch(processes, player, duration_s / setup.rate, progress)
+        time.sleep(_SETTLE_S)
+        _stop([process for process in processes if process is not player])
+    return GraphRun(recording, play_s, {p.name: p.cpu_s() for p in processes}, cores)
+
+
+def graph_environment(setup: GraphSetup) -> dict[str, str]:
+    """The environment of the nodes: a DDS domain of their own, on this machine alone."""
+    environment = {**os.environ, **setup.environment}
+    for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"):
+        environment.pop(name, None)
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
+    if "ROS_DOMAIN_ID" not in setup.environment:
+        environment["ROS_DOMAIN_ID"] = str(free_domain())
+    profile = find_resource("config/fastdds.xml")
+    if profile is not None:
+        environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+    source = str(Path(tirgeo_ros.__file__).resolve().parents[1])
+    paths = [source, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
+    environment["PYTHONPATH"] = os.pathsep.join(paths)
+    return environment
+
+
+def free_domain() -> int:
+    """A DDS domain whose first participant's port is free (RTPS 2.2, section 9.6.1.1)."""
+    for step in range(100):
+        domain = 1 + (os.getpid() + step) % 100
+        probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        with probe, contextlib.suppress(OSError):
+            probe.bind(("", 7410 + 250 * domain))
+            return domain
+    raise GraphError("no free ROS_DOMAIN_ID: all ports from 7660 on are taken")
+
+
+def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
+    common = ["-p", "use_sim_time:=true"]
+    if setup.params is not None:
+        common += ["--params-file", str(setup.params)]
+    method = ["-p", f"method:={setup.method}"] if setup.method else []
+    map_file = ["-p", f"map:={setup.map}"] if setup.map else []
+    record = ["-p", f"output:={recording}", "-p", f"topics:={','.join(setup.topics)}"]
+    return {
+        "ekf_node": common + method,
+        "gimbal_node": common,
+        "overlay_node": common + map_file,
+        "recorder": ["-p", "use_sim_time:=true", *record],
+    }
+
+
+def _player(setup: GraphSetup) -> list[str]:
+    values = {"bag": setup.bag, "rate": float(setup.rate), "wait_for": ",".join(_AWAITED)}
+    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+
+
+@contextlib.contextmanager
+def _processes() -> Iterator[list[NodeProcess]]:
+    """A list whose processes are all ended when the block is left, however it is left."""
+    processes: list[NodeProcess] = []
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.signal(signal.SIGINT)
+        for process in processes:
+            if process.wait(_STOP_TIMEOUT_S) is None:
+                process.signal(signal.SIGKILL)
+                process.wait(_STOP_TIMEOUT_S)
+
+
+def _await_words(processes: Sequence[NodeProcess], words: str) -> None:
+    end_s = time.monotonic() + _READY_TIMEOUT_S
+    while silent_ones := [process for process in processes if not process.said(words)]:
+        for process in processes:
+            process.check_running()
+        if time.monotonic() > end_s:
+            raise GraphError(
+                f"{silent_ones[0].name} is not {words} after {_READY_TIMEOUT_S:g} s: "
+                f"{silent_ones[0].last_line()}"
+            )
+        time.sleep(_POLL_S)
+
+
+def _watch(
+    processes: Sequence[NodeProcess], player: NodeProcess, expected_s: float, progress: Report
+) -> tuple[float, dict[str, float]]:
+    """Wait for the player's end: real seconds, and cores by node meanwhile."""
+    begin_s = time.monotonic()
+    before = {process.name: process.cpu_s() for process in processes}
+    others = [process for process in processes if process is not player]
+    while player.poll() is None:
+        for process in others:
+            process.check_running()
+        progress(time.monotonic() - begin_s, expected_s)
+        time.sleep(_POLL_S)
+    play_s = time.monotonic() - begin_s
+    if player.ended is not None and player.ended.exit_code != 0:
+        raise GraphError(player.last_line())
+    return play_s, {p.name: (p.cpu_s() - before[p.name]) / play_s for p in processes}
+
+
+def _stop(processes: Sequence[NodeProcess]) -> None:
+    for process in processes:
+        process.check_running()
+        process.signal(signal.SIGINT)
+    for process in processes:
+        ended = process.wait(_STOP_TIMEOUT_S)
+        if ended is None:
+            raise GraphError(f"{process.name} did not stop within {_STOP_TIMEOUT_S:g} s")
+        if ended.exit_code != 0:
+            raise GraphError(
+                f"{process.name} stopped with exit code {ended.exit_code}: {process.last_line()}"
+            )
