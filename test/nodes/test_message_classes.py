@@ -1,0 +1,74 @@
+"""Messages made of ROS's own classes and of those that bags are written with are the same."""
+
+from __future__ import annotations
+
+import importlib
+
+import message_samples as given
+import numpy as np
+import pytest
+
+from tirgeo_ros.io import messages
+from tirgeo_ros.io.cdr import Cdr
+from tirgeo_ros.io.messages import Messages
+
+serialization = pytest.importorskip("rclpy.serialization", exc_type=ImportError)
+for package in ("sensor_msgs", "geometry_msgs", "nav_msgs", "diagnostic_msgs", "rosgraph_msgs"):
+    pytest.importorskip(f"{package}.msg", exc_type=ImportError)
+
+
+def ros_class(typename):
+    package, _, name = typename.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+cdr = Cdr()
+of_bags, of_ros = Messages(cdr.types), Messages(ros_class)
+
+
+@pytest.mark.parametrize("name", given.EVERY_MESSAGE)
+def test_both_kinds_give_the_same_bytes(name):
+    typename, make = given.EVERY_MESSAGE[name]
+    data = serialization.serialize_message(make(of_ros))
+    ours = cdr.serialize(make(of_bags), typename)
+    # Fast CDR leaves what it finds in the gaps between fields and behind the last one; through ours
+    # the gaps become zero and the rest is gone.
+    assert cdr.serialize(cdr.deserialize(data, typename), typename) == ours
+
+
+@pytest.mark.parametrize(
+    ("name", "decode"),
+    [
+        ("imu", messages.imu_sample),
+        ("heading", messages.heading_sample),
+        ("position", lambda m: messages.position_sample(m, given.POSITION.source)),
+        ("velocity", lambda m: messages.velocity_sample(m, given.VELOCITY.source)),
+        ("joints", messages.joint_sample),
+        ("camera attitude", messages.camera_attitude),
+        ("odometry", messages.body_pose),
+        ("camera pose", messages.camera_pose),
+        ("origin", messages.tangent_plane),
+        ("mono16", messages.image_pixels),
+        ("bgr8", messages.image_pixels),
+        ("plumb_bob", messages.camera),
+        ("rational", messages.camera),
+        ("diagnostics", lambda m: messages.navigation_status(m.status[0])),
+    ],
+)
+def test_both_kinds_are_read_alike(name, decode):
+    typename, make = given.EVERY_MESSAGE[name]
+    data = serialization.serialize_message(make(of_ros))
+    ours = decode(cdr.deserialize(data, typename))
+    theirs = decode(serialization.deserialize_message(data, ros_class(typename)))
+    assert_same(ours, theirs)
+
+
+def assert_same(ours, theirs):
+    if isinstance(ours, np.ndarray):
+        np.testing.assert_array_equal(ours, theirs)
+    elif hasattr(ours, "__dataclass_fields__"):
+        for name, field in ours.__dataclass_fields__.items():
+            if field.compare:
+                assert_same(getattr(ours, name), getattr(theirs, name))
+    else:
+        assert ours == theirs
