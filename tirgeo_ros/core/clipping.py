@@ -13,11 +13,13 @@ import numpy as np
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
 
+_BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
+
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
     """The part of the lines where ``normals @ point >= offsets``; (m, k), (m,), m up to 8."""
     distance = normals @ lines.points - offsets[:, None]
-    code = np.packbits(distance < 0, axis=0)[0]
+    code = np.bitwise_or.reduce((distance < 0) * _BITS[: len(normals)], axis=0)
     if not code.any():
         return lines
     links = lines.links()

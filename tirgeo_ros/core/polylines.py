@@ -7,6 +7,8 @@ is ``points[:, starts[i]:starts[i + 1]]`` and belongs to ``owner[i]``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,7 @@ from tirgeo_ros.core.samples import Array
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+T = TypeVar("T", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +34,12 @@ class Polylines:
 
     def split(self) -> list[Array]:
         """Each line as an array (n, k)."""
-        rows = self.points.T
-        return [rows[a:b] for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
+        return self.split_rows(np.ascontiguousarray(self.points.T))
+
+    def split_rows(self, rows: npt.NDArray[T]) -> list[npt.NDArray[T]]:
+        """An array with one row a point, line by line."""
+        ends = self.starts.tolist()
+        return [rows[a:b] for a, b in pairwise(ends)]
 
     def links(self) -> BoolArray:
         """(V - 1,): whether a point and the next one are of the same line."""
@@ -47,7 +54,7 @@ class Polylines:
         lengths = self.starts[which + 1] - self.starts[which]
         starts = np.concatenate([[0], np.cumsum(lengths)])
         index = np.arange(starts[-1]) + np.repeat(self.starts[which] - starts[:-1], lengths)
-        return Polylines(self.points[:, index], starts, self.owner[which])
+        return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
     def cut(self, enter: Array, leave: Array) -> Polylines:
         """What is left when segment ``i`` keeps only its part from ``enter`` to ``leave``.
@@ -61,26 +68,34 @@ class Polylines:
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(kept) > 1) | (ends[:-1] < 1) | (opens[1:] > 0)
         last = np.cumsum(1 + fresh) - 1  # where the end of each kept segment goes
-        points = np.empty((len(self.points), int(last[-1]) + 1 if len(last) else 0))
-        points[:, last] = self._along(kept, ends)
         starts = last[fresh] - 1
-        points[:, starts] = self._along(kept[fresh], opens[fresh])
+        count = int(last[-1]) + 1 if len(last) else 0
+        source = np.empty(count, np.int64)
+        source[last], source[starts] = kept + 1, kept[fresh]
+        points = self.points.take(source, axis=1)
+        for at, segment, fraction in ((last, kept, ends), (starts, kept[fresh], opens[fresh])):
+            inner = (fraction > 0) & (fraction < 1)
+            points[:, at[inner]] = self._along(segment[inner], fraction[inner])
         line = np.searchsorted(self.starts, kept[fresh], side="right") - 1
-        return Polylines(points, np.append(starts, points.shape[1]), self.owner[line])
+        return Polylines(points, np.append(starts, count), self.owner[line])
 
     def _along(self, segment: IntArray, fraction: Array) -> Array:
         start, end = self.points[:, segment], self.points[:, segment + 1]
-        # Whole ends are copied, so that a line which is not cut comes out bit for bit.
-        return np.where(fraction == 1, end, start + fraction * (end - start))
+        return np.asarray(start + fraction * (end - start))
 
     def subdivided(self, pieces: IntArray) -> Polylines:
         """Segment ``i`` in ``pieces[i]`` equal pieces; (V - 1,), 1 between two lines."""
         if not (pieces > 1).any():
             return self
         pieces = np.append(pieces, 1)
-        before = np.cumsum(pieces) - pieces
-        source = np.repeat(np.arange(len(pieces)), pieces)
-        fraction = (np.arange(len(source)) - before[source]) / pieces[source]
-        step = np.diff(self.points, axis=1, append=0.0)
-        points = self.points[:, source] + fraction * step[:, source]
-        return replace(self, points=points, starts=np.append(before, len(source))[self.starts])
+        after = np.cumsum(pieces)
+        many = np.flatnonzero(pieces > 1)
+        # The new points are copies of the segments' first ones; those of many pieces then move.
+        points = np.repeat(self.points, pieces, axis=1)
+        segment = np.repeat(many, pieces[many])
+        place = np.arange(len(segment)) - np.repeat(np.cumsum(pieces[many]), pieces[many])
+        fraction = place / pieces[segment] + 1
+        points[:, after[segment] + place] = self._along(segment, fraction)
+        return replace(
+            self, points=points, starts=np.append(after - pieces, after[-1])[self.starts]
+        )

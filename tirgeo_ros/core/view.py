@@ -74,9 +74,12 @@ class View:
         return np.flatnonzero((nearest >= self._offsets[:, None]).all(axis=0))
 
     def _pieces(self, flat: Polylines) -> IntArray:
-        length = np.hypot(*np.diff(flat.points, axis=1))
-        pieces = np.ceil(length * self._pieces_per_length).astype(np.int64)
-        return np.where(flat.links(), np.maximum(pieces, 1), 1)
+        step = np.diff(flat.points, axis=1) * self._pieces_per_length
+        squared = step[0] * step[0] + step[1] * step[1]
+        long = np.flatnonzero((squared > 1) & flat.links())
+        pieces = np.ones(len(squared), np.int64)
+        pieces[long] = np.ceil(np.sqrt(squared[long]))
+        return pieces
 
 
 def _field_of_view(camera: Camera) -> tuple[float, float, float, float]:
