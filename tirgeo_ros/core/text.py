@@ -1,0 +1,111 @@
+"""Text in any script as small bitmaps, each rendered once and then laid on the picture.
+
+OpenCV 5 writes UTF-8 with a typeface of its own. OpenCV 4 writes ASCII alone, so there Pillow
+does it, with a typeface of the system.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.errors import ConfigError
+
+Pixels = npt.NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+_LONGEST = 60  # characters
+_CACHED = 1024
+_HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+_PAD = 2
+_SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """A text ready to be laid on a picture: ``picture * keep / 255 + ink``."""
+
+    keep: Pixels  # (h, w, 3)
+    ink: Pixels  # (h, w, 3)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.ink.shape[1], self.ink.shape[0]
+
+    def lay(self, image: Pixels, left: int, top: int) -> None:
+        """Draw on a (h, w, 3) picture with the upper left corner here; cut at the edges."""
+        width, height = self.size
+        x0, y0 = max(left, 0), max(top, 0)
+        x1, y1 = min(left + width, image.shape[1]), min(top + height, image.shape[0])
+        if x0 >= x1 or y0 >= y1:
+            return
+        part = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
+        below = cv2.multiply(image[y0:y1, x0:x1], self.keep[part], scale=1 / 255)
+        image[y0:y1, x0:x1] = cv2.add(below, self.ink[part])
+
+
+@lru_cache(maxsize=_CACHED)
+def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
+    """A text in a BGR colour with a dark halo. Control characters become spaces."""
+    shown = "".join(c if c.isprintable() else " " for c in text)
+    if len(shown) > _LONGEST:
+        shown = shown[: _LONGEST - 1] + "\u2026"
+    alpha = coverage(shown, size_px)
+    halo = cv2.dilate(alpha, _HALO)
+    ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
+    keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
+    return Stamp(keep, ink)
+
+
+def coverage(text: str, size_px: int) -> Pixels:
+    """How far ink covers each pixel of a text, 0 to 255, (h, w), with a margin of 2 pixels.
+
+    Raises ConfigError where neither OpenCV 5 nor Pillow is there.
+    """
+    if hasattr(cv2, "FontFace"):
+        return _by_opencv(cv2, text, size_px)
+    return _by_pillow(text, size_px)
+
+
+def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
+    face = _opencv_face(cv)
+    left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), face, size_px)
+    image = np.zeros((height + 2 * _PAD, width + 2 * _PAD), np.uint8)
+    cv.putText(image, text, (_PAD - left, _PAD - top), (255,), face, size_px)
+    return image
+
+
+@lru_cache(maxsize=1)
+def _opencv_face(cv: Any) -> Any:
+    return cv.FontFace("sans")
+
+
+def _by_pillow(text: str, size_px: int) -> Pixels:
+    try:
+        from PIL import Image, ImageDraw  # noqa: PLC0415  # needed with OpenCV 4 alone
+    except ImportError:
+        raise ConfigError(
+            "labels need OpenCV 5 or Pillow; install one: pip install pillow"
+        ) from None
+    font = _pillow_font(size_px)
+    left, top, right, bottom = font.getbbox(text)
+    image = Image.new("L", (int(right - left) + 2 * _PAD, int(bottom - top) + 2 * _PAD))
+    ImageDraw.Draw(image).text((_PAD - left, _PAD - top), text, fill=255, font=font)
+    return np.array(image)
+
+
+@lru_cache(maxsize=8)
+def _pillow_font(size_px: int) -> Any:
+    from PIL import ImageFont  # noqa: PLC0415
+
+    for name in _SYSTEM_FONTS:
+        with contextlib.suppress(OSError):
+            return ImageFont.truetype(name, size_px)
+    return ImageFont.load_default(size_px)  # Latin without accents, but legible
