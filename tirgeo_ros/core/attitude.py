@@ -24,9 +24,10 @@ def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
 def skew(v: Array) -> Array:
     """``[v x]``, so that ``skew(v) @ w == cross(v, w)``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, float)
+    x, y, z = _parts(v)
     out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
     return out
 
 

@@ -27,6 +27,7 @@ from tirgeo_ros.core.attitude import (
     matrix_from_euler,
     matrix_from_quat,
     quat_from_matrix,
+    quat_multiply,
     skew,
 )
 from tirgeo_ros.core.config import GimbalConfig
@@ -49,7 +50,7 @@ class Mount:
 
     lever_arm_b: Array  # (3,) pivot from the IMU, m
     camera_offset_g: Array  # (3,) camera from the pivot, m
-    rotation_gc: Array  # (3, 3) optical frame to the gimbal's camera axes, with the boresight
+    q_gc: Array  # (4,) optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
 
@@ -59,7 +60,7 @@ class Mount:
         return cls(
             config.lever_arm_b,
             config.camera_offset_g,
-            matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL,
+            quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
             np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
             np.radians(np.array(config.reported_sigma_deg)) ** 2,
         )
@@ -68,14 +69,12 @@ class Mount:
 def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose:
     """Return the camera's pose by the body's attitude and the encoders."""
     rotation_nb = matrix_from_quat(body.q_nb)
-    before_pitch, axes_b = _chain(joints)
-    cp, sp = cos(joints.pitch_rad), sin(joints.pitch_rad)
-    pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    q_bg, axes_b = _chain(joints)
     return _camera_pose(
         mount,
         body,
         rotation_nb,
-        rotation_nb @ before_pitch @ pitch,
+        quat_multiply(body.q_nb, q_bg),
         np.eye(3),
         rotation_nb @ axes_b,
         mount.joint_variance,
@@ -83,12 +82,17 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
 
 
 def _chain(joints: JointSample) -> tuple[Array, Array]:
-    """``Rz(yaw) Rx(roll)`` (3, 3), and the joint axes yaw, roll, pitch in ``b`` as columns."""
-    cy, sy = cos(joints.yaw_rad), sin(joints.yaw_rad)
-    cr, sr = cos(joints.roll_rad), sin(joints.roll_rad)
-    before_pitch = np.array([[cy, -sy * cr, sy * sr], [sy, cy * cr, -cy * sr], [0.0, sr, cr]])
-    axes_b = np.array([[0.0, cy, -sy * cr], [0.0, sy, cy * cr], [1.0, 0.0, sr]])
-    return before_pitch, axes_b
+    """``q_bg`` (4,) of Rz(yaw) Rx(roll) Ry(pitch), and the joint axes in ``b`` as columns."""
+    cy, sy = cos(joints.yaw_rad / 2), sin(joints.yaw_rad / 2)
+    cr, sr = cos(joints.roll_rad / 2), sin(joints.roll_rad / 2)
+    cp, sp = cos(joints.pitch_rad / 2), sin(joints.pitch_rad / 2)
+    q_yaw_roll = np.array([cy * cr, cy * sr, sy * sr, sy * cr])
+    across_b = matrix_from_quat(q_yaw_roll)[:, 1]  # the pitch axis
+    yaw_cos, yaw_sin = cos(joints.yaw_rad), sin(joints.yaw_rad)
+    axes_b = np.array(
+        [[0.0, yaw_cos, across_b[0]], [0.0, yaw_sin, across_b[1]], [1.0, 0.0, across_b[2]]]
+    )
+    return quat_multiply(q_yaw_roll, np.array([cp, 0.0, sp, 0.0])), axes_b
 
 
 def from_reported(
@@ -105,15 +109,12 @@ def from_reported(
     if not (_has_heading(nose) and _has_heading(autopilot_nose)):
         return None
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
-    c, s = cos(angle), sin(angle)
-    swing = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    rotation_ng = swing @ matrix_from_quat(canonical(reported.q_ng))
+    swing = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
+    q_ng = quat_multiply(swing, canonical(reported.q_ng))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)
-    axes_n = _roll_and_pitch_axes(rotation_ng)
-    return _camera_pose(
-        mount, body, rotation_nb, rotation_ng, vertical, axes_n, mount.reported_variance
-    )
+    axes_n = _roll_and_pitch_axes(matrix_from_quat(q_ng))
+    return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, mount.reported_variance)
 
 
 def _has_heading(nose_n: Array) -> bool:
@@ -143,7 +144,7 @@ def _camera_pose(
     mount: Mount,
     body: BodyPose,
     rotation_nb: Array,
-    rotation_ng: Array,
+    q_ng: Array,
     from_phi: Array,
     axes_n: Array,
     variances: Array,
@@ -153,7 +154,7 @@ def _camera_pose(
     ``from_phi`` (3, 3); ``axes_n`` (3, k) with the k angles' ``variances``, rad2.
     """
     lever_n = rotation_nb @ mount.lever_arm_b
-    offset_n = rotation_ng @ mount.camera_offset_g
+    offset_n = matrix_from_quat(q_ng) @ mount.camera_offset_g
     arm = skew(offset_n)
     by_body = np.eye(6)
     by_body[:3, 3:] = -skew(lever_n) - arm @ from_phi
@@ -163,6 +164,6 @@ def _camera_pose(
     return CameraPose(
         body.stamp_ns,
         body.position_n + lever_n + offset_n,
-        quat_from_matrix(rotation_ng @ mount.rotation_gc),
+        canonical(quat_multiply(q_ng, mount.q_gc)),
         0.5 * (covariance + covariance.T),
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import quat_from_matrix, quat_multiply
+from tirgeo_ros.core.attitude import quat_conjugate, quat_multiply
 from tirgeo_ros.core.samples import Array, BodyPose, NavSolution
 
 SEMI_MAJOR_AXIS_M = 6378137.0
@@ -85,6 +85,16 @@ def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
     return np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
 
 
+def quat_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
+    """``q_en`` (4,) of ``rotation_ecef_from_ned``.
+
+    It turns by the longitude about z, then by -(90 deg + latitude) about y.
+    """
+    so, co = math.sin(longitude_rad / 2), math.cos(longitude_rad / 2)
+    sl, cl = math.sin(latitude_rad / 2 + math.pi / 4), math.cos(latitude_rad / 2 + math.pi / 4)
+    return np.array([co * cl, so * sl, -co * sl, so * cl])
+
+
 @dataclass(frozen=True)
 class TangentPlane:
     """The tangent plane of the ROS frame ``map``, in north, east, down metres from its origin."""
@@ -94,6 +104,7 @@ class TangentPlane:
     height_m: float
     _origin_e: Array = field(init=False, repr=False, compare=False)
     _rotation_en: Array = field(init=False, repr=False, compare=False)
+    _q_ne: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Compute the origin and the axes in the earth-fixed frame once."""
@@ -101,6 +112,8 @@ class TangentPlane:
         object.__setattr__(self, "_origin_e", origin)
         rotation = rotation_ecef_from_ned(self.latitude_rad, self.longitude_rad)
         object.__setattr__(self, "_rotation_en", rotation)
+        q_en = quat_ecef_from_ned(self.latitude_rad, self.longitude_rad)
+        object.__setattr__(self, "_q_ne", quat_conjugate(q_en))
 
     def ned_from_geodetic(
         self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
@@ -122,6 +135,7 @@ class TangentPlane:
     def body_pose(self, solution: NavSolution) -> BodyPose:
         """A navigation solution as a pose in the plane, turned by the convergence too."""
         turn = self.rotation_from_local(solution.latitude_rad, solution.longitude_rad)
+        local_en = quat_ecef_from_ned(solution.latitude_rad, solution.longitude_rad)
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = turn
         return BodyPose(
@@ -129,6 +143,6 @@ class TangentPlane:
             self.ned_from_geodetic(
                 solution.latitude_rad, solution.longitude_rad, solution.height_m
             ),
-            quat_multiply(quat_from_matrix(turn), solution.q_nb),
+            quat_multiply(quat_multiply(self._q_ne, local_en), solution.q_nb),
             both @ solution.pose_covariance @ both.T,
         )
