@@ -5,7 +5,9 @@ What ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
@@ -18,9 +20,23 @@ from tirgeo_ros.core.samples import (
     JointSample,
     NavigationInput,
     NavSolution,
+    Source,
 )
+from tirgeo_ros.io import messages as convert
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
+
+#: What becomes of the messages of the sensors' topics.
+SAMPLES: Mapping[str, Callable[[Any], Sample]] = {
+    "imu/data": convert.imu_sample,
+    "gps/fix": lambda message: convert.position_sample(message, Source.GPS_POSITION),
+    "gps/vel": lambda message: convert.velocity_sample(message, Source.GPS_VELOCITY),
+    "rtk/fix": lambda message: convert.position_sample(message, Source.RTK_POSITION),
+    "rtk/vel": lambda message: convert.velocity_sample(message, Source.RTK_VELOCITY),
+    "rtk/heading": convert.heading_sample,
+    "gimbal/joint_states": convert.joint_sample,
+    "gimbal/attitude": convert.camera_attitude,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,132 @@
+"""Whole flights in memory: a bag's samples, the poses that a method makes of them, the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import euler_from_quat, wrap_pi
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.errors import BagError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.gimbal import GimbalComposer
+from tirgeo_ros.core.navigation import Navigation
+from tirgeo_ros.core.pose_history import PoseHistory
+from tirgeo_ros.core.samples import BodyPose, CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.tools.registration import SAMPLES, Sample, composed, navigated
+
+COMPOSITIONS = ("paper", "encoders")
+_WHOLE_FLIGHT_S = 1e9
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A flight's samples in order of arrival, and its camera."""
+
+    samples: list[Sample]
+    camera: Camera
+
+
+def load_recording(path: Path) -> Recording:
+    """Read a bag without its images. Raises BagError without thermal/camera_info."""
+    cdr, samples, camera = Cdr(), [], None
+    reader = BagReader(path)
+    for item in reader.messages([f"/{name}" for name in (*SAMPLES, "thermal/camera_info")]):
+        topic = item.topic.lstrip("/")
+        if topic in SAMPLES:
+            samples.append(SAMPLES[topic](cdr.deserialize(item.data, item.typename)))
+        elif camera is None:
+            camera = convert.camera(cdr.deserialize(item.data, item.typename))
+    if camera is None:
+        raise BagError(f"{path}: needed topic absent: /thermal/camera_info")
+    return Recording(samples, camera)
+
+
+@dataclass
+class Track:
+    """The poses of a whole flight in one plane."""
+
+    plane: TangentPlane
+    bodies: list[BodyPose] = field(default_factory=list)
+    cameras: dict[str, PoseHistory[CameraPose]] = field(
+        default_factory=lambda: {name: PoseHistory(_WHOLE_FLIGHT_S) for name in COMPOSITIONS}
+    )
+
+
+def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> Track:
+    """Register a flight with every composition; ``ekf`` must fix the origin of the plane."""
+    navigation = Navigation(ekf)
+    assert navigation.plane is not None
+    track = Track(navigation.plane)
+    composers = {
+        name: GimbalComposer(dataclasses.replace(gimbal, composition=name))
+        for name in COMPOSITIONS
+    }
+    for sample in samples:
+        solution = navigated(navigation, sample)
+        body = None if solution is None else track.plane.body_pose(solution)
+        if body is not None:
+            track.bodies.append(body)
+        for name, composer in composers.items():
+            for pose in composed(composer, sample, body):
+                track.cameras[name].add(pose)
+    return track
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true poses of a flight and the plane in which they are."""
+
+    plane: TangentPlane
+    bodies: PoseHistory[BodyPose]
+
+
+def load_truth(path: Path) -> Truth:
+    """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raises BagError without them."""
+    cdr, plane = Cdr(), None
+    bodies: PoseHistory[BodyPose] = PoseHistory(_WHOLE_FLIGHT_S)
+    for item in BagReader(path).messages(["/tirgeo/origin", "/tirgeo/odometry"]):
+        message = cdr.deserialize(item.data, item.typename)
+        if item.topic == "/tirgeo/origin":
+            plane = convert.tangent_plane(message)
+        else:
+            bodies.add(convert.body_pose(message))
+    if plane is None or not len(bodies):
+        raise BagError(f"{path}: needed topic absent: /tirgeo/origin or /tirgeo/odometry")
+    return Truth(plane, bodies)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyErrors:
+    """Root mean squares against the truth."""
+
+    roll_rad: float
+    pitch_rad: float
+    heading_rad: float
+    position_m: float  # in space
+
+
+def body_errors(bodies: Sequence[BodyPose], truth: Truth, after_s: float) -> BodyErrors:
+    """Errors of poses in the truth's plane, from ``after_s`` after the first pose of all."""
+    pairs = [
+        (pose, true)
+        for pose in bodies
+        if pose.stamp_ns >= bodies[0].stamp_ns + after_s * 1e9
+        and isinstance(true := truth.bodies.at(pose.stamp_ns), BodyPose)
+    ]
+    if not pairs:
+        return BodyErrors(math.nan, math.nan, math.nan, math.nan)
+    angles, true_angles = (
+        euler_from_quat(np.array([pair[k].q_nb for pair in pairs])) for k in (0, 1)
+    )
+    roll, pitch, heading = np.sqrt(np.mean(wrap_pi(angles - true_angles) ** 2, axis=0)).tolist()
+    apart = np.array([pose.position_n - true.position_n for pose, true in pairs])
+    return BodyErrors(roll, pitch, heading, float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))))
