@@ -28,6 +28,19 @@ _EVERY_NODE_PREFIX = "qos_overrides."
 Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
 
 
+def load_yaml(path: str | os.PathLike[str]) -> Any:
+    """What a YAML file holds, plain values as rcl reads them. ConfigError if it is not YAML."""
+    try:
+        # The loader is a safe one: it makes plain values alone.
+        return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)  # noqa: S506
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: {_explained(error)}") from None
+
+
 def load_parameters(
     path: str | os.PathLike[str], node: str, namespace: str = ""
 ) -> dict[str, object]:
@@ -86,7 +99,7 @@ def _fits(pattern: str, full_name: str) -> bool:
 
 
 def _sections(path: str | os.PathLike[str]) -> Iterator[Section]:
-    tree = _tree(path)
+    tree = load_yaml(path)
     if not isinstance(tree, Mapping):
         raise ConfigError(f"{path}: no parameter file: it needs NODE: {_MARK}: NAME: VALUE")
     yield from _nested_sections(path, "", tree)
@@ -124,18 +137,6 @@ def _flat(path: str | os.PathLike[str], above: str, tree: Any) -> Iterator[tuple
             yield from _flat(path, name, value)
         else:
             yield name, value
-
-
-def _tree(path: str | os.PathLike[str]) -> Any:
-    try:
-        # The loader is a safe one: it makes plain values alone.
-        return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)  # noqa: S506
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: {_explained(error)}") from None
 
 
 def _explained(error: yaml.YAMLError) -> str:

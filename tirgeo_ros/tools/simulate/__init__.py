@@ -1,1 +1,10 @@
-"""A flight with truth: trajectory, sensors, pictures."""
+"""A flight with truth: trajectory, sensors, pictures, map, survey.
+
+``fly`` gives a flight in memory, ``simulate`` writes one to files.
+"""
+
+from tirgeo_ros.tools.simulate.files import simulate
+from tirgeo_ros.tools.simulate.flight import Flight, Truth, fly
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
+
+__all__ = ["Flight", "Scenario", "Truth", "fly", "load_scenario", "scenario_from", "simulate"]

@@ -7,15 +7,14 @@ the parameters of the nodes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from pathlib import Path
-
-import yaml
 
 from tirgeo_ros.core.errors import ConfigError, ScenarioError
 from tirgeo_ros.core.parameter import config_from, group, param
+from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario_aircraft import (
     AutopilotScenario,
     GimbalScenario,
@@ -69,16 +68,12 @@ class Scenario:
         return int(start.timestamp()) * 1_000_000_000
 
 
-def load_scenario(path: str | Path) -> Scenario:
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """The scenario of a YAML file; ScenarioError names the file and the key."""
     try:
-        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise ScenarioError(f"{path}: cannot be read: {reason}") from None
-    except yaml.YAMLError as error:
-        line = str(error).replace("\n", " ")
-        raise ScenarioError(f"{path}: is not YAML: {line}") from None
+        tree = load_yaml(path)
+    except ConfigError as error:
+        raise ScenarioError(str(error)) from None
     if not isinstance(tree, Mapping):
         raise ScenarioError(f"{path}: holds no scenario (a mapping of keys to values)")
     return scenario_from(dict(_flat(tree, "")), str(path))
@@ -91,10 +86,22 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
     except ConfigError as error:
         raise ScenarioError(str(error)) from None
     try:
-        _ = scenario.start_ns
+        _check(scenario)
     except ScenarioError as error:
         raise ScenarioError(f"{where}: {error}" if where else str(error)) from None
     return scenario
+
+
+def _check(scenario: Scenario) -> None:
+    """What a range of one parameter cannot say."""
+    _ = scenario.start_ns
+    for name in ("north_m", "east_m"):
+        low, high = getattr(scenario.park, name)
+        if high - low < scenario.park.cell_m:
+            raise ScenarioError(
+                f"park.{name}: {low:g} to {high:g} holds no cell of {scenario.park.cell_m:g} m; "
+                "give the lower end first"
+            )
 
 
 def _flat(tree: Mapping[object, object], prefix: str) -> Iterator[tuple[str, object]]:

@@ -29,7 +29,7 @@ class RouteScenario:
         35.0, "yaw rate of turns on the spot (hover)", unit="deg/s", low=1, high=150
     )
     hover_s: float = param(4.0, "hover before the start", unit="s", low=0, high=600)
-    heading_deg: float = param(0.0, "first heading", unit="deg", low=-360, high=360)
+    heading_deg: float = param(20.0, "first heading", unit="deg", low=-360, high=360)
     legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", low=1, high=1000)
     leg_length_m: float = param(42.0, "length of a leg", unit="m", low=1, high=5000)
     leg_spacing_m: float = param(15.0, "distance between legs", unit="m", low=1, high=1000)
@@ -42,7 +42,9 @@ class RouteScenario:
 class WindScenario:
     """The air: the aircraft leans against its drag."""
 
-    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "north and east", unit="m/s")
+    mean_m_s: tuple[float, ...] = param(
+        (1.5, -1.0), "north and east", unit="m/s", low=-100, high=100
+    )
     gust_m_s: float = param(
         1.0, "standard deviation of gusts, per axis", unit="m/s", low=0, high=20
     )
@@ -73,12 +75,18 @@ class RtkScenario:
 
     rate_hz: float = param(5.0, "fixes per second", unit="Hz", low=0.1, high=50)
     arrival_delay_s: float = param(0.08, "arrival minus measurement", unit="s", low=0, high=2)
-    position_sigma_m: tuple[float, ...] = param((0.01, 0.01, 0.02), "north, east, down", unit="m")
+    position_sigma_m: tuple[float, ...] = param(
+        (0.01, 0.01, 0.02), "north, east, down", unit="m", low=0, high=1e3
+    )
     velocity_sigma_m_s: tuple[float, ...] = param(
-        (0.02, 0.02, 0.02), "north, east, down", unit="m/s"
+        (0.02, 0.02, 0.02), "north, east, down", unit="m/s", low=0, high=1e3
     )
     lever_arm_m: tuple[float, ...] = param(
-        (-0.10, 0.32, 0.38), "antenna from the IMU (forward, left, up)", unit="m"
+        (-0.10, 0.32, 0.38),
+        "antenna from the IMU (forward, left, up)",
+        unit="m",
+        low=-100,
+        high=100,
     )
 
 
@@ -102,12 +110,16 @@ class GpsScenario:
     rate_hz: float = param(10.0, "fixes per second", unit="Hz", low=0.1, high=50)
     arrival_delay_s: float = param(0.0, "arrival minus measurement", unit="s", low=0, high=2)
     position_rms_m: tuple[float, ...] = param(
-        (0.9342, 1.2846, 2.8017), "north, east, down error over the flight (Table 1)", unit="m"
+        (0.9342, 1.2846, 2.8017),
+        "north, east, down error over the flight (Table 1)",
+        unit="m",
+        low=0,
+        high=1e3,
     )
     position_time_s: float = param(45.0, "correlation time", unit="s", low=0.5, high=1e5)
     velocity_sigma_m_s: float = param(0.1, "per axis", unit="m/s", low=0, high=10)
     lever_arm_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.28), "antenna from the IMU (forward, left, up)", unit="m"
+        (0.0, 0.0, 0.28), "antenna from the IMU (forward, left, up)", unit="m", low=-100, high=100
     )
 
 
@@ -119,7 +131,9 @@ class AutopilotScenario:
         1.7972, "heading error over the flight (Table 1)", unit="deg", low=0, high=90
     )
     heading_time_s: float = param(30.0, "its correlation time", unit="s", low=0.5, high=1e5)
-    tilt_rms_deg: tuple[float, ...] = param((0.3, 0.3), "roll, pitch error", unit="deg")
+    tilt_rms_deg: tuple[float, ...] = param(
+        (0.3, 0.3), "roll, pitch error", unit="deg", low=0, high=30
+    )
     tilt_time_s: float = param(10.0, "their correlation time", unit="s", low=0.5, high=1e5)
 
 
@@ -129,17 +143,27 @@ class GimbalScenario:
 
     rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
     pitch_deg: float = param(-30.0, "commanded camera pitch", unit="deg", low=-90, high=30)
-    lag_s: float = param(0.35, "time constant with which it follows the nose", unit="s", low=0.02)
+    lag_s: float = param(
+        0.35, "time constant with which it follows the nose", unit="s", low=0.02, high=60
+    )
     error_rms_deg: tuple[float, ...] = param(
-        (0.2704, 0.4839), "camera roll, pitch from commanded, not reported (Table 8)", unit="deg"
+        (0.2704, 0.4839),
+        "camera roll, pitch from commanded, not reported (Table 8)",
+        unit="deg",
+        low=0,
+        high=30,
     )
     error_time_s: float = param(2.5, "their correlation time", unit="s", low=0.2, high=1e3)
     encoder_sigma_deg: float = param(0.02, "noise of a joint angle", unit="deg", low=0, high=10)
     lever_arm_m: tuple[float, ...] = param(
-        (0.08, 0.0, -0.25), "pivot from the IMU (forward, left, up)", unit="m"
+        (0.08, 0.0, -0.25), "pivot from the IMU (forward, left, up)", unit="m", low=-100, high=100
     )
     camera_offset_m: tuple[float, ...] = param(
-        (0.05, 0.02, -0.01), "camera from the pivot (camera's forward, left, up)", unit="m"
+        (0.05, 0.02, -0.01),
+        "camera from the pivot (camera's forward, left, up)",
+        unit="m",
+        low=-100,
+        high=100,
     )
 
     @property

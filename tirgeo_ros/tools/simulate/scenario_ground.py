@@ -33,7 +33,7 @@ class VideoScenario:
 
     rate_hz: float = param(9.0, "frames per second", unit="Hz", low=0.1, high=60)
     latency_s: float = param(0.05, "stamp minus exposure", unit="s", low=0, high=2)
-    jpeg_quality: int = param(72, "of thermal/image_raw/compressed", low=1, high=100)
+    jpeg_quality: int = param(65, "of thermal/image_raw/compressed", low=1, high=100)
     blur_px: float = param(0.7, "standard deviation of the optics' blur", unit="px", low=0, high=9)
     noise_grey: float = param(
         1.0, "standard deviation of a pixel's noise, grey levels", low=0, high=50
@@ -46,13 +46,13 @@ class ParkScenario:
     """Where the flower beds lie, from the site's origin, and how finely they are painted."""
 
     north_m: tuple[float, ...] = param(
-        (-62.0, 112.0), "south and north edge of the beds", unit="m"
+        (-76.0, 106.0), "south and north edge of the beds", unit="m", low=-1e4, high=1e4
     )
-    east_m: tuple[float, ...] = param((-32.0, 92.0), "west and east edge of the beds", unit="m")
+    east_m: tuple[float, ...] = param(
+        (-36.0, 104.0), "west and east edge of the beds", unit="m", low=-1e4, high=1e4
+    )
     cell_m: float = param(14.0, "one bed is laid in a square of this", unit="m", low=6, high=100)
-    margin_m: float = param(
-        130.0, "grass around the beds, as far as the camera sees", unit="m", low=0, high=2000
-    )
+    margin_m: float = param(50.0, "grass painted around the beds", unit="m", low=0, high=2000)
     resolution_m: float = param(0.05, "of the painted ground", unit="m", low=0.01, high=1)
 
 
@@ -62,12 +62,17 @@ class SurveyScenario:
 
     points: int = param(20, "control points", low=1, high=1000)
     views: int = param(3, "clicks on each, in as many frames", low=1, high=100)
+    after_s: float = param(
+        20.0, "no clicks earlier: a filter needs some time", unit="s", low=0, high=7200
+    )
     sigma_m: tuple[float, ...] = param(
-        (0.01, 0.01, 0.02), "error of the survey: north, east, down", unit="m"
+        (0.01, 0.01, 0.02), "error of the survey: north, east, down", unit="m", low=0, high=100
     )
     click_sigma_px: float = param(0.5, "error of a click, per axis", unit="px", low=0, high=50)
     rows_px: tuple[float, ...] = param(
-        (180.0, 490.0), "an operator clicks between these rows", unit="px"
+        (180.0, 490.0), "an operator clicks between these rows", unit="px", low=0, high=1e4
     )
-    side_px: float = param(40.0, "and this far from the left and right edge", unit="px", low=0)
+    side_px: float = param(
+        40.0, "and this far from the left and right edge", unit="px", low=0, high=1e4
+    )
     apart_s: float = param(1.0, "least time between clicks on a point", unit="s", low=0, high=100)

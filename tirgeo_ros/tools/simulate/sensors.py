@@ -46,9 +46,9 @@ class Epochs:
     t_s: Array  # (N,) from the start of the flight
 
     @staticmethod
-    def at_rate(scenario: Scenario, rate_hz: float) -> Epochs:
-        """From the first instant of the flight to its last."""
-        count = math.floor(scenario.duration_s * rate_hz + 1e-9) + 1
+    def at_rate(scenario: Scenario, rate_hz: float, less_s: float = 0.0) -> Epochs:
+        """From the first instant of the flight to its last, or ``less_s`` before that."""
+        count = max(0, math.floor((scenario.duration_s - less_s) * rate_hz + 1e-9) + 1)
         offsets = [round(k * 1e9 / rate_hz) for k in range(count)]
         return Epochs([scenario.start_ns + x for x in offsets], np.array(offsets) / 1e9)
 

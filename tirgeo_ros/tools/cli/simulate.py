@@ -1,0 +1,51 @@
+"""The verb ``tirgeo simulate``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.progress import Progress
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "simulate",
+        help="fly a scenario, with truth",
+        description="Flies a scenario and writes flight.mcap (what the aircraft recorded, with "
+        "thermal video), truth.mcap, map.geojson, survey.geojson, observations.csv and "
+        "params.yaml. The same seed gives the same bytes.",
+        epilog="example:\n  tirgeo simulate config/scenarios/paper_flight.yaml -o flight "
+        "--start 30 --duration 30",
+    )
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="YAML file")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
+    parser.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's")
+    parser.add_argument(
+        "--start", type=float, default=0.0, metavar="S", help="write from this second on"
+    )
+    parser.add_argument(
+        "--duration", type=float, metavar="S", help="write so many seconds (default: to the end)"
+    )
+    parser.add_argument("--no-images", action="store_true", help="no video: quick")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Fly the scenario."""
+    from tirgeo_ros.tools.simulate import simulate  # noqa: PLC0415 heavy
+
+    if args.seed is not None and args.seed < 0:
+        raise UsageError("--seed must not be negative")
+    with Progress("simulating", unit="s") as bar:
+        return simulate(
+            args.scenario,
+            args.output,
+            seed=args.seed,
+            start_s=args.start,
+            duration_s=args.duration,
+            images=not args.no_images,
+            progress=bar,
+        )

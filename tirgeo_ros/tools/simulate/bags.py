@@ -1,0 +1,179 @@
+"""A flight as bags: what the aircraft recorded, and the truth, in the forms of the contract."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.samples import (
+    CameraAttitudeSample,
+    CameraPose,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    NavSolution,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.tools.progress import Report
+from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.processes import generator
+from tirgeo_ros.tools.simulate.renderer import Renderer
+from tirgeo_ros.tools.simulate.sensors import Epochs, Sample
+from tirgeo_ros.tools.simulate.survey import exposures
+
+Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of a flight that is written, in log time; both ends belong to it."""
+
+    start_ns: int
+    end_ns: int
+
+    def __contains__(self, log_time_ns: int) -> bool:
+        """Whether a message of this log time is written."""
+        return self.start_ns <= log_time_ns <= self.end_ns
+
+
+def write_flight(
+    path: Path,
+    flight: Flight,
+    window: Window,
+    camera: Camera,
+    renderer: Renderer | None,
+    progress: Report,
+) -> dict[str, int]:
+    """Write what the aircraft recorded; without a renderer no pictures. Messages by topic."""
+    messages = Messages(Cdr().types)
+    streams = [_sensed(messages, flight, window), _video(messages, flight, window, camera)]
+    if renderer is not None:
+        streams.append(_pictures(messages, flight, window, renderer))
+    # Equal times keep the order of the streams.
+    merged = heapq.merge(*streams, key=lambda outgoing: outgoing[0])
+    return _write(path, merged, window, progress)
+
+
+def write_truth(path: Path, flight: Flight, window: Window) -> dict[str, int]:
+    """Write the true poses: the body's at the IMU's rate, the camera's at the gimbal's."""
+    messages = Messages(Cdr().types)
+    streams = [_true_body(messages, flight, window), _true_camera(messages, flight, window)]
+    merged = heapq.merge(*streams, key=lambda outgoing: outgoing[0])
+    return _write(path, merged, window, lambda _done, _total: None)
+
+
+def _write(
+    path: Path, outgoing: Iterator[Outgoing], window: Window, progress: Report
+) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    total_s = (window.end_ns - window.start_ns) / 1e9
+    with BagWriter(path) as bag:
+        for log_time_ns, topic, message in outgoing:
+            bag.write(f"/{topic}", TOPIC_TYPES[topic], message, log_time_ns)
+            counts[topic] = counts.get(topic, 0) + 1
+            progress((log_time_ns - window.start_ns) / 1e9, total_s)
+    return dict(sorted(counts.items()))
+
+
+def _sensed(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+    for arrival_ns, sample in flight.samples:
+        if arrival_ns in window:
+            topic, encode = _SENSED[_kind(sample)]
+            message = encode(messages, sample)
+            if isinstance(sample, ImuSample):
+                message.orientation_covariance = _autopilot_covariance(flight)
+            yield arrival_ns, topic, message
+
+
+def _kind(sample: Sample) -> Source | type:
+    if isinstance(sample, PositionSample | VelocitySample):
+        return sample.source
+    return type(sample)
+
+
+_SENSED: dict[Source | type, tuple[str, Callable[[Messages, Any], Any]]] = {
+    ImuSample: ("imu/data", Messages.imu),
+    HeadingSample: ("rtk/heading", Messages.heading),
+    JointSample: ("gimbal/joint_states", Messages.joints),
+    CameraAttitudeSample: ("gimbal/attitude", Messages.camera_attitude),
+    Source.RTK_POSITION: ("rtk/fix", lambda m, s: m.nav_sat_fix(s, "rtk_antenna")),
+    Source.RTK_VELOCITY: ("rtk/vel", lambda m, s: m.velocity(s, "rtk_antenna")),
+    Source.GPS_POSITION: ("gps/fix", lambda m, s: m.nav_sat_fix(s, "gps_antenna")),
+    Source.GPS_VELOCITY: ("gps/vel", lambda m, s: m.velocity(s, "gps_antenna")),
+}
+
+
+def _autopilot_covariance(flight: Flight) -> Any:
+    pilot = flight.scenario.autopilot
+    sigmas = np.radians([*pilot.tilt_rms_deg, pilot.heading_rms_deg])
+    return np.diag(sigmas**2).ravel()
+
+
+def _frames(flight: Flight, window: Window) -> Iterator[tuple[int, int, float]]:
+    """Number, stamp and time of exposure of the pictures; they arrive at their stamps."""
+    latency_ns = round(flight.scenario.video.latency_s * 1e9)
+    epochs = exposures(flight)
+    for number, (exposed_ns, t_s) in enumerate(zip(epochs.stamp_ns, epochs.t_s, strict=True)):
+        if exposed_ns + latency_ns in window:
+            yield number, exposed_ns + latency_ns, float(t_s)
+
+
+def _video(
+    messages: Messages, flight: Flight, window: Window, camera: Camera
+) -> Iterator[Outgoing]:
+    for _, stamp_ns, _ in _frames(flight, window):
+        yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
+
+
+def _pictures(
+    messages: Messages, flight: Flight, window: Window, renderer: Renderer
+) -> Iterator[Outgoing]:
+    quality = [cv2.IMWRITE_JPEG_QUALITY, flight.scenario.video.jpeg_quality]
+    for number, stamp_ns, t_s in _frames(flight, window):
+        position, q_pc = flight.gimbal.camera(t_s)
+        # A generator of its own for each picture: a cut of the flight shows the same ones.
+        rng = generator(flight.seed, f"picture {number}")
+        _, jpeg = cv2.imencode(".jpg", renderer.frame(position[0], q_pc[0], rng), quality)
+        message = messages.compressed(stamp_ns, jpeg.tobytes())
+        yield stamp_ns, "thermal/image_raw/compressed", message
+
+
+def _true_body(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+    truth, plane = flight.truth, flight.plane
+    yield window.start_ns, "tirgeo/origin", messages.origin(plane, window.start_ns)
+    for k, stamp_ns in enumerate(truth.stamp_ns):
+        if stamp_ns not in window:
+            continue
+        solution = NavSolution(
+            stamp_ns,
+            float(truth.latitude_rad[k]),
+            float(truth.longitude_rad[k]),
+            float(truth.height_m[k]),
+            truth.velocity_n[k],
+            truth.q_nb[k],
+            truth.angular_rate_b[k],
+            np.zeros((9, 9)),
+        )
+        pose = plane.body_pose(solution)
+        yield stamp_ns, "tirgeo/odometry", messages.odometry(solution, pose, rate_variance=0.0)
+        yield stamp_ns, "tirgeo/fix", messages.fix(solution)
+
+
+def _true_camera(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+    epochs = Epochs.at_rate(flight.scenario, flight.scenario.gimbal.rate_hz)
+    position, q_pc = flight.gimbal.camera(epochs.t_s)
+    for k, stamp_ns in enumerate(epochs.stamp_ns):
+        if stamp_ns in window:
+            pose = CameraPose(stamp_ns, position[k], q_pc[k], np.zeros((6, 6)))
+            yield stamp_ns, "tirgeo/camera_pose", messages.camera_pose(pose)

@@ -1,0 +1,95 @@
+"""``tirgeo simulate``: a scenario in, the files of a flight with truth out."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.errors import ScenarioError
+from tirgeo_ros.io.survey import save_observations, save_survey
+from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.simulate.bags import Window, write_flight, write_truth
+from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.ground import paint
+from tirgeo_ros.tools.simulate.map_file import map_text
+from tirgeo_ros.tools.simulate.parameters_file import parameters_text
+from tirgeo_ros.tools.simulate.park import Park, lay_out
+from tirgeo_ros.tools.simulate.renderer import Renderer
+from tirgeo_ros.tools.simulate.scenario import load_scenario
+from tirgeo_ros.tools.simulate.survey import surveyed
+
+NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "observations.csv",
+         "params.yaml")  # fmt: skip
+
+
+def simulate(
+    scenario_path: str | os.PathLike[str],
+    out_dir: str | os.PathLike[str],
+    *,
+    seed: int | None = None,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    images: bool = True,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
+
+    ``start_s`` and ``duration_s`` cut a window out of the flight: the bags hold what arrived in
+    it, the observations are those of its pictures, all else is the whole flight's. Returns what
+    was written. Raises ScenarioError, and BagError or SurveyError where files cannot be written.
+    """
+    scenario = load_scenario(scenario_path)
+    if duration_s is None:
+        duration_s = scenario.duration_s - start_s
+    end_s = start_s + duration_s
+    if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
+        raise ScenarioError(
+            f"{scenario_path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
+            f"{scenario.duration_s:g} s; change the start or the duration"
+        )
+    flight = fly(scenario, seed)
+    start_ns = scenario.start_ns + round(start_s * 1e9)
+    window = Window(start_ns, start_ns + round(duration_s * 1e9))
+    return _written(Path(out_dir), flight, window, images=images, progress=progress)
+
+
+def _written(
+    folder: Path, flight: Flight, window: Window, *, images: bool, progress: Report
+) -> dict[str, object]:
+    park = lay_out(flight.scenario.park, flight.seed)
+    points, clicks = surveyed(flight, XT2, park)
+    clicks = [click for click in clicks if click.stamp_ns in window]
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_text(folder / "map.geojson", map_text(park, flight.plane))
+    _write_text(folder / "params.yaml", parameters_text(flight.scenario))
+    save_survey(folder / "survey.geojson", points)
+    save_observations(folder / "observations.csv", clicks)
+    write_truth(folder / "truth.mcap", flight, window)
+    renderer = _renderer(flight, park) if images else None
+    counts = write_flight(folder / "flight.mcap", flight, window, XT2, renderer, progress)
+    return {
+        "folder": str(folder),
+        "scenario": flight.scenario.name,
+        "seed": flight.seed,
+        "duration_s": (window.end_ns - window.start_ns) / 1e9,
+        "control_points": len(points),
+        "observations": len(clicks),
+        "messages": counts,
+        "bytes": {name: (folder / name).stat().st_size for name in NAMES},
+    }
+
+
+def _renderer(flight: Flight, park: Park) -> Renderer:
+    ground = paint(park, flight.scenario.park, flight.seed)
+    return Renderer(XT2, ground, flight.scenario.video)
+
+
+def _write_text(path: Path, text: str) -> None:
+    """The whole file or none."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

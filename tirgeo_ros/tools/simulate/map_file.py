@@ -1,0 +1,61 @@
+"""The park as a map: GeoJSON of bed outlines, paths and hydrants (RFC 7946)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.tools.simulate.park import Bed, Park
+
+_DECIMALS = 9  # of a degree: a tenth of a millimetre
+
+
+def map_text(park: Park, plane: TangentPlane) -> str:
+    """The park's map with heights above the ellipsoid, on the plane of the site."""
+    features = [
+        *(_feature(bed.name, "bed", "Polygon", _polygon(bed, plane)) for bed in park.beds),
+        *(
+            _feature(path.name, "path", "LineString", _positions(path.line, plane))
+            for path in park.paths
+        ),
+        *(
+            _feature(point.name, "hydrant", "Point", _positions(point.center[None, :], plane)[0])
+            for point in park.hydrants
+        ),
+    ]
+    lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
+    return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
+
+
+def _feature(name: str, kind: str, geometry: str, coordinates: object) -> dict[str, object]:
+    return {
+        "type": "Feature",
+        "properties": {"name": name, "kind": kind},
+        "geometry": {"type": geometry, "coordinates": coordinates},
+    }
+
+
+def _polygon(bed: Bed, plane: TangentPlane) -> list[list[list[float]]]:
+    """Outer ring counterclockwise, holes clockwise, all closed (RFC 7946, 3.1.6)."""
+    rings: Sequence[Array] = (_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes))
+    return [_positions(np.vstack([ring, ring[:1]]), plane) for ring in rings]
+
+
+def _clockwise(ring: Array) -> Array:
+    """A ring of north, east (N, 2) in clockwise order seen from above."""
+    north, east = ring.T
+    twice_area = np.sum(north * np.roll(east, -1) - np.roll(north, -1) * east)
+    return ring if twice_area > 0 else ring[::-1]
+
+
+def _positions(points: Array, plane: TangentPlane) -> list[list[float]]:
+    """Longitude, latitude (deg), height (m) of ground points (N, 2)."""
+    lat, lon, height = plane.geodetic_from_ned(np.column_stack([points, np.zeros(len(points))]))
+    degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
+    return [
+        [x, y, z] for (x, y), z in zip(degrees.tolist(), np.round(height, 4).tolist(), strict=True)
+    ]

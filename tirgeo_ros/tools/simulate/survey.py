@@ -1,0 +1,132 @@
+"""Surveyed control points on corners of flower beds, and an operator who clicks on them.
+
+As in section 5.1 of Ren et al. 2022: each point is measured with RTK and clicked in several
+pictures in which it is near enough to be seen well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.errors import ScenarioError
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.survey import Observation, SurveyPoint
+from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.park import Park
+from tirgeo_ros.tools.simulate.processes import generator
+from tirgeo_ros.tools.simulate.scenario_ground import SurveyScenario
+from tirgeo_ros.tools.simulate.sensors import Epochs
+
+
+@dataclass(frozen=True)
+class Views:
+    """Where every corner is in every picture."""
+
+    corners_p: Array  # (C, 3) m, on the plane of the site
+    exposures: Epochs  # of F pictures
+    uv: Array  # (F, C, 2) px, the true camera's; nan where it is not seen
+    good: npt.NDArray[np.bool_]  # (F, C) where an operator would click
+
+
+def surveyed(
+    flight: Flight, camera: Camera, park: Park
+) -> tuple[list[SurveyPoint], list[Observation]]:
+    """Control points of a flight, and the clicks on them in order of their stamps.
+
+    Raises ScenarioError if too few corners are seen often enough.
+    """
+    config = flight.scenario.survey
+    views = _views(flight, camera, park)
+    clicked = {corner: _apart(views, corner, config) for corner in range(len(views.corners_p))}
+    candidates = [corner for corner, frames in clicked.items() if len(frames) >= config.views]
+    if len(candidates) < config.points:
+        raise ScenarioError(
+            f"survey.points: {config.points} are wanted, but only {len(candidates)} corners are "
+            f"seen well {config.views} times; fly longer or ask for fewer"
+        )
+    chosen = _spread(views.corners_p, candidates, config.points)
+    chosen.sort(key=lambda corner: clicked[corner][0])
+    points = _measured(flight, views.corners_p[chosen])
+    seen = [(point.id, c, clicked[c]) for point, c in zip(points, chosen, strict=True)]
+    return points, _clicks(flight, views, seen)
+
+
+def exposures(flight: Flight) -> Epochs:
+    """The instants at which those pictures are exposed that arrive before the flight's end."""
+    video = flight.scenario.video
+    return Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
+
+
+def _views(flight: Flight, camera: Camera, park: Park) -> Views:
+    """Project the outer corners of all beds into all pictures."""
+    level = np.concatenate([bed.outline for bed in park.beds])
+    corners_p = np.column_stack([level, np.zeros(len(level))])
+    epochs = exposures(flight)
+    position, q_pc = flight.gimbal.camera(epochs.t_s)
+    turned = [
+        (corners_p - place) @ rotation
+        for place, rotation in zip(position, matrix_from_quat(q_pc), strict=True)
+    ]
+    uv = np.array([camera.project(points_c)[0] for points_c in turned])
+    return Views(corners_p, epochs, uv, _well_seen(uv, camera, epochs, flight.scenario.survey))
+
+
+def _well_seen(
+    uv: Array, camera: Camera, epochs: Epochs, config: SurveyScenario
+) -> npt.NDArray[np.bool_]:
+    u, v = uv[..., 0], uv[..., 1]
+    in_rows = (v >= config.rows_px[0]) & (v <= config.rows_px[1])
+    in_columns = (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
+    return np.asarray(in_rows & in_columns & (epochs.t_s >= config.after_s)[:, None])
+
+
+def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
+    """Pictures in which a corner is seen well, each ``apart_s`` after the one before."""
+    found: list[int] = []
+    for frame in np.flatnonzero(views.good[:, corner]).tolist():
+        t_s = views.exposures.t_s
+        if not found or t_s[frame] - t_s[found[-1]] >= config.apart_s:
+            found.append(frame)
+    return found
+
+
+def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
+    """Of the candidates so many that lie far apart: each next is the farthest from all before."""
+    places = corners_p[candidates]
+    chosen = [int(np.argmin(places[:, 1]))]
+    distance = np.linalg.norm(places - places[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
+    return [candidates[k] for k in chosen]
+
+
+def _measured(flight: Flight, corners_p: Array) -> list[SurveyPoint]:
+    """The corners as an RTK rover finds them."""
+    noise = generator(flight.seed, "survey").standard_normal(corners_p.shape)
+    found_p = corners_p + noise * np.array(flight.scenario.survey.sigma_m)
+    lat, lon, height = flight.plane.geodetic_from_ned(found_p)
+    return [
+        SurveyPoint(f"P{k + 1:02d}", float(lat[k]), float(lon[k]), float(height[k]))
+        for k in range(len(found_p))
+    ]
+
+
+def _clicks(
+    flight: Flight, views: Views, seen: list[tuple[str, int, list[int]]]
+) -> list[Observation]:
+    """Of every (id, corner, frames) some frames at random, clicked with an unsteady hand."""
+    config, rng = flight.scenario.survey, generator(flight.seed, "clicks")
+    latency_ns = round(flight.scenario.video.latency_s * 1e9)
+    found = []
+    for name, corner, frames in seen:
+        for frame in rng.choice(frames, config.views, replace=False).tolist():
+            u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
+            stamp_ns = views.exposures.stamp_ns[frame] + latency_ns
+            found.append(Observation(name, stamp_ns, float(u), float(v)))
+    return sorted(found, key=lambda click: (click.stamp_ns, click.id))
