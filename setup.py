@@ -53,6 +53,8 @@ setup(
         "opencv-python-headless>=4.6",
         "pyproj>=3.6",
         "mcap>=1.1",
+        "lz4",
+        "zstandard",
         "rosbags>=0.10",
         "PyYAML>=5.4",
     ],
@@ -63,7 +65,7 @@ setup(
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
-        "test": ["pytest>=7.4,<9", "hypothesis>=6.98"],
+        "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "setuptools>=64"],
         # All of ruff's rules are on: a new version brings new ones.
         "lint": ["ruff==0.17.*", "mypy==2.4.*"],
     },
