@@ -31,7 +31,7 @@ def test_both_kinds_give_the_same_bytes(name):
     typename, make = given.EVERY_MESSAGE[name]
     data = serialization.serialize_message(make(of_ros))
     ours = cdr.serialize(make(of_bags), typename)
-    # Fast CDR leaves what it finds in the gaps between fields and behind the last one; through ours
+    # Fast CDR sends what it finds in the gaps between fields and behind the last one; through ours
     # the gaps become zero and the rest is gone.
     assert cdr.serialize(cdr.deserialize(data, typename), typename) == ours
 

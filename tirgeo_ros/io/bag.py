@@ -7,7 +7,6 @@ from bisect import bisect_left
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from mmap import ACCESS_READ, mmap
-from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple, final
@@ -29,7 +28,6 @@ __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
 _PROFILES = ("ros2", "")  # "" where a tool that copied a bag left it out
 _ENCODING = ("cdr", "ros2msg")
-_LOG_TIME = attrgetter("log_time_ns")
 
 
 class BagMessage(NamedTuple):
@@ -40,6 +38,10 @@ class BagMessage(NamedTuple):
     log_time_ns: int
     publish_time_ns: int
     data: bytes  # CDR
+
+
+#: A message behind what it is ordered by: log time, then its place in the file.
+_Placed = tuple[int, int, int, BagMessage]
 
 
 class BagReader:
@@ -99,15 +101,15 @@ class BagReader:
 
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
         self._read = 0
-        pending: list[BagMessage] = []
+        pending: list[_Placed] = []
         with self._mapped() as data:
             for segment in self._chosen(types, start_ns):
-                ready = bisect_left(pending, segment.start_ns, key=_LOG_TIME)
-                yield from pending[:ready]
+                ready = bisect_left(pending, (segment.start_ns,))
+                yield from (message for *_, message in pending[:ready])
                 pending = pending[ready:]
                 pending += self._loaded(data, segment, types, start_ns)
-                pending.sort(key=_LOG_TIME)  # stable: equal times keep the file's order
-            yield from pending
+                pending.sort()
+            yield from (message for *_, message in pending)
 
     def _chosen(self, types: dict[int, tuple[str, str]], start_ns: int) -> list[Segment]:
         wanted = types.keys()
@@ -123,12 +125,12 @@ class BagReader:
 
     def _loaded(
         self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
-    ) -> list[BagMessage]:
+    ) -> list[_Placed]:
         raw = read_segment(data, segment.offset, segment.length, self._contents)
         found = [
-            BagMessage(*types[channel], log_time, publish_time, body)
-            for channel, log_time, publish_time, body in raw
-            if channel in types and log_time >= start_ns
+            (log, segment.offset, number, BagMessage(*types[channel], log, publish, body))
+            for number, (channel, log, publish, body) in enumerate(raw)
+            if channel in types and log >= start_ns
         ]
         self._read += len(found)
         return found
