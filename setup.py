@@ -52,6 +52,7 @@ setup(
         "numpy>=1.26",
         "opencv-python-headless>=4.6",
         "pyproj>=3.6",
+        "Pillow>=10.2",
         "mcap>=1.1",
         "lz4",
         "zstandard",

@@ -16,7 +16,7 @@ if [ "$kind" = floor ]; then
     newest=3.12                 # NumPy 1.26 has no wheels for a later Python
     options=
     extras=test
-    pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.*'
+    pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.* Pillow==10.2.*'
 elif [ "${ROS_DISTRO:-}" = jazzy ]; then
     newest=3.13
     options=--system-site-packages

@@ -1,0 +1,198 @@
+"""The files that describe the package agree with one another and with the code."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import importlib
+import re
+import runpy
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+import setuptools
+
+import tirgeo_ros
+
+ROOT = Path(__file__).resolve().parents[1]
+NAME = "tirgeo"
+NODES = {"ekf_node", "gimbal_node", "overlay_node", "bag_player"}
+
+#: What the modules that the code imports are called in package.xml, where not the same.
+KEYS = {
+    "numpy": "python3-numpy",
+    "cv2": "python3-opencv",
+    "pyproj": "python3-pyproj",
+    "yaml": "python3-yaml",
+    "PIL": "python3-pil",
+}
+#: What they are called on PyPI.
+WHEELS = {"cv2": "opencv-python-headless", "yaml": "PyYAML", "PIL": "Pillow"}
+#: No key of rosdep that a system with an externally managed Python would take.
+BY_PIP_ALONE = {"mcap", "lz4", "zstandard", "rosbags"}
+LAUNCH = {"launch", "launch_ros", "ros2launch"}
+
+
+@pytest.fixture(scope="module")
+def package_xml():
+    return ET.parse(ROOT / "package.xml").getroot()
+
+
+def setup_arguments(monkeypatch, *argv):
+    """What setup.py gives to setuptools when it is called with ``argv``."""
+    given = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **arguments: given.update(arguments))
+    monkeypatch.setattr(sys, "argv", ["setup.py", *argv])
+    runpy.run_path(str(ROOT / "setup.py"))
+    return given
+
+
+@pytest.fixture
+def arguments(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    return setup_arguments(monkeypatch, "install")
+
+
+def syntax_nodes(folder):
+    for path in folder.rglob("*.py"):
+        yield from ast.walk(ast.parse(path.read_text(), str(path)))
+
+
+def imported_modules(folder):
+    """Top-level names of what the files of a folder import from outside the standard library."""
+    names = set()
+    for node in syntax_nodes(folder):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.add(node.module.partition(".")[0])
+    return names - set(sys.stdlib_module_names) - {"tirgeo_ros"}
+
+
+def message_packages(folder):
+    """Packages of the message types that are looked up by name: "sensor_msgs/msg/Imu"."""
+    texts = (n.value for n in syntax_nodes(folder) if isinstance(n, ast.Constant))
+    typenames = (re.fullmatch(r"(\w+)/(msg|srv)/\w+", text) for text in texts if type(text) is str)
+    return {found.group(1) for found in typenames if found}
+
+
+def dependencies(package_xml, *tags):
+    return {item.text for tag in tags for item in package_xml.findall(tag)}
+
+
+def test_package_xml_is_of_format_3_for_ament_python(package_xml):
+    assert package_xml.tag == "package"
+    assert package_xml.get("format") == "3"
+    assert package_xml.findtext("export/build_type") == "ament_python"
+    for tag in ("name", "version", "description", "maintainer", "license"):
+        assert package_xml.findtext(tag).strip(), tag
+    assert (ROOT / package_xml.find("license").get("file")).is_file()
+    # The schema's order: these come before all dependencies, and export is last.
+    tags = [item.tag for item in package_xml]
+    assert tags[:3] == ["name", "version", "description"]
+    assert tags[-1] == "export"
+
+
+def test_names_agree(package_xml, arguments):
+    config = configparser.ConfigParser()
+    config.read(ROOT / "setup.cfg")
+    assert package_xml.findtext("name") == NAME
+    assert arguments["name"] == NAME
+    assert config["develop"]["script_dir"] == f"$base/lib/{NAME}"
+    assert config["install"]["install_scripts"] == f"$base/lib/{NAME}"
+    assert (ROOT / "resource" / NAME).is_file()
+
+
+def test_versions_agree(package_xml, arguments):
+    newest = re.search(r"^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)$", changelog(), re.MULTILINE)
+    assert newest
+    assert newest.group(1) == tirgeo_ros.__version__
+    assert package_xml.findtext("version") == tirgeo_ros.__version__
+    assert arguments["version"] == tirgeo_ros.__version__
+
+
+def changelog():
+    return (ROOT / "CHANGELOG.rst").read_text()
+
+
+def test_pyproject_has_no_project_table():
+    # colcon reads such a table and then ignores setup.py.
+    assert not re.search(r"^\[project", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+
+
+def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
+    code = imported_modules(ROOT / "tirgeo_ros") | message_packages(ROOT / "tirgeo_ros")
+    keys = {KEYS.get(name, name) for name in code - BY_PIP_ALONE}
+    assert dependencies(package_xml, "depend", "exec_depend") == keys | LAUNCH
+    assert imported_modules(ROOT / "launch") <= LAUNCH
+
+
+def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
+    code = imported_modules(ROOT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
+    needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
+    assert needed == {WHEELS.get(name, name) for name in code}
+
+
+def test_what_the_tests_import_is_told(package_xml, arguments):
+    tests = imported_modules(ROOT / "test") - imported_modules(ROOT / "tirgeo_ros") - LAUNCH
+    tests -= message_packages(ROOT / "tirgeo_ros")
+    tests -= {"test", *(path.stem for path in (ROOT / "test").rglob("*.py"))}
+    assert tests == {"pytest", "hypothesis", "setuptools"}
+    assert dependencies(package_xml, "test_depend") == {f"python3-{name}" for name in tests}
+    assert {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"]["test"]} == tests
+
+
+def test_every_executable_is_there_and_resolves(arguments):
+    commands = dict(item.split(" = ") for item in arguments["entry_points"]["console_scripts"])
+    assert set(commands) == {NAME, *NODES}
+    for target in commands.values():
+        module, _, function = target.partition(":")
+        assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_nodes_of_the_executables_exist():
+    for name in NODES:
+        assert (ROOT / "tirgeo_ros" / "nodes" / f"{name}.py").is_file()
+
+
+def test_every_module_is_installed(arguments):
+    folders = {path.parent for path in (ROOT / "tirgeo_ros").rglob("*.py")}
+    assert set(arguments["packages"]) == {
+        ".".join(folder.relative_to(ROOT).parts) for folder in folders
+    }
+
+
+def test_share_holds_what_the_tools_look_for(arguments):
+    files = dict(arguments["data_files"])
+    assert files["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
+    assert files[f"share/{NAME}"] == ["package.xml"]
+    assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
+    assert "config/m600_xt2.yaml" in files[f"share/{NAME}/config"]
+    assert all((ROOT / path).is_file() for paths in files.values() for path in paths)
+
+
+def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
+    assert not any(folder.startswith("lib") for folder, _ in arguments["data_files"])
+    for name in ("tirgeo_ros", "resource", "package.xml", "config", "launch"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
+    assert {Path(path).name for path in files[f"lib/{NAME}"]} == NODES
+    lay_out(tmp_path / "prefix", files[f"lib/{NAME}"])
+    script = tmp_path / "prefix" / "lib" / NAME / "ekf_node"
+    run = subprocess.run([script, "a b", "c"], capture_output=True, text=True, check=True)
+    assert run.stdout == "in bin: a b,c,\n"
+
+
+def lay_out(prefix, scripts):
+    """The scripts as pip installs them, and beside them an ekf_node that tells its arguments."""
+    (prefix / "bin").mkdir(parents=True)
+    (prefix / "lib" / NAME).mkdir(parents=True)
+    for path in scripts:
+        Path(path).rename(prefix / "lib" / NAME / Path(path).name)
+    target = prefix / "bin" / "ekf_node"
+    target.write_text('#!/bin/sh\nprintf "in bin: "; printf "%s," "$@"; echo\n')
+    target.chmod(0o755)
