@@ -74,11 +74,14 @@ class Aligner:
         self._keep_ns = round(keep_s * 1e9)
         self._imu: deque[ImuSample] = deque()
         self._aiding: deque[NavigationInput] = deque()
-        self.reason = "no imu/data yet"
+        self._needs_velocity = f"needs rtk/vel over {config.alignment.duration_s:g} s"
+        self.reason = "needs imu/data"
 
     def add(self, sample: NavigationInput) -> Alignment | None:
         """Take one valid sample; gives the alignment once it is possible."""
         if isinstance(sample, ImuSample):
+            if not self._imu:
+                self.reason = self._needs_velocity
             self._imu.append(sample)
         else:
             self._aiding.append(sample)
@@ -104,7 +107,7 @@ class Aligner:
 
     def _velocity_pair(self) -> tuple[VelocitySample, VelocitySample] | None:
         if len(self._imu) < 2:
-            self.reason = "no imu/data yet"
+            self.reason = "needs imu/data"
             return None
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
         found = [s for s in self._aiding if isinstance(s, VelocitySample)]
@@ -117,7 +120,7 @@ class Aligner:
             default=None,
         )
         if first is None or last is None:
-            self.reason = f"needs rtk/vel over {self._config.alignment.duration_s:g} s"
+            self.reason = self._needs_velocity
             return None
         return first, last
 
@@ -255,7 +258,7 @@ def attitude_from(
     axis_b = force_b / np.linalg.norm(force_b)
     axis_n = force_n / np.linalg.norm(force_n)
     rotation = _shortest_turn(axis_b, axis_n)
-    for _ in range(10):
+    for _ in range(20):
         left = [
             float(wrap_pi(wanted - azimuth(rotation @ direction)))
             for direction, wanted in zip(directions_b, azimuths_rad, strict=True)

@@ -27,12 +27,14 @@ from tirgeo_ros.core.samples import (
     NavSolution,
     Outcome,
     PositionSample,
+    Source,
     Verdict,
 )
 from tirgeo_ros.core.strapdown import NavState, Vector, propagate
 
 #: The covariance is never carried further than this in one step.
 _LARGEST_STEP_S = 0.02
+_ORDER = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 #: Rows and columns of a solution's covariance.
 _SOLUTION_ORDER = np.ix_(*[np.r_[POSITION, ATTITUDE, VELOCITY]] * 2)
 
@@ -54,6 +56,11 @@ class _Record:
     verdict: Verdict | None = None
     offset_n: Array = field(default_factory=lambda: np.full(3, np.nan))  # see Fusion
 
+    @property
+    def order(self) -> tuple[int, int]:
+        """The place on the time line; of one instant, always in the same order."""
+        return self.stamp_ns, _ORDER.index(source_of(self.sample))
+
 
 @dataclass(frozen=True, slots=True)
 class _Pause:
@@ -64,7 +71,7 @@ class _Pause:
     """
 
     start_ns: int  # the interval's first epoch
-    stamp_ns: int
+    order: tuple[int, int]  # of the last measurement in the state
     applied: int  # measurements of the interval in the state
     state: NavState
     covariance: Array
@@ -112,12 +119,12 @@ class Ekf:
         if any(source_of(r.sample) is source for r in same):
             return Verdict(source, Outcome.REPEATED)
         record = _Record(sample.stamp_ns, sample, held=sample.stamp_ns > self.newest_ns)
-        bisect.insort(self._records, record, key=lambda r: r.stamp_ns)
+        bisect.insort(self._records, record, key=lambda r: r.order)
         if record.held:
             return Verdict(source, Outcome.WAITING, "held until imu/data reaches it")
         before = bisect.bisect_left(self._epochs, sample.stamp_ns, key=lambda e: e.stamp_ns) - 1
         self._done = min(self._done, before)
-        if self._pause is not None and self._pause.stamp_ns > sample.stamp_ns:
+        if self._pause is not None and self._pause.order > record.order:
             self._pause = None
         self._catch_up(before + 1)
         assert record.verdict is not None
@@ -156,8 +163,8 @@ class Ekf:
         """State of ``end`` from that of ``start`` and the measurements in between."""
         pause = self._pause
         if pause is None or pause.start_ns != start.stamp_ns:
-            pause = _Pause(start.stamp_ns, start.stamp_ns, 0, start.state, start.covariance)
-        state, covariance, now_ns = pause.state, pause.covariance, pause.stamp_ns
+            pause = _Pause(start.stamp_ns, (start.stamp_ns, 0), 0, start.state, start.covariance)
+        state, covariance, now_ns = pause.state, pause.covariance, pause.order[0]
         first = bisect.bisect_right(self._records, start.stamp_ns, key=lambda r: r.stamp_ns)
         for record in self._records[first + pause.applied :]:
             if record.stamp_ns > end.stamp_ns:
@@ -166,7 +173,7 @@ class Ekf:
             now_ns = record.stamp_ns
             rate_b = np.subtract(_between(start, end, now_ns)[1], state.gyro_bias_b)
             state, covariance = self._apply(record, state, covariance, rate_b)
-            pause = _Pause(start.stamp_ns, now_ns, pause.applied + 1, state, covariance)
+            pause = _Pause(start.stamp_ns, record.order, pause.applied + 1, state, covariance)
         self._pause = pause if pause.applied else None
         end.state, end.covariance = self._carry(
             state, covariance, start, end, now_ns, end.stamp_ns

@@ -1,0 +1,233 @@
+"""The one door: verdicts on bad data, methods, the map's origin, clocks, publishing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, errors, flight, navigation_samples, rms, solutions
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation import Navigation
+from tirgeo_ros.core.parameter import config_from
+from tirgeo_ros.core.samples import (
+    FilterState,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    Outcome,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+
+DURATION_S = 8.0
+
+
+def fed(config=None, upto: int | None = None):
+    flown = flight(duration_s=DURATION_S)
+    navigation = Navigation(config or config_for(flown))
+    for sample in navigation_samples(flown)[:upto]:
+        navigation.process(sample)
+    return flown, navigation
+
+
+def newest(flown, kind, source=None):
+    return next(
+        s
+        for s in reversed(navigation_samples(flown))
+        if isinstance(s, kind) and (source is None or s.source is source)
+    )
+
+
+def broken_samples():
+    flown = flight(duration_s=DURATION_S)
+    imu = newest(flown, ImuSample)
+    fix = newest(flown, PositionSample, Source.RTK_POSITION)
+    velocity = newest(flown, VelocitySample, Source.RTK_VELOCITY)
+    heading = newest(flown, HeadingSample)
+    nan3 = np.array([0.0, math.nan, 0.0])
+    inf3 = np.array([0.0, 0.0, math.inf])
+    return [
+        replace(imu, specific_force_b=nan3),
+        replace(imu, angular_rate_b=inf3),
+        replace(fix, latitude_rad=math.nan),
+        replace(fix, latitude_rad=2.0),
+        replace(fix, height_m=math.inf),
+        replace(fix, latitude_rad=0.0, longitude_rad=0.0),
+        replace(fix, covariance_n=np.full((3, 3), math.nan)),
+        replace(velocity, velocity_n=nan3),
+        replace(velocity, covariance_n=np.diag([1.0, math.inf, 1.0])),
+        replace(heading, heading_rad=math.nan),
+        replace(heading, variance_rad2=math.inf),
+    ]
+
+
+@pytest.mark.parametrize("number", range(11))
+def test_what_is_no_number_changes_nothing(number):
+    sample = broken_samples()[number]
+    flown, navigation = fed()
+    later = replace(sample, stamp_ns=flown.truth.stamp_ns[-1] + 10_000_000)
+    before = navigation._ekf.state()
+    step = navigation.process(later)
+    assert step.verdict.outcome is Outcome.INVALID
+    assert step.verdict.reason
+    assert step.solution is None
+    after = navigation._ekf.state()
+    assert after[0] == before[0]
+    assert np.array_equal(after[1], before[1])
+
+
+def test_every_imu_sample_is_counted_once():
+    flown, navigation = fed()
+    counts = navigation.status().counts
+    during_alignment = counts["imu", "waiting"]
+    assert during_alignment > 0
+    assert counts["imu", "used"] + during_alignment == len(flown.truth.stamp_ns)
+
+
+def test_states_and_reasons():
+    flown = flight(duration_s=DURATION_S)
+    navigation = Navigation(config_for(flown))
+    assert navigation.status().state is FilterState.WAITING
+    assert "imu/data" in navigation.status().reason
+    samples = navigation_samples(flown)
+    seen = []
+    for sample in samples:
+        navigation.process(sample)
+        state = navigation.status().state
+        if not seen or seen[-1] is not state:
+            seen.append(state)
+    assert seen == [FilterState.WAITING, FilterState.ALIGNING, FilterState.RUNNING]
+    status = navigation.status()
+    assert status.reason == ""
+    assert 0 < math.degrees(status.heading_sigma_rad) < 1
+    assert set(status.test_ratios) == {"rtk_position", "rtk_velocity", "rtk_heading"}
+
+
+def test_heading_only_while_fixed():
+    flown, navigation = fed()
+    fix = newest(flown, PositionSample, Source.RTK_POSITION)
+    heading = newest(flown, HeadingSample)
+    newest_ns = flown.truth.stamp_ns[-1]
+    navigation.process(replace(fix, stamp_ns=newest_ns - 20_000_000, status=FixStatus.FLOAT))
+    step = navigation.process(replace(heading, stamp_ns=newest_ns - 10_000_000))
+    assert step.verdict.outcome is Outcome.NOT_FIXED
+    assert navigation.status().rtk_status is FixStatus.FLOAT
+
+
+def test_position_without_fix_is_not_used():
+    flown, navigation = fed()
+    fix = newest(flown, PositionSample, Source.RTK_POSITION)
+    bad = replace(fix, stamp_ns=flown.truth.stamp_ns[-1], status=FixStatus.NONE)
+    assert navigation.process(bad).verdict.outcome is Outcome.NOT_FIXED
+
+
+def test_silent_receiver_has_no_status():
+    flown, navigation = fed()
+    assert navigation.rtk_status is FixStatus.FIXED
+    imu = newest(flown, ImuSample)
+    for step in range(1, 250):
+        navigation.process(replace(imu, stamp_ns=imu.stamp_ns + step * 10_000_000))
+    assert navigation.rtk_status is FixStatus.NONE
+
+
+def test_imu_stamps_out_of_order_are_counted_and_dropped():
+    flown, navigation = fed()
+    imu = newest(flown, ImuSample)
+    for shift in (0, -10_000_000, -900_000_000):
+        step = navigation.process(replace(imu, stamp_ns=imu.stamp_ns + shift))
+        assert step.verdict.outcome is Outcome.OUT_OF_ORDER
+        assert step.solution is None
+    assert navigation.status().state is FilterState.RUNNING
+
+
+def test_a_bag_played_again_starts_again():
+    """Stamps that go back by more than a second: another run, so a new alignment."""
+    flown, navigation = fed()
+    found = [navigation.process(s).solution for s in navigation_samples(flown)]
+    counts = navigation.status().counts
+    assert counts["imu", "time_jump"] == 1
+    assert navigation.status().state is FilterState.RUNNING
+    late = errors(flown, [s for s in found if s is not None]).after(5.0)
+    assert np.degrees(rms(late.rpy)).max() < 0.5
+
+
+def test_reset_keeps_the_origin():
+    _, navigation = fed()
+    plane = navigation.plane
+    navigation.reset()
+    assert navigation.status().state is FilterState.WAITING
+    assert navigation.plane == plane
+
+
+def test_origin_is_the_first_accepted_position():
+    flown = flight(duration_s=DURATION_S)
+    navigation = Navigation(config_for(flown))
+    assert navigation.plane is None
+    fixes = [
+        s for s in navigation_samples(flown) if getattr(s, "source", None) is Source.RTK_POSITION
+    ]
+    navigation.process(replace(fixes[0], status=FixStatus.NONE))
+    assert navigation.plane is None
+    navigation.process(fixes[1])
+    assert navigation.plane is not None
+    assert navigation.plane.latitude_rad == fixes[1].latitude_rad
+
+
+def test_configured_origin():
+    config = config_from(EkfConfig, {"origin_lat_lon_h": (39.8, 116.7, 12.0)})
+    plane = Navigation(config).plane
+    assert plane is not None
+    assert math.degrees(plane.latitude_rad) == pytest.approx(39.8, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("method", "unused"),
+    [
+        ("raw", {"rtk_position", "rtk_velocity", "rtk_heading"}),
+        ("rtk", {"gps_position", "gps_velocity", "rtk_heading"}),
+        ("ekf", {"gps_position", "gps_velocity", "rtk_heading"}),
+        ("ekf_heading", {"gps_position", "gps_velocity"}),
+    ],
+)
+def test_each_method_uses_its_sources(method, unused):
+    flown = flight(duration_s=DURATION_S)
+    _, navigation = fed(config_for(flown, method=method))
+    counts = navigation.status().counts
+    assert {source for source, outcome in counts if outcome == "unused"} == unused
+
+
+def test_methods_rank_in_position_and_heading():
+    """raw has GPS's errors; rtk the RTK's; the autopilot's heading stays in both."""
+    flown = flight(duration_s=60.0)
+    found = {
+        method: errors(flown, solutions(flown, config_for(flown, method=method))).after(20.0)
+        for method in ("raw", "rtk", "ekf", "ekf_heading")
+    }
+    position = {m: np.linalg.norm(rms(e.state[:, :3])) for m, e in found.items()}
+    heading = {m: rms(e.rpy)[2] for m, e in found.items()}
+    assert position["raw"] > 10 * position["rtk"]
+    assert position["rtk"] > position["ekf"]
+    assert heading["raw"] == pytest.approx(heading["rtk"])
+    assert heading["rtk"] > heading["ekf"] > heading["ekf_heading"]
+
+
+@pytest.mark.parametrize(("rate_hz", "expected"), [(100.0, 100), (10.0, 10), (30.0, 30)])
+def test_publish_rate(rate_hz, expected):
+    """IMU stamps at 100 Hz with a millisecond of jitter."""
+    flown = flight(duration_s=DURATION_S)
+    rng = np.random.default_rng(5)
+    navigation = Navigation(config_for(flown, method="rtk", publish_rate_hz=rate_hz))
+    stamps = []
+    for sample in navigation_samples(flown):
+        moved = sample
+        if isinstance(sample, ImuSample):
+            moved = replace(sample, stamp_ns=sample.stamp_ns + int(rng.integers(-(10**6), 10**6)))
+        solution = navigation.process(moved).solution
+        if solution is not None:
+            stamps.append(solution.stamp_ns)
+    span_s = (stamps[-1] - stamps[0]) * 1e-9
+    assert len(stamps) / span_s == pytest.approx(expected, rel=0.03)
