@@ -13,8 +13,8 @@ Frames
     alone; ``tirgeo_ros.io.messages`` converts at the rim.
 
 Axes and names
-    ``R_nb`` takes body vectors to ``n``; vectors end in their frame (``v_n``,
-    ``lever_arm_b``). Quaternions are Hamilton, ``w, x, y, z``; ``q_nb`` is the rotation of ``R_nb``.
+    ``R_nb`` takes body vectors to ``n``; vectors end in their frame (``v_n``, ``lever_arm_b``).
+    Quaternions are Hamilton, ``w, x, y, z``; ``q_nb`` is the rotation of ``R_nb``.
     Euler angles are roll, pitch, yaw (radians), applied yaw, pitch, roll (z-y-x, intrinsic).
     An attitude error ``phi_n`` is the rotation that takes the estimate to the truth, resolved in
     ``n``: ``R_nb_true = exp([phi_n x]) R_nb``.  All error states are truth minus estimate.
