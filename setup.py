@@ -56,7 +56,7 @@ setup(
         "mcap>=1.1",
         "lz4",
         "zstandard",
-        "rosbags>=0.10",
+        "rosbags>=0.10.11",
         "PyYAML>=5.4",
     ],
     extras_require={

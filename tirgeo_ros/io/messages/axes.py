@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames import ENU_NED, FLU_FRD
+from tirgeo_ros.core.frames import ENU_NED
 from tirgeo_ros.core.samples import Array
 
 _HALF = math.sqrt(0.5)
@@ -35,17 +35,16 @@ def positive(q: Quaternion) -> Quaternion:
     return (-w, -x, -y, -z) if w < 0 else q
 
 
-def _entries(blocks: int, axes: Array) -> tuple[np.ndarray, Array]:
+def _entries(blocks: int) -> tuple[np.ndarray, Array]:
     """Where each entry of a turned covariance comes from, and its sign; both flat."""
-    turn = np.kron(np.eye(blocks), axes)
+    turn = np.kron(np.eye(blocks), ENU_NED)
     source = np.argmax(np.abs(turn), axis=1)
     sign = turn.sum(axis=1)
     size = 3 * blocks
     return (source[:, None] * size + source).ravel(), np.outer(sign, sign).ravel()
 
 
-_WORLD = {3 * blocks: _entries(blocks, ENU_NED) for blocks in (1, 2)}
-_BODY = _entries(1, FLU_FRD)
+_WORLD = {3 * blocks: _entries(blocks) for blocks in (1, 2)}
 
 
 def covariance_turned_world(covariance: Array, size: int) -> Array:
@@ -55,8 +54,3 @@ def covariance_turned_world(covariance: Array, size: int) -> Array:
     """
     source, sign = _WORLD[size]
     return np.asarray(np.asarray(covariance).ravel()[source] * sign)
-
-
-def covariance_turned_body(covariance: Array) -> Array:
-    """(9,) row-major covariance of an FRD vector to FLU, or the other way round."""
-    return np.asarray(np.asarray(covariance).ravel() * _BODY[1])

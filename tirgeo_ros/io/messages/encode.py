@@ -25,10 +25,9 @@ from tirgeo_ros.core.samples import (
     PositionSample,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import matrix, rotation_of
+from tirgeo_ros.core.strapdown import Vector, cross, rotation_of
 from tirgeo_ros.io.messages.axes import (
     Quaternion,
-    covariance_turned_body,
     covariance_turned_world,
     positive,
     quat_turned_both,
@@ -235,13 +234,15 @@ class Messages:
         return navigation_item(name, status)
 
     def _body_twist(self, solution: NavSolution, rate_variance: float) -> Any:
-        rotation_bn = matrix(rotation_of(solution.q_nb.tolist())).T
-        forward, right, down = (rotation_bn @ solution.velocity_n).tolist()
+        axes_n = _body_axes_n(solution)
+        north, east, down = solution.velocity_n.tolist()
+        forward, left, up = (a * north + b * east + c * down for a, b, c in axes_n)
         x, y, z = solution.angular_rate_b.tolist()
         covariance = np.zeros((6, 6))
-        covariance[:3, :3] = _velocity_covariance_flu(solution, rotation_bn)
-        covariance[[3, 4, 5], [3, 4, 5]] = rate_variance
-        return self._parts.twist((forward, -right, -down), (x, -y, -z), covariance.ravel())
+        covariance[:3, :3] = _velocity_covariance(solution, axes_n)
+        flat = covariance.ravel()
+        flat[21] = flat[28] = flat[35] = rate_variance
+        return self._parts.twist((forward, left, up), (x, -y, -z), flat)
 
     def _status(self, item: DiagnosticItem) -> Any:
         level = item.level if self._parts.takes_ndarray else bytes([item.level])
@@ -258,16 +259,14 @@ class Messages:
         )
 
 
-def _velocity_covariance_flu(solution: NavSolution, rotation_bn: Array) -> Array:
-    """(3, 3) covariance of the body-frame velocity: ``dv_b = R_bn (dv_n + [v_n x] phi_n)``."""
-    north, east, down = solution.velocity_n.tolist()
-    partials = np.array(
-        [
-            [0.0, -down, east, 1.0, 0.0, 0.0],
-            [down, 0.0, -north, 0.0, 1.0, 0.0],
-            [-east, north, 0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-    partials = rotation_bn @ partials
-    covariance = partials @ solution.covariance[3:9, 3:9] @ partials.T
-    return covariance_turned_body(covariance).reshape(3, 3)
+def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:
+    """Forward, left and up of the body in NED."""
+    m = rotation_of(tuple(solution.q_nb.tolist()))
+    return (m[0], m[3], m[6]), (-m[1], -m[4], -m[7]), (-m[2], -m[5], -m[8])
+
+
+def _velocity_covariance(solution: NavSolution, axes_n: tuple[Vector, Vector, Vector]) -> Array:
+    """(3, 3) of the velocity along body axes; along ``a`` it errs by ``a . (dv + [v x] phi)``."""
+    velocity_n = tuple(solution.velocity_n.tolist())
+    partials = np.array([(*cross(axis, velocity_n), *axis) for axis in axes_n])
+    return np.asarray(partials @ solution.covariance[3:9, 3:9] @ partials.T)
