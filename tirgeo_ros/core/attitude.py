@@ -18,7 +18,8 @@ from tirgeo_ros.core.samples import Array
 
 def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
     """The same angle in [-pi, pi)."""
-    return np.asarray((np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi)
+    wrapped = (np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))  # a remainder can round up
 
 
 def skew(v: Array) -> Array:
@@ -79,6 +80,9 @@ def quat_from_matrix(matrix: Array) -> Array:
 def canonical(q: Array) -> Array:
     """The same rotation with unit norm and w >= 0."""
     q = np.asarray(q, float)
+    if q.ndim == 1:  # the same without array calls
+        norm = math.sqrt(q @ q)
+        return np.asarray(q / (-norm if q[0] < 0 else norm))
     norm = np.sqrt((q * q).sum(-1, keepdims=True))
     return np.asarray(q / np.where(q[..., :1] < 0, -norm, norm))
 
@@ -134,11 +138,18 @@ def matrix_from_euler(
 
 
 def euler_from_matrix(matrix: Array) -> Array:
-    """``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3); pitch in [-pi/2, pi/2] (Groves 2.25)."""
+    """``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3); pitch in [-pi/2, pi/2].
+
+    Roll is what is left of the matrix once yaw is taken out. So the three give the matrix again
+    with the nose straight up or down too, where roll and yaw turn about one axis.
+    """
     m = np.asarray(matrix, float)
-    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
-    pitch = -np.arcsin(np.clip(m[..., 2, 0], -1.0, 1.0))
+    pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 0, 0], m[..., 1, 0]))
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(
+        sine * m[..., 0, 2] - cosine * m[..., 1, 2], cosine * m[..., 1, 1] - sine * m[..., 0, 1]
+    )
     return np.stack([roll, pitch, yaw], -1)
 
 

@@ -42,6 +42,7 @@ from tirgeo_ros.core.samples import (
 
 #: Smallest horizontal part of the nose's direction from which a heading is taken.
 _LEAST_HORIZONTAL = 1e-3
+_IDENTITY = np.eye(6)
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
         body,
         rotation_nb,
         quat_multiply(body.q_nb, q_bg),
-        np.eye(3),
+        _IDENTITY[:3, :3],
         rotation_nb @ axes_b,
         mount.joint_variance,
     )
@@ -156,7 +157,7 @@ def _camera_pose(
     lever_n = rotation_nb @ mount.lever_arm_b
     offset_n = matrix_from_quat(q_ng) @ mount.camera_offset_g
     arm = skew(offset_n)
-    by_body = np.eye(6)
+    by_body = _IDENTITY.copy()
     by_body[:3, 3:] = -skew(lever_n) - arm @ from_phi
     by_body[3:, 3:] = from_phi
     by_angles = np.concatenate([-arm @ axes_n, axes_n])
