@@ -77,7 +77,7 @@ def test_integrating_the_perfect_imu_gives_the_trajectory_back(shape):
     scenario = scenario_from({"route.shape": shape, "duration_s": 40.0})
     position, velocity, attitude = integrate(Trajectory(scenario, 7), 40.0, 0.02)
     # Truncation of order four at 0.02 s is below a micrometre per second of manoeuvre, rounding
-    # of earth-fixed coordinates (6e6 m) 1e-9 m a step; Coriolis left out would be decimetres at 3 m/s.
+    # of earth-fixed coordinates (6e6 m) 1e-9 m a step; Coriolis left out would be decimetres.
     assert np.abs(position).max() < 1e-4
     assert np.abs(velocity).max() < 1e-5
     assert np.abs(attitude).max() < 1e-7

@@ -6,6 +6,7 @@ copies serve what is far away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -74,18 +75,15 @@ def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
         for at in np.arange(0.0, length_m - _SLAB_M, _SLAB_M):
             first, last = path.line[0] + along * at, path.line[0] + along * (at + _SLAB_M - 0.1)
             slab = np.array([first - aside, first + aside, last + aside, last - aside])
-            canvas.fill(slab, _PAVING + rng.normal(0.0, 5.0))
+            canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
 
 
 def _paint_bed(canvas: _Canvas, bed: Bed) -> None:
     """The map's outline is the border between bed and kerb."""
-    for ring in (bed.outline, *bed.holes):
+    rings = [bed.outline, *bed.holes]
+    for ring in rings:
         canvas.outline(ring, 2 * _KERB_M, _KERB)
-    canvas.fill(bed.outline, _SOIL + _BED_SPAN * bed.warmth)
-    for hole in bed.holes:
-        canvas.outline(hole, 2 * _KERB_M, _KERB)
-        canvas.fill(hole, _GRASS)
-        canvas.outline(hole, _KERB_M, _KERB)
+    canvas.fill(rings, _SOIL + _BED_SPAN * bed.warmth)
 
 
 class _Canvas:
@@ -110,8 +108,10 @@ class _Canvas:
         cells = np.round(np.stack([columns, rows], -1) * 2**_SHIFT)
         return np.asarray(cells, np.int32)
 
-    def fill(self, ring: Array, grey: float) -> None:
-        cv2.fillPoly(self.grey, [self._cells(ring)], grey, cv2.LINE_AA, _SHIFT)
+    def fill(self, rings: Sequence[Array], grey: float) -> None:
+        """Fill the first ring but for the others, which lie within it."""
+        cells = [self._cells(ring) for ring in rings]
+        cv2.fillPoly(self.grey, cells, grey, cv2.LINE_AA, _SHIFT)
 
     def outline(self, ring: Array, width_m: float, grey: float) -> None:
         width = max(1, round(width_m / self.resolution_m))

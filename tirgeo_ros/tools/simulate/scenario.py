@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from tirgeo_ros.core.errors import ConfigError, ScenarioError
-from tirgeo_ros.core.parameter import config_from, group, param
+from tirgeo_ros.core.parameter import config_from, group, param, parameters_of
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario_aircraft import (
     AutopilotScenario,
@@ -68,6 +68,9 @@ class Scenario:
         return int(start.timestamp()) * 1_000_000_000
 
 
+_GROUPS = {p.name.rpartition(".")[0] for p in parameters_of(Scenario)}
+
+
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """The scenario of a YAML file; ScenarioError names the file and the key."""
     try:
@@ -107,7 +110,7 @@ def _check(scenario: Scenario) -> None:
 def _flat(tree: Mapping[object, object], prefix: str) -> Iterator[tuple[str, object]]:
     for key, value in tree.items():
         name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and (value or name in _GROUPS):
             yield from _flat(value, name + ".")
         else:
             yield name, value

@@ -1,0 +1,236 @@
+"""What the simulated sensors say differs from the truth by what the scenario says."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.attitude import (
+    euler_from_quat,
+    matrix_from_quat,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    slerp,
+    wrap_pi,
+)
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.samples import (
+    CameraAttitudeSample,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.gimbal import joint_angles
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+from tirgeo_ros.tools.simulate.sensors import imu_bias
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(scenario_from({}))
+
+
+def samples_of(flight, kind, source=None):
+    return [
+        (arrival, sample)
+        for arrival, sample in flight.samples
+        if isinstance(sample, kind) and (source is None or sample.source is source)
+    ]
+
+
+def rows_at(flight, samples):
+    """Rows of the truth at the stamps of samples; sensors measure at stamps of the IMU."""
+    row = {stamp: k for k, stamp in enumerate(flight.truth.stamp_ns)}
+    return [row[sample.stamp_ns] for _, sample in samples]
+
+
+def rms(errors):
+    return np.sqrt(np.mean(np.square(errors), axis=0))
+
+
+def antenna_errors(flight, source, lever_arm_m):
+    """(N, 3) reported less true position of an antenna, in the site's plane."""
+    samples = samples_of(flight, PositionSample, source)
+    truth, rows = flight.truth, rows_at(flight, samples)
+    places = np.array([(s.latitude_rad, s.longitude_rad, s.height_m) for _, s in samples])
+    arm = matrix_from_quat(truth.q_nb[rows]) @ flu_from_frd(np.array(lever_arm_m))
+    return flight.plane.ned_from_geodetic(*places.T) - truth.position_p[rows] - arm
+
+
+def test_samples_arrive_in_order_and_at_their_rates(flight):
+    arrivals = [arrival for arrival, _ in flight.samples]
+    assert arrivals == sorted(arrivals)
+    assert all(arrival >= sample.stamp_ns for arrival, sample in flight.samples)
+    counts = {kind: len(samples_of(flight, kind)) for kind in (ImuSample, HeadingSample)}
+    assert counts == {ImuSample: 10_701, HeadingSample: 536}
+    assert len(samples_of(flight, JointSample)) == 5351
+    delays = {arrival - sample.stamp_ns for arrival, sample in samples_of(flight, HeadingSample)}
+    assert delays == {80_000_000}
+
+
+def test_rtk_positions_have_their_noise(flight):
+    errors = antenna_errors(flight, Source.RTK_POSITION, flight.scenario.rtk.lever_arm_m)
+    # 536 draws: one sigma of a standard deviation is 3.1 %.
+    np.testing.assert_allclose(rms(errors), [0.01, 0.01, 0.02], rtol=4 * 0.031)
+    fixes = samples_of(flight, PositionSample, Source.RTK_POSITION)
+    assert {sample.status for _, sample in fixes} == {FixStatus.FIXED}
+    np.testing.assert_allclose(fixes[0][1].covariance_n, np.diag([1e-4, 1e-4, 4e-4]))
+
+
+def test_rtk_velocities_are_those_of_the_antenna(flight):
+    samples = samples_of(flight, VelocitySample, Source.RTK_VELOCITY)
+    truth, rows = flight.truth, rows_at(flight, samples)
+    # The difference quotient of the antenna's true position over 20 ms.
+    arm = matrix_from_quat(truth.q_nb) @ flu_from_frd(np.array(flight.scenario.rtk.lever_arm_m))
+    path = truth.position_p + arm
+    inner = [k for k, row in enumerate(rows) if 0 < row < len(path) - 1]
+    true = np.array([(path[rows[k] + 1] - path[rows[k] - 1]) / 0.02 for k in inner])
+    errors = np.array([samples[k][1].velocity_n for k in inner]) - true
+    np.testing.assert_allclose(rms(errors), 0.02, rtol=4 * 0.031)
+
+
+def test_gps_errors_are_slow_and_of_table_1_over_this_flight(flight):
+    errors = antenna_errors(flight, Source.GPS_POSITION, flight.scenario.gps.lever_arm_m)
+    # Scaled over other instants: the last one alone weighs a 1071st, of a square up to nine.
+    np.testing.assert_allclose(rms(errors), [0.9342, 1.2846, 2.8017], rtol=0.5 * 9 / 1071)
+    # Over a second they move by some percent of their size: sqrt(2 / 45 s) of it at most.
+    assert (rms(errors[10:] - errors[:-10]) < 0.25 * rms(errors)).all()
+
+
+def test_headings_are_noisy_and_whole_degrees(flight):
+    samples = samples_of(flight, HeadingSample)
+    heading = np.array([sample.heading_rad for _, sample in samples])
+    np.testing.assert_allclose(np.degrees(heading), np.round(np.degrees(heading)), atol=1e-9)
+    true = euler_from_quat(flight.truth.q_nb[rows_at(flight, samples)])[:, 2]
+    errors = np.degrees(wrap_pi(heading - true))
+    # White noise of 0.4 deg and rounding's 1 / sqrt(12); 536 draws.
+    expected = np.sqrt(0.4**2 + 1 / 12)
+    assert rms(errors) == pytest.approx(expected, rel=4 * 0.031)
+    assert samples[0][1].variance_rad2 == pytest.approx(np.radians(expected) ** 2)
+
+
+def test_an_offset_turns_the_reported_heading_only():
+    short = {"duration_s": 5.0, "heading.sigma_deg": 0.0, "heading.step_deg": 0.0}
+    straight, offset = (
+        fly(scenario_from({**short, "heading.offset_deg": value})) for value in (0.0, 90.0)
+    )
+    pairs = zip(
+        samples_of(straight, HeadingSample), samples_of(offset, HeadingSample), strict=True
+    )
+    turned = [np.degrees(wrap_pi(b.heading_rad - a.heading_rad)) for (_, a), (_, b) in pairs]
+    # A leaning baseline's heading differs by half the product of roll and pitch: below 0.5 deg.
+    np.testing.assert_allclose(turned, 90.0, atol=0.5)
+
+
+def test_the_autopilots_attitude_is_off_by_table_1(flight):
+    samples = samples_of(flight, ImuSample)
+    reported = euler_from_quat(np.array([sample.autopilot_q_nb for _, sample in samples]))
+    errors = np.degrees(wrap_pi(reported - euler_from_quat(flight.truth.q_nb)))
+    np.testing.assert_allclose(rms(errors), [0.3, 0.3, 1.7972], rtol=2e-3)
+    assert np.abs(np.diff(errors[:, 2])).max() < 0.02  # slow: no steps from sample to sample
+
+
+def test_the_imu_has_table_5s_noise_about_its_bias(flight):
+    truth, noise = flight.truth, flight.scenario.imu.noise
+    samples = [sample for _, sample in samples_of(flight, ImuSample)]
+    rate = np.array([s.angular_rate_b for s in samples]) - truth.angular_rate_b
+    force = np.array([s.specific_force_b for s in samples]) - truth.specific_force_b
+    # sqrt(100 Hz) = 10; 10 701 draws: one sigma of a standard deviation is 0.7 %.
+    np.testing.assert_allclose(
+        rms(rate - truth.gyro_bias_b), 10 * np.array(noise.angle_random_walk), rtol=4 * 0.007
+    )
+    np.testing.assert_allclose(
+        rms(force - truth.accel_bias_b), 10 * np.array(noise.velocity_random_walk), rtol=4 * 0.007
+    )
+
+
+def test_a_perfect_imu_says_the_truth():
+    flight = fly(scenario_from({"duration_s": 5.0, "imu.noise_scale": 0.0, "imu.rate_hz": 400}))
+    samples = [sample for _, sample in samples_of(flight, ImuSample)]
+    assert len(samples) == 2001
+    np.testing.assert_array_equal(
+        [s.specific_force_b for s in samples], flight.truth.specific_force_b
+    )
+    np.testing.assert_array_equal([s.angular_rate_b for s in samples], flight.truth.angular_rate_b)
+
+
+def test_turn_on_biases_have_their_size_over_many_seeds():
+    config = scenario_from({"imu.noise.accel_bias_instability": [0, 0, 0]}).imu
+    first = np.array([imu_bias(config, seed, 2).accel_b[0] for seed in range(400)])
+    # 1200 draws: one sigma of a standard deviation is 2 %.
+    assert rms(first.ravel()) == pytest.approx(1e-2, rel=4 * 0.0204)
+
+
+def test_the_camera_wanders_by_table_8_and_the_encoders_see_it(flight):
+    truth = flight.truth
+    np.testing.assert_allclose(
+        np.degrees(rms(flight.gimbal.wander_rad(truth.t_s))), [0.2704, 0.4839], rtol=2e-3
+    )
+    samples = samples_of(flight, JointSample)
+    rows = rows_at(flight, samples)
+    rotation_pg = flight.gimbal.rotation_pg(truth.t_s[rows])
+    rotation_pb = flight.trajectory.motion(truth.t_s[rows]).rotation_pb
+    true = joint_angles(np.swapaxes(rotation_pb, 1, 2) @ rotation_pg)
+    said = np.array([(s.yaw_rad, s.roll_rad, s.pitch_rad) for _, s in samples])
+    np.testing.assert_allclose(np.degrees(rms(said - true)), 0.02, rtol=4 / np.sqrt(2 * 5351))
+
+
+def test_joint_angles_are_those_of_the_chain():
+    angles = np.random.default_rng(4).uniform(-1.4, 1.4, (200, 3))
+    yaw, roll, pitch = angles.T
+    chain = rotation_z(yaw) @ rotation_x(roll) @ rotation_y(pitch)
+    np.testing.assert_allclose(joint_angles(chain), angles, atol=1e-12)
+
+
+def test_the_flight_controller_reports_the_command_and_its_own_heading(flight):
+    samples = samples_of(flight, CameraAttitudeSample)
+    rows = rows_at(flight, samples)
+    said = euler_from_quat(np.array([sample.q_ng for _, sample in samples]))
+    np.testing.assert_allclose(np.degrees(said[:, 0]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.degrees(said[:, 1]), -30.0, atol=1e-9)
+    # psi_coder: the autopilot's heading error is in both, so only the encoder's noise is left.
+    pilot = np.array([s.autopilot_q_nb for _, s in samples_of(flight, ImuSample)])[rows]
+    coder = said[:, 2] - euler_from_quat(pilot)[:, 2]
+    _, q_pc = flight.gimbal.camera(flight.truth.t_s[rows])
+    axis = matrix_from_quat(q_pc)[:, :, 2]
+    true = np.arctan2(axis[:, 1], axis[:, 0]) - euler_from_quat(flight.truth.q_nb[rows])[:, 2]
+    errors = np.degrees(wrap_pi(coder - true))
+    # 0.02 deg of encoder; the plane's meridians converge by 0.0005 deg within 100 m.
+    assert rms(errors) == pytest.approx(0.02, rel=0.1)
+
+
+def test_true_camera_poses_can_be_interpolated_between_gimbal_samples(flight):
+    """The truth is written at the gimbal's rate alone: that must do for any exposure."""
+    times = np.arange(0.0, 106.0, 0.02)
+    position, q_pc = flight.gimbal.camera(times)
+    middle, q_middle = flight.gimbal.camera(times[:-1] + 0.01)
+    apart = np.linalg.norm(middle - (position[:-1] + position[1:]) / 2, axis=1)
+    # Half a gimbal period from the ends: a / 2 * (10 ms)^2 with 2 m/s2 and 100 deg/s2.
+    assert apart.max() < 2e-4
+    between = np.array([slerp(a, b, 0.5) for a, b in pairwise(q_pc)])
+    cosine = np.abs(np.sum(between * q_middle, axis=1))
+    assert np.degrees(2 * np.arccos(np.minimum(cosine, 1.0))).max() < 0.01
+
+
+def test_the_same_seed_flies_the_same_flight_and_another_does_not():
+    scenario = scenario_from({"duration_s": 3.0})
+    first, second, third = (fly(scenario, seed) for seed in (1, 1, 2))
+    for (_, a), (_, b) in zip(first.samples, second.samples, strict=True):
+        assert repr(a) == repr(b)
+    assert not np.allclose(first.truth.position_p, third.truth.position_p)
+
+
+def test_one_sensors_settings_leave_the_others_noise():
+    plain, other = (
+        fly(scenario_from({"duration_s": 3.0, "gps.rate_hz": rate})) for rate in (10.0, 5.0)
+    )
+    pairs = zip(samples_of(plain, ImuSample), samples_of(other, ImuSample), strict=True)
+    assert all(repr(a) == repr(b) for a, b in pairs)

@@ -1,0 +1,69 @@
+"""Scenarios are read strictly, and the file of the paper's flight states every default."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tirgeo_ros.core.errors import ScenarioError
+from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
+
+PAPER = Path(__file__).resolve().parents[3] / "config" / "scenarios" / "paper_flight.yaml"
+
+
+def leaves(tree, prefix=""):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+def test_the_paper_flight_is_the_default_and_says_so_in_full():
+    assert load_scenario(PAPER) == Scenario()
+    unsaid = {p.name for p in parameters_of(Scenario)} - set(leaves(load_yaml(PAPER)))
+    # The filter's own belief of turn-on biases is no property of the flight.
+    assert unsaid == {"imu.noise.gyro_turn_on_bias", "imu.noise.accel_turn_on_bias"}
+
+
+def test_the_start_is_nanoseconds_of_unix_time():
+    assert scenario_from({"start_utc": "1970-01-01T00:00:10Z"}).start_ns == 10_000_000_000
+    assert scenario_from({"start_utc": "1970-01-01T08:00:00+08:00"}).start_ns == 0
+    assert scenario_from({"start_utc": "1970-01-01T00:00:01"}).start_ns == 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("route:\n  sped_m_s: 3", r"bad.yaml: unknown parameter route.sped_m_s .*speed_m_s"),
+        ("route:\n  speed_m_s: fast", r"bad.yaml: parameter route.speed_m_s: 'fast' is not"),
+        ("duration_s: -3", r"bad.yaml: parameter duration_s: -3 s is outside"),
+        ("rtk: 5", r"bad.yaml: unknown parameter rtk"),
+        ("route:\n  shape: spiral", r"bad.yaml: .*route.shape: 'spiral' is not one of lawnmower"),
+        ("start_utc: noon", r"bad.yaml: start_utc: 'noon' is not a time such as"),
+        ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
+        ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
+        ("- 1", r"bad.yaml: holds no scenario"),
+        ("a: [", r"bad.yaml: line 1: not YAML"),
+        ("seed: 1\nseed: 2", r"bad.yaml: line 2: not YAML: key seed stands twice"),
+    ],
+)
+def test_a_bad_scenario_is_refused_with_file_and_key(tmp_path, text, message):
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(path)
+
+
+def test_an_empty_group_leaves_the_defaults(tmp_path):
+    path = tmp_path / "empty.yaml"
+    path.write_text("route: {}\nimu: {noise: {}}\n")
+    assert load_scenario(path) == Scenario()
+
+
+def test_an_absent_scenario_is_named(tmp_path):
+    with pytest.raises(ScenarioError, match=r"none.yaml: cannot be read: No such file"):
+        load_scenario(tmp_path / "none.yaml")

@@ -1,0 +1,261 @@
+"""A flight as files: whole, repeatable, and a cut of it the same as the whole."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.errors import ScenarioError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
+from tirgeo_ros.tools.simulate.park import lay_out
+from tirgeo_ros.tools.simulate.survey import surveyed
+
+SHORT = """\
+duration_s: 6.0
+route: {hover_s: 1.0}
+park: {resolution_m: 0.2}
+survey: {points: 4, after_s: 0.0, apart_s: 0.5}
+"""
+NAMES = {
+    "flight.mcap",
+    "truth.mcap",
+    "map.geojson",
+    "survey.geojson",
+    "observations.csv",
+    "params.yaml",
+}
+
+
+@pytest.fixture(scope="module")
+def scenario_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "short.yaml"
+    path.write_text(SHORT)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(scenario_path, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, simulate(scenario_path, folder)
+
+
+def contents(path):
+    return [(m.topic, m.log_time_ns, m.data) for m in BagReader(path).messages()]
+
+
+def test_every_file_is_there_and_counted(whole):
+    folder, summary = whole
+    assert {path.name for path in folder.iterdir()} == NAMES
+    assert summary["control_points"] == 4
+    assert summary["observations"] == 12
+    assert summary["bytes"] == {name: (folder / name).stat().st_size for name in NAMES}
+    assert summary["messages"]["imu/data"] == 601
+    # 9 Hz from the start, as long as the pictures arrive (50 ms later) within the 6 s.
+    assert summary["messages"]["thermal/image_raw/compressed"] == 54
+
+
+def test_topics_and_types_are_the_contracts(whole):
+    folder, _ = whole
+    flight = BagReader(folder / "flight.mcap").topics()
+    assert {topic.lstrip("/") for topic in flight} == {
+        "imu/data",
+        "gps/fix",
+        "gps/vel",
+        "rtk/fix",
+        "rtk/vel",
+        "rtk/heading",
+        "gimbal/joint_states",
+        "gimbal/attitude",
+        "thermal/image_raw/compressed",
+        "thermal/camera_info",
+    }
+    truth = BagReader(folder / "truth.mcap").topics()
+    assert {topic.lstrip("/") for topic in truth} == {
+        "tirgeo/odometry",
+        "tirgeo/camera_pose",
+        "tirgeo/origin",
+        "tirgeo/fix",
+    }
+    for topic, typename in (flight | truth).items():
+        assert TOPIC_TYPES[topic.lstrip("/")] == typename
+
+
+def test_pictures_and_stamps(whole):
+    cdr, start_ns = Cdr(), scenario_from({}).start_ns
+    pictures = BagReader(whole[0] / "flight.mcap").messages(["/thermal/image_raw/compressed"])
+    for number, item in enumerate(pictures):
+        message = cdr.deserialize(item.data, item.typename)
+        assert convert.stamp_ns(message) == item.log_time_ns
+        exposed_ns = item.log_time_ns - 50_000_000
+        assert exposed_ns - start_ns == round(number * 1e9 / 9)
+    pixels = convert.compressed_pixels(message)
+    assert pixels.shape == (512, 640)
+    assert 20 < pixels.std() < 80
+
+
+def test_the_bag_holds_the_flight_that_fly_flies(whole):
+    flight = fly(scenario_from({"duration_s": 6.0, "route.hover_s": 1.0}))
+    cdr = Cdr()
+    said = [
+        convert.imu_sample(cdr.deserialize(m.data, m.typename))
+        for m in BagReader(whole[0] / "flight.mcap").messages(["/imu/data"])
+    ]
+    flown = [sample for _, sample in flight.samples if type(sample).__name__ == "ImuSample"]
+    for a, b in zip(said, flown, strict=True):
+        assert a.stamp_ns == b.stamp_ns
+        np.testing.assert_allclose(a.specific_force_b, b.specific_force_b, atol=1e-12)
+        np.testing.assert_allclose(a.autopilot_q_nb, b.autopilot_q_nb, atol=1e-12)
+    poses = [
+        convert.body_pose(cdr.deserialize(m.data, m.typename))
+        for m in BagReader(whole[0] / "truth.mcap").messages(["/tirgeo/odometry"])
+    ]
+    np.testing.assert_allclose(
+        [pose.position_n for pose in poses], flight.truth.position_p, atol=1e-8
+    )
+
+
+def test_observations_are_the_true_pixels_of_surveyed_points(whole):
+    folder, _ = whole
+    cdr = Cdr()
+    poses = {
+        pose.stamp_ns: pose
+        for pose in (
+            convert.camera_pose(cdr.deserialize(m.data, m.typename))
+            for m in BagReader(folder / "truth.mcap").messages(["/tirgeo/camera_pose"])
+        )
+    }
+    origin = next(BagReader(folder / "truth.mcap").messages(["/tirgeo/origin"]))
+    plane = convert.tangent_plane(cdr.deserialize(origin.data, origin.typename))
+    points = {point.id: point for point in load_survey(folder / "survey.geojson")}
+    clicks = load_observations(folder / "observations.csv")
+    assert sorted(click.id for click in clicks) == sorted(3 * list(points))
+    for click in clicks:
+        point = points[click.id]
+        place = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
+        exposed_ns = click.stamp_ns - 50_000_000
+        pose = poses[min(poses, key=lambda stamp: abs(stamp - exposed_ns))]
+        camera_place = (place - pose.position_n) @ matrix_from_quat(pose.q_nc)
+        uv, valid = XT2.project(camera_place[None, :])
+        # Click 0.5 px, survey 2 cm at 800 px / 27 m (0.6 px), pose up to 10 ms off: 30 mm and
+        # 0.05 deg (1 px each). Four sigma of the first two, and the last.
+        assert valid.all()
+        assert np.abs(uv[0] - [click.u, click.v]).max() < 4 * np.hypot(0.5, 0.6) + 2
+        assert 178 < click.v < 492  # the operator's rows, four clicks' sigma wider
+        assert 38 < click.u < 602
+
+
+def test_the_same_seed_gives_the_same_bytes(whole, scenario_path, tmp_path):
+    simulate(scenario_path, tmp_path)
+    for name in NAMES:
+        assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes(), name
+
+
+def test_a_window_is_a_cut_of_the_whole(whole, scenario_path, tmp_path):
+    folder = whole[0]
+    simulate(scenario_path, tmp_path, start_s=2.0, duration_s=2.5)
+    start_ns = scenario_from({}).start_ns + 2_000_000_000
+    end_ns = start_ns + 2_500_000_000
+    cut = [m for m in contents(folder / "flight.mcap") if start_ns <= m[1] <= end_ns]
+    assert contents(tmp_path / "flight.mcap") == cut
+    true = [m for m in contents(folder / "truth.mcap") if start_ns <= m[1] <= end_ns]
+    rest = [m for m in contents(tmp_path / "truth.mcap") if m[0] != "/tirgeo/origin"]
+    assert rest == [m for m in true if m[0] != "/tirgeo/origin"]
+    for name in ("map.geojson", "survey.geojson", "params.yaml"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+    inside = [
+        click
+        for click in load_observations(folder / "observations.csv")
+        if start_ns <= click.stamp_ns <= end_ns
+    ]
+    assert load_observations(tmp_path / "observations.csv") == inside
+    assert 0 < len(inside) < 12
+
+
+def test_parameters_fit_the_flight(whole):
+    path, scenario = whole[0] / "params.yaml", scenario_from({})
+    ekf = load_config(path, "ekf_node", EkfConfig)
+    assert ekf.rtk.lever_arm_m == scenario.rtk.lever_arm_m
+    assert ekf.gps.lever_arm_m == scenario.gps.lever_arm_m
+    assert ekf.origin_lat_lon_h == (39.85, 116.7, 11.5)
+    assert ekf.imu.angle_random_walk == scenario.imu.noise.angle_random_walk
+    gimbal = load_config(path, "gimbal_node", GimbalConfig)
+    assert gimbal.lever_arm_m == scenario.gimbal.lever_arm_m
+    assert gimbal.camera_offset_m == scenario.gimbal.camera_offset_m
+    overlay = load_config(path, "overlay_node", OverlayConfig)
+    assert overlay.ground_height_m == 11.5
+    assert overlay.video_latency_s == 0.05
+
+
+def test_the_paper_flight_sees_twenty_points_three_times_each():
+    flight = fly(scenario_from({}))
+    points, clicks = surveyed(flight, XT2, lay_out(flight.scenario.park, flight.seed))
+    assert len(points) == 20
+    stamps = {point.id: [c.stamp_ns for c in clicks if c.id == point.id] for point in points}
+    assert all(len(set(seen)) == 3 for seen in stamps.values())
+    assert min(stamp for seen in stamps.values() for stamp in seen) >= (
+        flight.scenario.start_ns + 20_000_000_000
+    )
+    places = np.array(
+        [
+            flight.plane.ned_from_geodetic(p.latitude_rad, p.longitude_rad, p.height_m)
+            for p in points
+        ]
+    )
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    assert apart[~np.eye(20, dtype=bool)].min() > 5.0  # spread over the park
+    # Surveyed to 2 cm about the plane of the ground: twenty points stay within four sigma.
+    assert np.abs(places[:, 2]).max() < 0.08
+
+
+@pytest.mark.parametrize("shape", ["hover", "figure_eight"])
+def test_other_shapes_are_flown_too(shape, tmp_path):
+    path = tmp_path / "other.yaml"
+    path.write_text(f"{SHORT}name: {shape}\n".replace("hover_s: 1.0", f"shape: {shape}"))
+    summary = simulate(path, tmp_path / "out", images=False)
+    assert summary["scenario"] == shape
+    assert "thermal/image_raw/compressed" not in summary["messages"]
+    assert summary["messages"]["thermal/camera_info"] == 54
+
+
+@pytest.mark.parametrize(
+    ("start_s", "duration_s"), [(-1.0, 2.0), (0.0, 0.0), (3.0, 4.0), (7.0, None), (np.nan, 1.0)]
+)
+def test_a_window_outside_the_flight_is_refused(scenario_path, tmp_path, start_s, duration_s):
+    with pytest.raises(ScenarioError, match=r"short.yaml: no .* s on in a flight of 6 s"):
+        simulate(scenario_path, tmp_path / "out", start_s=start_s, duration_s=duration_s)
+    assert not (tmp_path / "out").exists()
+
+
+def test_too_many_control_points_are_refused(tmp_path):
+    path = tmp_path / "greedy.yaml"
+    path.write_text(SHORT.replace("points: 4", "points: 900"))
+    with pytest.raises(ScenarioError, match=r"survey.points: 900 are wanted, but only \d+ corner"):
+        simulate(path, tmp_path / "out", images=False)
+
+
+def test_the_verb_prints_what_it_wrote(scenario_path, tmp_path, capsys):
+    arguments = ["simulate", str(scenario_path), "-o", str(tmp_path / "out"), "--no-images"]
+    assert main([*arguments, "--seed", "5", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["seed"] == 5
+    assert summary["messages"]["rtk/fix"] == 30
+
+
+def test_the_verb_refuses_an_unknown_key_in_one_line(tmp_path, capsys):
+    path = tmp_path / "bad.yaml"
+    path.write_text("rout: {}\n")
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{path}: unknown parameter rout" in error
