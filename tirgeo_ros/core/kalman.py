@@ -10,6 +10,9 @@ import numpy as np
 
 from tirgeo_ros.core.samples import Array
 
+#: Up to here a float holds the probability of an excess to all its digits.
+_RAREST_SIGMA = 30.0
+
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
@@ -31,14 +34,17 @@ class Update:
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
-    """One update in Joseph's form; refused where the test ratio is above one."""
+    """One update in Joseph's form; refused where the test ratio is not in 0 to 1.
+
+    A ratio that is negative or not a number comes of a noise that is no covariance.
+    """
     design, noise = measurement.design, measurement.noise
     cross = covariance @ design.T
     spread = design @ cross + noise
     inverse = 1 / spread if len(spread) == 1 else np.linalg.inv(spread)
     distance = float(measurement.innovation @ inverse @ measurement.innovation)
     ratio = distance / chi_square_limit(measurement.gate_sigma, len(measurement.innovation))
-    if not ratio <= 1:
+    if not 0 <= ratio <= 1:
         return Update(ratio, None, None)
     gain = cross @ inverse
     keep = np.eye(len(covariance)) - gain @ design
@@ -52,6 +58,9 @@ def chi_square_limit(sigma: float, degrees: int) -> float:
 
     ``degrees`` is 1, 2 or 3; the survival functions are closed forms, inverted by bisection.
     """
+    if sigma > _RAREST_SIGMA:  # beyond, the limit grows as the square but for a logarithm
+        rarest = chi_square_limit(_RAREST_SIGMA, degrees)
+        return rarest + sigma * sigma - _RAREST_SIGMA * _RAREST_SIGMA
     wanted = math.erfc(sigma / math.sqrt(2))
     low, high = 0.0, (sigma + 4) ** 2
     for _ in range(80):
