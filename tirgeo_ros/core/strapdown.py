@@ -159,14 +159,19 @@ def _attitude(state: NavState, rates: Rates, turn: Vector, step_s: float) -> Qua
 
 def _velocity(state: NavState, rates: Rates, step_s: float) -> Vector:
     e, t = rates.earth_rate_n, rates.transport_rate_n
-    coriolis = cross((2 * e[0] + t[0], 2 * e[1] + t[1], 2 * e[2] + t[2]), state.velocity_n)
+    f = rates.specific_force_n
     gravity = gravity_down(state.latitude_rad, state.height_m)
     north, east, down = state.velocity_n
-    f = rates.specific_force_n
+    coriolis = cross(e, state.velocity_n)
+    half = 0.5 * step_s  # the axes turn during the step: the force as seen at its middle
+    turned = cross(
+        (e[0] + t[0], e[1] + t[1], e[2] + t[2]),
+        (north + half * f[0], east + half * f[1], down + half * f[2]),
+    )
     return (
-        north + (f[0] - coriolis[0]) * step_s,
-        east + (f[1] - coriolis[1]) * step_s,
-        down + (f[2] - coriolis[2] + gravity) * step_s,
+        north + (f[0] - coriolis[0] - turned[0]) * step_s,
+        east + (f[1] - coriolis[1] - turned[1]) * step_s,
+        down + (f[2] - coriolis[2] - turned[2] + gravity) * step_s,
     )
 
 
