@@ -5,6 +5,8 @@ Between positions the last one is carried on with the last velocity; no filter.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tirgeo_ros.core.attitude import canonical, matrix_from_quat
@@ -47,7 +49,7 @@ class Passthrough:
         """What is missing for a solution, or an empty string."""
         if self._imu is None or not usable_attitude(self._imu.autopilot_q_nb):
             return "imu/data has no orientation"
-        if self._position is None or self._age_s(self._position.stamp_ns) > _LARGEST_AGE_S:
+        if self._position is None or not self._fresh(self._position):
             return f"no {self._position_source.value} within {_LARGEST_AGE_S:g} s"
         return ""
 
@@ -73,7 +75,8 @@ class Passthrough:
             return None
         q_nb = self._imu.autopilot_q_nb
         assert q_nb is not None
-        velocity_n = self._velocity.velocity_n if self._velocity else np.zeros(3)
+        velocity = self._velocity if self._velocity and self._fresh(self._velocity) else None
+        velocity_n = velocity.velocity_n if velocity else np.zeros(3)
         rotation = matrix_from_quat(q_nb)
         position = self._position
         shift = velocity_n * self._age_s(position.stamp_ns) - rotation @ self._lever_b
@@ -82,22 +85,29 @@ class Passthrough:
         return NavSolution(
             self._imu.stamp_ns,
             position.latitude_rad + float(shift[0]) / (meridian + position.height_m),
-            position.longitude_rad + float(shift[1]) / float(east_m),
+            math.remainder(position.longitude_rad + float(shift[1]) / float(east_m), 2 * math.pi),
             position.height_m - float(shift[2]),
             velocity_n,
             canonical(q_nb),
             self._imu.angular_rate_b,
-            self._covariance(position),
+            self._covariance(position, velocity),
         )
 
     def _age_s(self, stamp_ns: int) -> float:
-        return abs(self._imu.stamp_ns - stamp_ns) * 1e-9 if self._imu else np.inf
+        """Negative for what was measured after the newest IMU sample."""
+        return (self._imu.stamp_ns - stamp_ns) * 1e-9 if self._imu else math.inf
 
-    def _covariance(self, position: PositionSample) -> Array:
+    def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
+        return abs(self._age_s(sample.stamp_ns)) <= _LARGEST_AGE_S
+
+    def _covariance(self, position: PositionSample, velocity: VelocitySample | None) -> Array:
         covariance = np.zeros((9, 9))
-        known = np.all(np.diag(position.covariance_n) > 0)
-        covariance[:3, :3] = position.covariance_n if known else self._default_covariance
+        covariance[:3, :3] = _known(position.covariance_n, self._default_covariance)
         covariance[3:6, 3:6] = self._attitude_covariance
-        velocity = self._velocity.covariance_n if self._velocity else np.eye(3)
-        covariance[6:, 6:] = velocity
+        covariance[6:, 6:] = _known(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
         return covariance
+
+
+def _known(covariance: Array, otherwise: Array) -> Array:
+    """A covariance, or another one where the message has none (variances not positive)."""
+    return covariance if np.all(np.diag(covariance) > 0) else otherwise
