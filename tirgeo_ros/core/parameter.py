@@ -68,6 +68,8 @@ class Parameter:
         return value
 
     def _check_range(self, value: float) -> None:
+        if math.isinf(value):
+            raise ConfigError(f"parameter {self.name}: {value:g} is not finite")
         unset = math.isnan(value) and isinstance(self.default, float) and math.isnan(self.default)
         if not unset and not self.low <= value <= self.high:
             raise ConfigError(

@@ -15,6 +15,12 @@ from tirgeo_ros.core.samples import (
 )
 
 _LARGEST_HEIGHT_M = 50_000.0
+# Far beyond any sensor of an aircraft; what is larger would overflow further on.
+_LARGEST_FORCE_M_S2 = 1e4
+_LARGEST_RATE_RAD_S = 1e3
+_LARGEST_SPEED_M_S = 1e3
+_LARGEST_VARIANCE = 1e30
+_ROUNDING = 1e-6  # of a covariance that was sent in single precision
 
 
 def fault_of(sample: NavigationInput) -> str:
@@ -28,6 +34,8 @@ def fault_of(sample: NavigationInput) -> str:
         return _position_fault(sample) or _covariance_fault(sample.covariance_n)
     if not np.isfinite(sample.velocity_n).all():
         return "velocity is not finite"
+    if np.abs(sample.velocity_n).max() > _LARGEST_SPEED_M_S:
+        return "velocity is out of range"
     return _covariance_fault(sample.covariance_n)
 
 
@@ -38,7 +46,11 @@ def usable_attitude(q: Array | None) -> bool:
 
 def _imu_fault(sample: ImuSample) -> str:
     finite = all(map(math.isfinite, (*sample.specific_force_b, *sample.angular_rate_b)))
-    return "" if finite else "force or rate is not finite"
+    if not finite:
+        return "force or rate is not finite"
+    large = max(map(abs, sample.specific_force_b)) > _LARGEST_FORCE_M_S2
+    large = large or max(map(abs, sample.angular_rate_b)) > _LARGEST_RATE_RAD_S
+    return "force or rate is out of range" if large else ""
 
 
 def _position_fault(sample: PositionSample) -> str:
@@ -53,4 +65,9 @@ def _position_fault(sample: PositionSample) -> str:
 
 
 def _covariance_fault(covariance: Array) -> str:
-    return "" if np.isfinite(covariance).all() else "covariance is not finite"
+    if not (np.abs(covariance) < _LARGEST_VARIANCE).all():
+        return "covariance is not finite"
+    if np.any(np.diag(covariance) <= 0):  # the message says that it does not know
+        return ""
+    lowest, _, highest = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    return "" if lowest > -_ROUNDING * highest else "covariance is not positive"
