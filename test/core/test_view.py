@@ -189,14 +189,14 @@ def test_marks_are_projected_points_of_the_image():
     pose = pose_at()
     points = [[35, 0, 0], [40, 3, 0], [35, 100, 0], [-20, 0, 0]]
     vector_map = map_of(*[[point] for point in points])
-    uv, owner = View(XT2).marks(vector_map, pose)
+    marks = View(XT2).marks(vector_map, pose)
     wanted, _ = XT2.project(
         (np.array(points[:2], float) - pose.position_n) @ matrix_from_quat(pose.q_nc)
     )
-    assert owner.tolist() == [0, 1]
-    np.testing.assert_allclose(uv, wanted, atol=1e-6)
+    assert marks.owner.tolist() == [0, 1]
+    np.testing.assert_allclose(np.concatenate(marks.split()), wanted, atol=1e-6)
 
 
 def test_an_empty_map_has_nothing_to_draw():
     assert len(View(XT2).lines(map_of(), pose_at())) == 0
-    assert len(View(XT2).marks(map_of(), pose_at())[1]) == 0
+    assert len(View(XT2).marks(map_of(), pose_at())) == 0

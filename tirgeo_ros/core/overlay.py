@@ -23,6 +23,7 @@ from tirgeo_ros.core.painting import (
     paint_notice,
     paint_status,
 )
+from tirgeo_ros.core.polylines import Polylines, joined
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.core.text import Pixels
@@ -154,21 +155,28 @@ class Overlay:
 
     def _with_map(self, frame: Frame, now_ns: int, pose: CameraPose) -> OverlayResult:
         self._results["drawn"] += 1
-        image = self._drawn(coloured(frame.pixels), pose)
+        image = coloured(frame.pixels)
+        self._draw(image, pose)
         paint_status(image, self._fields(frame, now_ns))
         return OverlayResult(frame.stamp_ns, image, pose, "")
 
-    def _drawn(self, image: Pixels, pose: CameraPose) -> Pixels:
+    def _draw(self, image: Pixels, pose: CameraPose) -> None:
         assert self._view is not None
         assert self._map is not None
         lines = self._view.lines(self._map, pose)
-        marks_uv, marks_owner = self._view.marks(self._map, pose)
-        image = paint_lines(image, lines, marks_uv)
-        inside = self._view.inside(lines.points)
-        owner = np.repeat(lines.owner, np.diff(lines.starts))[inside]
-        points_uv = np.concatenate([lines.points.T[inside], marks_uv])
-        paint_labels(image, points_uv, np.append(owner, marks_owner), self._map.labels)
-        return image
+        marks = self._view.marks(self._map, pose)
+        paint_lines(image, lines, marks)
+        self._paint_labels(image, joined(lines, marks))
+
+    def _paint_labels(self, image: Pixels, lines: Polylines) -> None:
+        assert self._view is not None
+        assert self._map is not None
+        named = lines.select(np.flatnonzero(self._map.labelled[lines.owner]))
+        inside = self._view.inside(named.points)
+        features, owner = np.unique(named.owner, return_inverse=True)
+        owner = np.repeat(owner, np.diff(named.starts))[inside]
+        labels = [self._map.labels[feature] for feature in features]
+        paint_labels(image, named.points.T[inside], owner, labels)
 
     def _fields(self, frame: Frame, now_ns: int) -> list[str]:
         """The status line."""

@@ -10,42 +10,45 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.text import Colour, Pixels, stamp
+from tirgeo_ros.core.text import Colour, Pixels, Stamp, stamp
 
-LINE_BGR: Colour = (0, 255, 255)
+LINE_BGR: Colour = (0, 255, 255)  # each 0 or 255
 TEXT_BGR: Colour = (255, 255, 255)
 NOTICE_BGR: Colour = (80, 200, 255)
 
 _SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
 _HALO = np.ones((3, 3), np.uint8)
-_MARK = np.array([[0, -4], [4, 0], [0, 4], [-4, 0]])  # a small open diamond, px
+_MARK_PX = 4
+_MARK = _MARK_PX * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # a small open diamond
 _LABEL_PX, _STATUS_PX, _NOTICE_PX = 12, 12, 20
 _SMALLEST_PX = 8
 _MOST_LABELS = 40
 _CELL_PX = 8  # labels keep each other out of squares of this size
-_STATUS_HEIGHT_PX = 18
-_STATUS_GAP_PX = 14
+_STATUS_HEIGHT_PX = 20
+_STATUS_GAP_PX = 10
 
 
 def coloured(pixels: Pixels) -> Pixels:
     """A BGR copy of a (h, w) or (h, w, 3) picture."""
-    return (
-        np.array(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)) if pixels.ndim == 2 else pixels.copy()
-    )
+    if pixels.ndim == 3:
+        return np.array(pixels)
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
-def paint_lines(image: Pixels, lines: Polylines, marks_uv: Array) -> Pixels:
-    """The picture with lines (2, V) and marks (N, 2), in pixels, drawn on it.
+def paint_lines(image: Pixels, lines: Polylines, marks: Polylines) -> None:
+    """Draw lines (2, V) and marks, lines of one point, given in pixels.
 
     The ink is gathered on one mask and the halo grown from it: half the time of drawing every
     line twice.
     """
     mask = np.zeros(image.shape[:2], np.uint8)
     _draw(mask, lines.split_rows(_fixed_point(lines.points.T)), closed=False)
-    _draw(mask, list(_fixed_point(marks_uv[:, None, :] + _MARK)), closed=True)
-    halo = cv2.cvtColor(cv2.dilate(mask, _HALO), cv2.COLOR_GRAY2BGR)
-    ink = cv2.merge([cv2.convertScaleAbs(mask, alpha=level / 255) for level in LINE_BGR])
-    return np.asarray(cv2.add(cv2.subtract(image, halo), ink), np.uint8)
+    _draw(mask, list(_fixed_point(marks.points.T[:, None, :] + _MARK)), closed=True)
+    layer = cv2.cvtColor(cv2.dilate(mask, _HALO), cv2.COLOR_GRAY2BGR)
+    cv2.subtract(image, layer, dst=image)
+    none = np.zeros_like(mask)
+    cv2.merge([mask if level else none for level in LINE_BGR], dst=layer)
+    cv2.add(image, layer, dst=image)
 
 
 def _draw(mask: Pixels, runs: list[npt.NDArray[np.int32]], *, closed: bool) -> None:
@@ -57,27 +60,30 @@ def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
 
 
 def paint_labels(image: Pixels, uv: Array, owner: IntArray, labels: Sequence[str]) -> None:
-    """Write each owner's label once, at the middle of its points (N, 2) within the picture.
+    """Write each owner's label once, at the middle of its points (N, 2), all in the picture.
 
-    The features with most points come first; a label that would cover another is left out.
+    A label larger than its feature stands under it. The features with most points come first; a
+    label that would cover another is left out.
     """
+    image = image[:-_STATUS_HEIGHT_PX]  # a view: the strip under it is the status line's
     count = np.bincount(owner, minlength=len(labels))
-    middle = [np.bincount(owner, axis, len(labels)) / np.maximum(count, 1) for axis in uv.T]
+    u, v, vv = (
+        np.bincount(owner, weight, len(labels)) / np.maximum(count, 1)
+        for weight in (uv[:, 0], uv[:, 1], uv[:, 1] ** 2)
+    )
+    reach = 2 * np.sqrt(np.maximum(vv - v * v, 0.0))  # of the feature, up and down
     height, width = image.shape[:2]
     taken = np.zeros((height // _CELL_PX + 1, width // _CELL_PX + 1), bool)
-    first = [i for i in np.argsort(-count, kind="stable")[: np.count_nonzero(count)] if labels[i]]
+    first = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     for feature in first[:_MOST_LABELS]:
-        _place(image, taken, labels[feature], middle[0][feature], middle[1][feature])
+        text = stamp(labels[feature], _LABEL_PX, TEXT_BGR)
+        half = text.size[1] / 2
+        under = reach[feature] + half + _MARK_PX if reach[feature] < 2 * half else 0.0
+        _place(image, taken, text, u[feature], v[feature] + under)
 
 
-def _place(
-    image: Pixels,
-    taken: BoolArray,
-    label: str,
-    u: float,
-    v: float,
-) -> None:
-    text = stamp(label, _LABEL_PX, TEXT_BGR)
+def _place(image: Pixels, taken: BoolArray, text: Stamp, u: float, v: float) -> None:
+    """Lay a text centred here, moved into the picture, unless the place is taken."""
     width, height = text.size
     left = min(max(round(u) - width // 2, 0), max(image.shape[1] - width, 0))
     top = min(max(round(v) - height // 2, 0), max(image.shape[0] - height, 0))
@@ -97,7 +103,7 @@ def paint_status(image: Pixels, fields: Sequence[str]) -> None:
     left = 6
     for field in fields:
         text = stamp(field, _STATUS_PX, TEXT_BGR)
-        text.lay(image, left, image.shape[0] - (_STATUS_HEIGHT_PX + text.size[1]) // 2)
+        text.lay(image, left, image.shape[0] - _STATUS_HEIGHT_PX)
         left += text.size[0] + _STATUS_GAP_PX
 
 

@@ -99,3 +99,12 @@ class Polylines:
         return replace(
             self, points=points, starts=np.append(after - pieces, after[-1])[self.starts]
         )
+
+
+def joined(first: Polylines, second: Polylines) -> Polylines:
+    """The lines of both."""
+    return Polylines(
+        np.concatenate([first.points, second.points], axis=1),
+        np.concatenate([first.starts, second.starts[1:] + first.starts[-1]]),
+        np.concatenate([first.owner, second.owner]),
+    )

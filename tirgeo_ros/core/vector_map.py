@@ -10,7 +10,7 @@ import numpy as np
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.polylines import IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
 
 
@@ -51,11 +51,12 @@ class VectorMap:
     """A map in the tangent plane: north, east, down from its origin, metres.
 
     ``lines`` and ``marks`` (3, V) are owned by indices of ``labels``, one for each feature of the
-    map; outlines are lines that end where they begin. ``centres`` and ``halves`` (3, lines) are
-    the lines' bounding boxes.
+    map, and ``labelled`` says which are not empty; outlines are lines that end where they begin.
+    ``centres`` and ``halves`` (3, lines) are the lines' bounding boxes.
     """
 
     labels: tuple[str, ...]
+    labelled: BoolArray
     lines: Polylines
     marks: Polylines
     centres: Array
@@ -78,6 +79,7 @@ class VectorMap:
         low, high = _bounds(laid)
         return cls(
             labels,
+            np.array([bool(label) for label in labels], bool),
             laid,
             _laid([parts[i] for i in marks], owner[marks], plane),
             (low + high) / 2,

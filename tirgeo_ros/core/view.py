@@ -9,7 +9,7 @@ import numpy as np
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.clipping import clip_to_disc, clip_to_planes
-from tirgeo_ros.core.polylines import IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.vector_map import VectorMap
 
@@ -52,15 +52,16 @@ class View:
         flat = flat.subdivided(self._pieces(flat))
         return Polylines(np.stack(self.camera.pixels(*flat.points)), flat.starts, flat.owner)
 
-    def marks(self, vector_map: VectorMap, pose: CameraPose) -> tuple[Array, IntArray]:
-        """The map's points that lie in the image: pixels (N, 2) and their owners (N,)."""
+    def marks(self, vector_map: VectorMap, pose: CameraPose) -> Polylines:
+        """The map's points that lie in the image: lines of one point (2, V), pixels."""
         marks = vector_map.marks
         offset_n = marks.points.T - pose.position_n
         uv, valid = self.camera.project(offset_n @ matrix_from_quat(pose.q_nc))
         valid[valid] = self.inside(uv[valid].T)
-        return uv[valid], marks.owner[valid]
+        owner = marks.owner[valid]
+        return Polylines(uv[valid].T, np.arange(len(owner) + 1), owner)
 
-    def inside(self, uv: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    def inside(self, uv: Array) -> BoolArray:
         """Whether pixels (2, N) lie in the image; (N,)."""
         u, v = uv
         inside = (u >= -0.5) & (u < self.camera.width - 0.5)
