@@ -1,0 +1,77 @@
+"""The sample flight in the tree is the one that its scenario makes now."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.map_file import map_text
+from tirgeo_ros.tools.simulate.parameters_file import parameters_text
+from tirgeo_ros.tools.simulate.park import lay_out
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+from tirgeo_ros.tools.simulate.survey import surveyed
+
+START_S, END_S = 35.0, 65.0
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(scenario_from({}))
+
+
+def read(path, topic, convert_one):
+    cdr = Cdr()
+    return [
+        convert_one(cdr.deserialize(m.data, m.typename)) for m in BagReader(path).messages([topic])
+    ]
+
+
+def test_its_inertial_data_and_truth_are_the_scenarios(flight, sample):
+    said = read(sample / "flight.mcap", "/imu/data", convert.imu_sample)
+    start_ns = flight.scenario.start_ns
+    flown = [
+        s
+        for arrival, s in flight.samples
+        if isinstance(s, ImuSample) and START_S * 1e9 <= arrival - start_ns <= END_S * 1e9
+    ]
+    assert [s.stamp_ns for s in said] == [s.stamp_ns for s in flown]
+    for field in ("specific_force_b", "angular_rate_b", "autopilot_q_nb"):
+        np.testing.assert_allclose(
+            [getattr(s, field) for s in said], [getattr(s, field) for s in flown], atol=1e-9
+        )
+    true = read(sample / "truth.mcap", "/tirgeo/odometry", convert.body_pose)
+    rows = np.isin(flight.truth.stamp_ns, [pose.stamp_ns for pose in true])
+    # Earth-fixed coordinates are good to a nanometre.
+    np.testing.assert_allclose(
+        [pose.position_n for pose in true], flight.truth.position_p[rows], atol=1e-7
+    )
+
+
+def test_its_map_survey_and_parameters_are_the_scenarios(flight, sample):
+    park = lay_out(flight.scenario.park, flight.seed)
+    assert (sample / "map.geojson").read_text(encoding="utf-8") == map_text(park, flight.plane)
+    assert (sample / "params.yaml").read_text() == parameters_text(flight.scenario)
+    points, clicks = surveyed(flight, XT2, park)
+    assert [p.id for p in load_survey(sample / "survey.geojson")] == [p.id for p in points]
+    start_ns = flight.scenario.start_ns
+    inside = [c for c in clicks if START_S * 1e9 <= c.stamp_ns - start_ns <= END_S * 1e9]
+    stored = load_observations(sample / "observations.csv")
+    assert [(c.id, c.stamp_ns) for c in stored] == [(c.id, c.stamp_ns) for c in inside]
+    np.testing.assert_allclose(
+        [(c.u, c.v) for c in stored], [(c.u, c.v) for c in inside], atol=1e-3
+    )
+
+
+def test_it_is_small_and_its_pictures_can_be_read(sample):
+    assert sum(path.stat().st_size for path in sample.iterdir()) <= 12e6
+    topic = "/thermal/image_raw/compressed"
+    pictures = read(sample / "flight.mcap", topic, convert.compressed_pixels)
+    assert len(pictures) == 270
+    assert {picture.shape for picture in pictures} == {(512, 640)}
+    assert BagReader(sample / "flight.mcap").damage is None
