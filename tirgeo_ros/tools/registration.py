@@ -38,6 +38,15 @@ SAMPLES: Mapping[str, Callable[[Any], Sample]] = {
     "gimbal/attitude": convert.camera_attitude,
 }
 
+_RTK = ("imu/data", "rtk/fix", "rtk/vel")
+#: The topics that each method takes.
+METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
+    "raw": ("imu/data", "gps/fix", "gps/vel"),
+    "rtk": _RTK,
+    "ekf": _RTK,
+    "ekf_heading": (*_RTK, "rtk/heading"),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Registered:

@@ -1,0 +1,69 @@
+"""Which topics of a bag a run reads, and which must be there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from tirgeo_ros.core.errors import BagError
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.registration import METHOD_TOPICS
+
+_IMAGES = ("thermal/image_raw", "thermal/image_raw/compressed")
+#: By composition; of more than one topic, one is enough.
+_GIMBAL: dict[str, tuple[str, ...]] = {
+    "paper": ("gimbal/attitude",),
+    "encoders": ("gimbal/joint_states",),
+    "auto": ("gimbal/joint_states", "gimbal/attitude"),
+}
+
+
+def prefix(namespace: str) -> str:
+    """What stands before a relative name: a slash, or the namespace between two."""
+    return f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+
+
+def resolved(topic: str, namespace: str) -> str:
+    """The name of a contract topic in a bag; a leading slash marks one that does not move."""
+    return topic if topic.startswith("/") else prefix(namespace) + topic
+
+
+def inputs_of(
+    reader: BagReader, method: str, composition: str, namespace: str, *, pictures: bool
+) -> dict[str, str]:
+    """Resolved name to contract topic of what a run reads from a bag.
+
+    Raises BagError naming every needed topic that is absent, or one that has another type.
+    """
+    present = reader.topics()
+    there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
+    wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
+    needed: list[tuple[str, ...]] = [
+        (name,) for name in METHOD_TOPICS[method] if not name.endswith("/vel")
+    ]
+    needed.append(_GIMBAL[composition])
+    if pictures:
+        needed += [_IMAGES, ("thermal/camera_info",)]
+        wanted += ["thermal/camera_info", *[name for name in _IMAGES if name in there][:1]]
+    _check_present(reader, needed, there, namespace)
+    found = {resolved(name, namespace): name for name in wanted if name in there}
+    for topic, name in found.items():
+        if present[topic] != TOPIC_TYPES[name]:
+            raise BagError(
+                f"{reader.path}: {topic} is of type {present[topic] or 'nothing'}, "
+                f"not {TOPIC_TYPES[name]}"
+            )
+    return found
+
+
+def _check_present(
+    reader: BagReader, needed: list[tuple[str, ...]], there: Collection[str], namespace: str
+) -> None:
+    absent = [
+        " or ".join(resolved(name, namespace) for name in names)
+        for names in needed
+        if not set(names).intersection(there)
+    ]
+    if absent:
+        hint = "" if namespace else "; is there a --namespace?"
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(absent)}{hint}")
