@@ -1,0 +1,59 @@
+"""The verb ``tirgeo process``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.progress import Progress
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "process",
+        help="geo-register a recorded flight",
+        description="Runs filter, gimbal composition and overlay over a bag, faster than real "
+        "time, and writes every output topic of the nodes to a new bag. The same input gives the "
+        "same bytes. A damaged bag is processed as far as it can be read (exit code 1).",
+        epilog="example:\n  tirgeo process bags/sample/flight.mcap -o out.mcap "
+        "--params bags/sample/params.yaml --map bags/sample/map.geojson --video out.mp4",
+    )
+    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
+    parser.add_argument("--params", type=Path, metavar="YAML", help="ROS 2 parameter file")
+    parser.add_argument("--map", type=Path, metavar="MAP", help="the map; without it no overlay")
+    parser.add_argument(
+        "--method", metavar="M", choices=("raw", "rtk", "ekf", "ekf_heading"), help="%(choices)s"
+    )
+    parser.add_argument(
+        "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
+    )
+    parser.add_argument("--no-images", action="store_true", help="poses only, no overlay")
+    parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
+    parser.add_argument("--video", type=Path, metavar="OUT.mp4", help="the overlay as a video")
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Process the bag."""
+    from tirgeo_ros.tools.process import process  # noqa: PLC0415 heavy
+
+    if args.no_images and (args.video or args.raw_images):
+        raise UsageError("--no-images goes with neither --video nor --raw-images")
+    with Progress("processing", unit="s") as bar:
+        return process(
+            args.bag,
+            args.output,
+            params=args.params,
+            map=args.map,
+            method=args.method,
+            ground_height=args.ground_height,
+            images=not args.no_images,
+            raw_images=args.raw_images,
+            video=args.video,
+            namespace=args.namespace,
+            progress=bar,
+        )

@@ -1,0 +1,168 @@
+"""Messages of a flight in, messages of the whole node graph out, in log-time order.
+
+``tirgeo process`` without its files: the core objects of ekf_node, gimbal_node and overlay_node,
+with the conversions that those nodes use. The time of an output is the log time of the input that
+caused it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.vector_map import GeoFeature
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration, Sample
+
+DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Parameters of the three nodes and the map, and whether raw overlay images are wanted."""
+
+    ekf: EkfConfig
+    gimbal: GimbalConfig
+    overlay: OverlayConfig
+    features: list[GeoFeature] | None = None  # None: no overlay
+    raw_images: bool = False
+
+
+class Sink(Protocol):
+    """Takes what the pipeline gives."""
+
+    def message(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Take a message of a contract topic."""
+
+    def frame(self, stamp_ns: int, pixels: npt.NDArray[np.uint8]) -> None:
+        """Take an overlay picture (h, w, 3) BGR."""
+
+
+class Pipeline:
+    """The chain from sensor messages to overlay, with counts of what could not be read."""
+
+    def __init__(self, settings: Settings, messages: Messages, sink: Sink, names: str) -> None:
+        """``names`` leads the names in diagnostics: the namespace with a slash at both ends."""
+        self.registration = Registration(settings.ekf, settings.gimbal)
+        self.overlay: Overlay | None = None
+        if settings.features is not None:
+            self.overlay = Overlay(settings.overlay, settings.features)
+        self.unreadable: Counter[str] = Counter()
+        self.states_s: Counter[str] = Counter()
+        self._settings = settings
+        self._messages = messages
+        self._sink = sink
+        self._names = names
+        self._plane: TangentPlane | None = None
+        self._diagnosed_ns: int | None = None
+
+    def wants(self, topic: str) -> bool:
+        """Whether a message of a topic can still change anything."""
+        return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
+
+    def take(self, topic: str, message: Any, log_time_ns: int) -> None:
+        """Take a message of a contract topic; one that makes no sense is counted."""
+        try:
+            if topic in SAMPLES:
+                self._sample(SAMPLES[topic](message), log_time_ns)
+            else:
+                self._picture(topic, message, log_time_ns)
+        except TirgeoError:
+            self.unreadable[topic] += 1
+        self._draw(log_time_ns)
+        self._diagnose(log_time_ns)
+
+    def finish(self, log_time_ns: int) -> None:
+        """Give out the frame that still waits for its pose, and the last diagnostics."""
+        wait_ns = round(self._settings.overlay.max_pose_wait_s * 1e9)
+        self._draw(log_time_ns, log_time_ns + wait_ns + 1)
+        self._publish_diagnostics(log_time_ns)
+
+    def _sample(self, sample: Sample, log_time_ns: int) -> None:
+        self._publish(self.registration.take(sample), log_time_ns)
+
+    def _publish(self, found: Registered, log_time_ns: int) -> None:
+        if found.solution is not None and found.body is not None:
+            self._new_plane(found.solution.stamp_ns, log_time_ns)
+            odometry = self._messages.odometry(found.solution, found.body)
+            self._sink.message("tirgeo/odometry", odometry, log_time_ns)
+            self._sink.message("tirgeo/fix", self._messages.fix(found.solution), log_time_ns)
+        for pose in found.cameras:
+            camera_pose = self._messages.camera_pose(pose)
+            self._sink.message("tirgeo/camera_pose", camera_pose, log_time_ns)
+            if self.overlay is not None:
+                self.overlay.add_pose(pose)
+
+    def _new_plane(self, stamp_ns: int, log_time_ns: int) -> None:
+        plane = self.registration.navigation.plane
+        if plane is None or plane == self._plane:
+            return
+        self._plane = plane
+        self._sink.message("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
+        if self.overlay is not None:
+            self.overlay.set_plane(plane)
+
+    def _picture(self, topic: str, message: Any, log_time_ns: int) -> None:
+        if self.overlay is None:
+            return
+        if topic == "thermal/camera_info":
+            self.overlay.set_camera(convert.camera(message))
+            return
+        compressed = topic.endswith("/compressed")
+        read = convert.compressed_pixels if compressed else convert.image_pixels
+        self.overlay.set_status(self.registration.navigation.status())
+        self.overlay.add_frame(convert.stamp_ns(message), read(message), log_time_ns)
+
+    def _draw(self, log_time_ns: int, now_ns: int | None = None) -> None:
+        if self.overlay is None:
+            return
+        result = self.overlay.take(log_time_ns if now_ns is None else now_ns)
+        if result is not None:
+            self._give_out(result, log_time_ns)
+
+    def _give_out(self, result: OverlayResult, log_time_ns: int) -> None:
+        self._sink.frame(result.stamp_ns, result.image)
+        quality = [cv2.IMWRITE_JPEG_QUALITY, self._settings.overlay.jpeg_quality]
+        jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
+        compressed = self._messages.compressed(result.stamp_ns, jpeg)
+        self._sink.message("tirgeo/overlay/image/compressed", compressed, log_time_ns)
+        if self._settings.raw_images:
+            raw = self._messages.image(result.stamp_ns, result.image)
+            self._sink.message("tirgeo/overlay/image", raw, log_time_ns)
+
+    def _diagnose(self, log_time_ns: int) -> None:
+        if self._diagnosed_ns is None:
+            self._diagnosed_ns = log_time_ns
+        late_ns = log_time_ns - self._diagnosed_ns
+        if late_ns >= DIAGNOSTICS_PERIOD_NS:
+            self._diagnosed_ns = log_time_ns - late_ns % DIAGNOSTICS_PERIOD_NS
+            self._publish_diagnostics(log_time_ns)
+
+    def _publish_diagnostics(self, log_time_ns: int) -> None:
+        status = self.registration.navigation.status()
+        self.states_s[status.state.value] += 1
+        items = [
+            self._messages.navigation_diagnostic(f"{self._names}ekf_node: navigation", status)
+        ]
+        composer = self.registration.composer
+        composition = f"composition: {composer.composition}"
+        items.append(self._counts("gimbal_node: camera pose", composer.counts, composition))
+        if self.overlay is not None:
+            items.append(self._counts("overlay_node: overlay", self.overlay.counts, "ok"))
+        message = self._messages.diagnostics(log_time_ns, items)
+        self._sink.message("/diagnostics", message, log_time_ns)
+
+    def _counts(self, name: str, counts: Mapping[str, int], message: str) -> DiagnosticItem:
+        values = {key: str(number) for key, number in counts.items()}
+        return DiagnosticItem(self._names + name, 0, message, values)

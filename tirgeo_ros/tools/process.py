@@ -1,0 +1,195 @@
+"""A recorded flight in, its geo-registered flight out: the work of ``tirgeo process``.
+
+Messages go through the core objects of the nodes in the order of their log times, faster than
+real time; the same input gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
+from tirgeo_ros.core.parameter import config_from, values_of
+from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.tools.inputs import inputs_of, prefix, resolved
+from tirgeo_ros.tools.pipeline import Pipeline, Settings
+from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.video import VideoFile
+
+PathLike = str | os.PathLike[str]
+
+#: Messages between two calls of the progress report.
+_REPORT_EVERY = 256
+
+
+def process(
+    bag_in: PathLike,
+    bag_out: PathLike,
+    *,
+    params: PathLike | None = None,
+    map: PathLike | None = None,  # noqa: A002 the option's name
+    method: str | None = None,
+    ground_height: float | None = None,
+    images: bool = True,
+    raw_images: bool = False,
+    video: PathLike | None = None,
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Process a bag and return a summary; ``error`` in it is None, or what of the bag was lost.
+
+    ``params`` is a ROS 2 parameter YAML of the nodes; ``map`` and ``ground_height`` (ellipsoidal
+    m) stand before those in it. ``progress`` is told seconds of the flight. Nothing is written
+    under its name before it is whole. Raises BagError (no bag, a needed topic absent, nothing
+    readable), ConfigError, MapError, VideoError.
+    """
+    ekf, gimbal, overlay = _configs(params, namespace, method, ground_height)
+    map_path = (overlay.map if map is None else os.fspath(map)) if images else ""
+    _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
+    reader = BagReader(bag_in)
+    topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, pictures=bool(map_path))
+    features = load_map(map_path, overlay.label_field) if map_path else None
+    settings = Settings(ekf, gimbal, overlay, features, raw_images)
+    begun_s = time.perf_counter()
+    with contextlib.ExitStack() as stack:
+        film = stack.enter_context(VideoFile(video)) if video is not None else None
+        writer = stack.enter_context(BagWriter(bag_out))
+        run = _Run(reader, settings, _Sink(writer, film, namespace), namespace)
+        run.through(topics, progress)
+        if not run.read:
+            raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
+    elapsed_s = time.perf_counter() - begun_s
+    return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | run.summary(elapsed_s)
+
+
+def _configs(
+    params: PathLike | None, namespace: str, method: str | None, ground_height: float | None
+) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
+    ekf = load_config(params, "ekf_node", EkfConfig, namespace)
+    gimbal = load_config(params, "gimbal_node", GimbalConfig, namespace)
+    overlay = load_config(params, "overlay_node", OverlayConfig, namespace)
+    if method is not None:
+        ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
+    if ground_height is not None:
+        overlay = config_from(
+            OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
+        )
+    return ekf, gimbal, overlay
+
+
+def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked: bool) -> None:
+    if Path(bag_out).exists() and Path(bag_in).exists() and Path(bag_out).samefile(bag_in):
+        raise BagError(f"{os.fspath(bag_out)}: the output would take the place of the input")
+    if asked and not pictures:
+        raise ConfigError("overlay images are asked for without a map or without images")
+
+
+def _because(reader: BagReader) -> str:
+    return f": {reader.damage}" if reader.damage else ""
+
+
+class _Sink:
+    """Writes what the pipeline gives, under resolved names."""
+
+    def __init__(self, writer: BagWriter, film: VideoFile | None, namespace: str) -> None:
+        self.written: Counter[str] = Counter()
+        self.film = film
+        self._writer = writer
+        self._namespace = namespace
+
+    def message(self, topic: str, message: object, log_time_ns: int) -> None:
+        name = resolved(topic, self._namespace)
+        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
+        self.written[name] += 1
+
+    def frame(self, stamp_ns: int, pixels: npt.NDArray[np.uint8]) -> None:
+        if self.film is not None:
+            self.film.add(stamp_ns, pixels)
+
+
+class _Run:
+    """One pass through a bag."""
+
+    def __init__(self, reader: BagReader, settings: Settings, sink: _Sink, namespace: str) -> None:
+        self.read: Counter[str] = Counter()
+        self._reader = reader
+        self._settings = settings
+        self._sink = sink
+        self._cdr = Cdr()
+        self._undecoded: Counter[str] = Counter()
+        self._span_ns = (0, 0)
+        self.pipeline = Pipeline(settings, Messages(self._cdr.types), sink, prefix(namespace))
+
+    def through(self, topics: dict[str, str], progress: Report) -> None:
+        """Take every message of the topics (resolved name to contract topic)."""
+        for topic, message, log_time_ns in self._messages(topics, progress):
+            self.pipeline.take(topic, message, log_time_ns)
+        if self.read:
+            self.pipeline.finish(self._span_ns[1])
+
+    def _messages(
+        self, topics: dict[str, str], progress: Report
+    ) -> Iterator[tuple[str, object, int]]:
+        total_s = _seconds(self._reader.span_ns)
+        for number, item in enumerate(self._reader.messages(topics)):
+            if not number:
+                self._span_ns = (item.log_time_ns, item.log_time_ns)
+            self._span_ns = (self._span_ns[0], item.log_time_ns)
+            if number % _REPORT_EVERY == 0:
+                progress(_seconds(self._span_ns) or 0.0, total_s)
+            if not self.pipeline.wants(topics[item.topic]):
+                continue
+            try:
+                message = self._cdr.deserialize(item.data, item.typename)
+            except MessageError:
+                self._undecoded[item.topic] += 1
+                continue
+            self.read[item.topic] += 1
+            yield topics[item.topic], message, item.log_time_ns
+
+    def summary(self, elapsed_s: float) -> dict[str, object]:
+        """What was read, made and refused."""
+        duration_s = _seconds(self._span_ns) or 0.0
+        navigation = self.pipeline.registration.navigation.status()
+        composer = self.pipeline.registration.composer
+        overlay, film = self.pipeline.overlay, self._sink.film
+        lost = self._reader.damage
+        return {
+            "method": navigation.method,
+            "composition": composer.composition,
+            "duration_s": duration_s,
+            "elapsed_s": elapsed_s,
+            "speed": duration_s / elapsed_s,
+            "read": dict(self.read),
+            "undecodable": dict(self._undecoded),
+            "unreadable": dict(self.pipeline.unreadable),
+            "written": dict(self._sink.written),
+            "state": navigation.state.value,
+            "reason": navigation.reason,
+            "states_s": dict(self.pipeline.states_s),
+            "verdicts": {f"{a} {b}": number for (a, b), number in navigation.counts.items()},
+            "heading_sigma_deg": math.degrees(navigation.heading_sigma_rad),
+            "gimbal": composer.counts,
+            "overlay": overlay.counts if overlay is not None else {},
+            "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
+            "error": None
+            if lost is None
+            else f"{self._reader.path}: {lost}; the output is made from these",
+        }
+
+
+def _seconds(span_ns: tuple[int, int] | None) -> float | None:
+    return None if span_ns is None else (span_ns[1] - span_ns[0]) * 1e-9
