@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 
 from rclpy.duration import Duration
@@ -19,6 +20,7 @@ from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class
 
+#: In all; a reader that lost nothing may answer only at the next heartbeat, every 3 s.
 _ACKNOWLEDGE_S = 5.0
 
 
@@ -44,8 +46,7 @@ class BagPlayer(Node):
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
             self._play_once(stop)
-        for publisher in () if stop.is_set() else self._topics.values():
-            publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE_S))
+        self._await_acknowledgement(stop)
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
@@ -59,6 +60,13 @@ class BagPlayer(Node):
             self._topics[message.topic].publish(message.data)
             count += 1
         self.get_logger().info(f"played {count} messages of {self._config.bag}")
+
+    def _await_acknowledgement(self, stop: threading.Event) -> None:
+        end_s = time.monotonic() + _ACKNOWLEDGE_S
+        for publisher in self._topics.values():
+            left_s = end_s - time.monotonic()
+            if left_s > 0 and not stop.is_set():
+                publisher.wait_for_all_acked(Duration(seconds=left_s))
 
     def _start_ns(self) -> int:
         first_ns, last_ns = self._reader.span_ns

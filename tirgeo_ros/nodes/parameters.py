@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ from tirgeo_ros.core.parameter import Parameter, Value, config_from, parameters_
 from tirgeo_ros.io.parameter_file import load_parameters
 
 T = TypeVar("T")
-_ROS_OWN = {"use_sim_time": bool, "start_type_description_service": bool}
+_ROS_OWN = ("use_sim_time", "start_type_description_service")  # rclpy checks these itself
 
 
 def declare(node: Node, kind: type[T]) -> T:
@@ -45,9 +46,6 @@ def _given(node: Node, kind: type) -> dict[str, object]:
     """The values from files and command line that are this node's to judge."""
     # rclpy has no public way to see overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
-    for name, wanted in _ROS_OWN.items():
-        if name in overrides and not isinstance(overrides[name].value, wanted):
-            raise ConfigError(f"parameter {name}: {overrides[name].value!r} is not of type bool")
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
     return {
         name: _plain(given, own.get(name))
@@ -157,4 +155,7 @@ def _where(arguments: Sequence[str]) -> str:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    # Where in rcl's own source it was found helps nobody here.
+    text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
+    mixed = "Sequence should be of same type" in text
+    return f"{text}: write every number of a list with a decimal point" if mixed else text

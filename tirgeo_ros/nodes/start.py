@@ -23,6 +23,8 @@ def start(name: str) -> int:
     try:
         module = importlib.import_module(f"tirgeo_ros.nodes.{name}")
     except ModuleNotFoundError as error:
+        if (error.name or "").startswith("tirgeo_ros"):
+            raise
         sys.stderr.write(f"{name}: {error}: source ROS 2 Jazzy or install its wheels\n")
         return 1
     return int(module.main())

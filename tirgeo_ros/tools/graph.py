@@ -163,19 +163,21 @@ def _await_words(processes: Sequence[NodeProcess], words: str) -> None:
 def _watch(
     processes: Sequence[NodeProcess], player: NodeProcess, expected_s: float, progress: Report
 ) -> tuple[float, dict[str, float]]:
-    """Wait for the player's end: real seconds, and cores by node meanwhile."""
+    """Wait for the player's end: real seconds of playing, and cores by node meanwhile."""
     begin_s = time.monotonic()
     before = {process.name: process.cpu_s() for process in processes}
     others = [process for process in processes if process is not player]
-    while player.poll() is None:
+    while player.poll() is None and not player.said("played"):
         for process in others:
             process.check_running()
         progress(time.monotonic() - begin_s, expected_s)
         time.sleep(_POLL_S)
     play_s = time.monotonic() - begin_s
-    if player.ended is not None and player.ended.exit_code != 0:
+    cores = {p.name: (p.cpu_s() - before[p.name]) / play_s for p in processes}
+    ended = player.wait(_STOP_TIMEOUT_S)
+    if ended is None or ended.exit_code != 0:
         raise GraphError(player.last_line())
-    return play_s, {p.name: (p.cpu_s() - before[p.name]) / play_s for p in processes}
+    return play_s, cores
 
 
 def _stop(processes: Sequence[NodeProcess]) -> None:
