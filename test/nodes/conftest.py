@@ -1,0 +1,109 @@
+"""A short flight in a bag, and nodes as processes in a domain of their own."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tirgeo_ros.core.samples import (
+    CameraAttitudeSample,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.tools.graph import GraphSetup, graph_environment
+from tirgeo_ros.tools.node_process import NodeProcess
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import Scenario
+
+Spawn = Callable[..., NodeProcess]
+
+
+def topic_of(sample: object) -> str:
+    fixed = {
+        ImuSample: "imu/data",
+        HeadingSample: "rtk/heading",
+        JointSample: "gimbal/joint_states",
+        CameraAttitudeSample: "gimbal/attitude",
+    }
+    if type(sample) in fixed:
+        return fixed[type(sample)]
+    receiver = "rtk" if sample.source in {Source.RTK_POSITION, Source.RTK_VELOCITY} else "gps"
+    return f"{receiver}/{'fix' if isinstance(sample, PositionSample) else 'vel'}"
+
+
+def message_of(messages: Messages, topic: str, sample: object) -> object:
+    if topic.endswith("fix"):
+        return messages.nav_sat_fix(sample, "antenna")
+    if topic.endswith("vel"):
+        return messages.velocity(sample, "antenna")
+    encode = {
+        "imu/data": messages.imu,
+        "rtk/heading": messages.heading,
+        "gimbal/joint_states": messages.joints,
+        "gimbal/attitude": messages.camera_attitude,
+    }
+    return encode[topic](sample)
+
+
+@pytest.fixture(scope="session")
+def flight_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four seconds of a simulated flight without pictures."""
+    path = tmp_path_factory.mktemp("flight") / "flight.mcap"
+    messages = Messages(Cdr().types)
+    with BagWriter(path) as writer:
+        for arrival_ns, sample in fly(Scenario(duration_s=4.0)).samples:
+            topic = topic_of(sample)
+            message = message_of(messages, topic, sample)
+            writer.write(f"/{topic}", TOPIC_TYPES[topic], message, arrival_ns)
+    return path
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """For every process of the session: one domain that is free."""
+    folder = tmp_path_factory.mktemp("environment")
+    return graph_environment(GraphSetup(folder, folder))
+
+
+@pytest.fixture
+def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
+    """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test."""
+    processes: list[NodeProcess] = []
+
+    def start(name: str, *arguments: str) -> NodeProcess:
+        log = tmp_path / f"{name}.{len(processes)}.log"
+        processes.append(NodeProcess(name, arguments, environment, log))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.signal(signal.SIGKILL)
+        process.wait(5)
+
+
+@pytest.fixture
+def meet(environment, monkeypatch):
+    """Make strangers: ``meet(imu__data=Imu)`` listens to ``imu/data``."""
+    from graph_helpers import Stranger  # noqa: PLC0415 ROS may be absent where the other tests run
+
+    # The test's own participant must look where the nodes are.
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.setenv(name, environment.get(name, ""))
+    strangers = []
+
+    def make(**topics: type) -> Stranger:
+        named = {topic.replace("__", "/"): kind for topic, kind in topics.items()}
+        strangers.append(Stranger(int(environment["ROS_DOMAIN_ID"]), named))
+        return strangers[-1]
+
+    yield make
+    for stranger in strangers:
+        stranger.close()

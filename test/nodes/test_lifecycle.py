@@ -1,0 +1,132 @@
+"""Nodes as processes: they start, refuse what is wrong in one line, and end without accident."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tirgeo_ros.io.bag import BagReader
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from graph_helpers import await_words, within
+
+pytestmark = pytest.mark.graph
+
+#: Bounded by the executor's half second and by what DDS takes to say goodbye.
+STOP_S = 5.0
+
+
+def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
+    return {
+        "recorder": ["-p", f"output:={folder / 'out.mcap'}", "-p", "topics:=tirgeo/odometry"],
+        "bag_player": ["-p", f"bag:={bag}", "-p", "wait_timeout_s:=100.0"],
+    }.get(name, [])
+
+
+def ended_cleanly(process) -> None:
+    with within(STOP_S):
+        ended = process.wait(2 * STOP_S)
+    assert ended is not None
+    assert ended.exit_code == 0, process.log.read_text()
+    said = process.log.read_text()
+    assert "Traceback" not in said
+    assert "rror" not in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "name", ["ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"]
+)
+def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, name, number):
+    process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
+    await_words(process, "ready")
+    process.signal(number)
+    ended_cleanly(process)
+
+
+def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
+    """Start-up takes about a second: the moments lie before, in and after it."""
+    moments = random.Random(7)
+    processes = []
+    for name in ["ekf_node", "gimbal_node", "overlay_node", "bag_player"] * 3:
+        process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
+        time.sleep(moments.uniform(0.0, 1.5))
+        number = moments.choice([signal.SIGINT, signal.SIGTERM])
+        process.signal(number)
+        time.sleep(moments.uniform(0.005, 0.130))
+        process.signal(number)
+        processes.append(process)
+    for process in processes:
+        ended_cleanly(process)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("ekf_node", ["-p", "publish_rate_hz:=-1.0"], "publish_rate_hz: -1 Hz is outside"),
+        ("ekf_node", ["-p", "publsh_rate_hz:=1.0"], "unknown parameter publsh_rate_hz"),
+        ("ekf_node", ["-p", "use_sim_time:=1"], "use_sim_time"),
+        ("ekf_node", ["-p", "qos_overrides./imu/data.subscription.reliability:=so_so"], "so_so"),
+        ("ekf_node", ["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot be read"),
+        ("gimbal_node", ["-p", "lever_arm_m:=[1, 2.0, 3]"], "with a decimal point"),
+        ("overlay_node", ["-p", "map:=/nowhere.geojson"], "/nowhere.geojson"),
+        ("bag_player", [], "parameter bag: no bag given"),
+        ("bag_player", ["-p", "bag:=/nowhere.mcap"], "/nowhere.mcap: cannot be read"),
+        (
+            "recorder",
+            ["-p", "output:=/nowhere/a.mcap", "-p", "topics:=rtk/fix"],
+            "/nowhere/a.mcap",
+        ),
+        ("recorder", ["-p", "output:=a.mcap", "-p", "topics:=rtk/fx"], "rtk/fx"),
+    ],
+)
+def test_wrong_arguments_end_in_one_line(spawn, name, arguments, message):
+    process = spawn(name, *arguments)
+    with within(20.0):
+        ended = process.wait(30.0)
+    assert ended is not None
+    assert ended.exit_code == 1
+    assert message in process.last_line()
+    assert process.last_line().startswith(f"{name}: ")
+    assert "Traceback" not in process.log.read_text()
+
+
+def test_without_ros_a_node_says_so():
+    """As on a machine where ROS is neither sourced nor installed."""
+    program = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from tirgeo_ros.nodes.start import start\nsys.exit(start('ekf_node'))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert "source ROS 2 Jazzy" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
+    output = tmp_path / "out.mcap"
+    recorder = spawn(
+        "recorder", "-p", f"output:={output}", "-p", "topics:=imu/data", "-p", "use_sim_time:=true"
+    )
+    await_words(recorder, "ready")
+    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
+    assert player.wait(30.0).exit_code == 0, player.log.read_text()
+    assert not output.exists()  # under its name only when it is whole
+    recorder.signal(signal.SIGINT)
+    ended_cleanly(recorder)
+    played = [m.data for m in BagReader(flight_bag).messages(["/imu/data"])]
+    reader = BagReader(output)
+    recorded = [m.data for m in reader.messages(["/imu/data"])]
+    assert recorded == played[-len(recorded) :]
+    # What comes before the first tick of the clock has no time to be written down with.
+    assert len(recorded) >= len(played) - 3
+    assert reader.damage is None

@@ -1,0 +1,144 @@
+# ruff: noqa: E402 what follows imports ROS, which may be absent
+"""Parameters of nodes: declared with description and range, refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.nodes.parameters import check_arguments, declare, parameter_files
+
+
+@pytest.fixture
+def make_node():
+    context = Context()
+    rclpy.init(context=context, args=[], domain_id=99)
+    nodes = []
+
+    def make(**overrides) -> Node:
+        given = [Parameter(name.replace("__", "."), value=v) for name, v in overrides.items()]
+        nodes.append(
+            Node("ekf_node", context=context, parameter_overrides=given, enable_rosout=False)
+        )
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    context.try_shutdown()
+
+
+@pytest.mark.parametrize("kind", [EkfConfig, GimbalConfig, OverlayConfig])
+def test_defaults_are_those_of_the_dataclass(make_node, kind):
+    assert repr(declare(make_node(), kind)) == repr(kind())  # repr: nan is not itself
+
+
+def test_every_parameter_is_declared_with_what_a_person_needs(make_node):
+    node = make_node()
+    declare(node, EkfConfig)
+    for parameter in parameters_of(EkfConfig):
+        descriptor = node.describe_parameter(parameter.name)
+        assert descriptor.read_only
+        assert parameter.description in descriptor.description
+        assert parameter.unit in descriptor.description
+    rate = node.describe_parameter("publish_rate_hz").floating_point_range[0]
+    assert (rate.from_value, rate.to_value) == (0.1, 1000)
+    window = node.describe_parameter("rtk.median_window").integer_range[0]
+    assert (window.from_value, window.to_value) == (1, 99)
+    assert "ekf_heading" in node.describe_parameter("method").additional_constraints
+
+
+def test_whole_numbers_serve_as_doubles(make_node):
+    config = declare(make_node(publish_rate_hz=50, rtk__lever_arm_m=[1, 2, 3]), EkfConfig)
+    assert config.publish_rate_hz == 50.0
+    assert type(config.publish_rate_hz) is float
+    assert config.rtk.lever_arm_m == (1.0, 2.0, 3.0)
+
+
+def test_parameters_of_other_nodes_and_of_ros_are_passed_over(make_node):
+    overrides = {
+        "composition": "paper",  # of gimbal_node
+        "use_sim_time": True,
+        "start_type_description_service": False,
+        "qos_overrides./imu/data.subscription.depth": 5,
+    }
+    assert declare(make_node(**overrides), EkfConfig) == EkfConfig()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"rtk__lever_am_m": [0.0, 0.0, 0.0]}, r"unknown parameter rtk.lever_am_m .*lever_arm_m"),
+        ({"publish_rate_hz": 0.0}, r"publish_rate_hz: 0 Hz is outside 0.1 to 1000"),
+        ({"publish_rate_hz": "fast"}, r"publish_rate_hz: 'fast' is not of type double"),
+        ({"method": "magic"}, r"method: 'magic' is not one of raw, rtk, ekf, ekf_heading"),
+        ({"rtk__lever_arm_m": [1.0, 2.0]}, r"rtk.lever_arm_m: needs 3 numbers, has 2"),
+        ({"rtk__median_window": 2.5}, r"rtk.median_window: 2.5 is not of type int"),
+        ({"origin_lat_lon_h": [1.0]}, r"origin_lat_lon_h: needs 0 or 3 numbers, has 1"),
+    ],
+)
+def test_what_is_wrong_is_refused_by_name(make_node, overrides, message):
+    with pytest.raises(ConfigError, match=message):
+        declare(make_node(**overrides), EkfConfig)
+
+
+def test_declared_parameters_cannot_be_changed_in_flight(make_node):
+    node = make_node()
+    declare(node, EkfConfig)
+    (result,) = node.set_parameters([Parameter("publish_rate_hz", value=10.0)])
+    assert not result.successful
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "params.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_parameter_files_of_a_command_line():
+    line = ["node", "--ros-args", "--params-file", "a", "-p", "x:=1", "--params-file", "b"]
+    assert parameter_files(line) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "params.yaml: .*not YAML"),
+        ("3", "params.yaml: no parameter file"),
+        ("ekf_node: {ros__parameters: {methd: raw}}", "params.yaml: unknown parameter methd"),
+        ("ekf_node: {ros__parameters: {composition: paper}}", "unknown parameter composition"),
+        (
+            "/**: {ros__parameters: {rtk: {lever_arm_m: [1, 2.0, 3]}}}",
+            "params.yaml: parameter rtk.lever_arm_m: .*decimal point",
+        ),
+    ],
+)
+def test_a_wrong_parameter_file_is_named(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        check_arguments("ekf_node", ["--ros-args", "--params-file", write(tmp_path, text)])
+
+
+def test_an_absent_parameter_file_is_named():
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
+        check_arguments("ekf_node", ["--params-file", "nowhere.yaml"])
+
+
+def test_a_file_for_all_nodes_serves_each(tmp_path):
+    text = "/**: {ros__parameters: {method: rtk, composition: paper, use_sim_time: true}}"
+    check_arguments("ekf_node", ["--params-file", write(tmp_path, text)])
+    check_arguments("gimbal_node", ["--params-file", write(tmp_path, text), "__ns:=/uav1"])
+
+
+def test_a_node_by_another_name_is_left_to_rcl(tmp_path):
+    path = write(tmp_path, "front: {ros__parameters: {method: rtk}}")
+    check_arguments("ekf_node", ["--params-file", path, "-r", "__node:=front"])
