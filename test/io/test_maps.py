@@ -1,0 +1,257 @@
+"""Maps from GeoJSON: every geometry, other reference systems, and all that is no map."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.io.maps import load_map
+
+RING = [[16.0, 48.0], [16.001, 48.0], [16.001, 48.001], [16.0, 48.0]]
+HOLE = [[16.0003, 48.0003], [16.0006, 48.0003], [16.0006, 48.0006], [16.0003, 48.0003]]
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(content):
+        path = tmp_path / "map.geojson"
+        path.write_text(content if isinstance(content, str) else json.dumps(content), "utf-8")
+        return path
+
+    return write
+
+
+def collection(*geometries, properties=None, **members):
+    features = [
+        {"type": "Feature", "properties": properties, "geometry": geometry}
+        for geometry in geometries
+    ]
+    return {"type": "FeatureCollection", "features": features, **members}
+
+
+def geometry(kind, coordinates):
+    return {"type": kind, "coordinates": coordinates}
+
+
+def degrees(feature):
+    return np.degrees(feature.points[:, 1::-1])
+
+
+SHAPES = {
+    "Point": (RING[0], [([RING[0]], False)]),
+    "MultiPoint": (RING[:2], [([RING[0]], False), ([RING[1]], False)]),
+    "LineString": (RING, [(RING, False)]),
+    "MultiLineString": ([RING, HOLE], [(RING, False), (HOLE, False)]),
+    "Polygon": ([RING, HOLE], [(RING, True), (HOLE, True)]),
+    "MultiPolygon": ([[RING], [HOLE]], [(RING, True), (HOLE, True)]),
+}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+@pytest.mark.parametrize("wrap", ["geometry", "feature", "collection", "geometries"])
+def test_every_geometry(written, kind, wrap):
+    coordinates, wanted = SHAPES[kind]
+    shape = geometry(kind, coordinates)
+    root = {
+        "geometry": shape,
+        "feature": {"type": "Feature", "properties": {}, "geometry": shape},
+        "collection": collection(shape),
+        "geometries": collection({"type": "GeometryCollection", "geometries": [shape]}),
+    }[wrap]
+    features = load_map(written(root))
+    assert [f.closed for f in features] == [closed for _, closed in wanted]
+    assert {f.group for f in features} == {0}
+    for got, (points, _) in zip(features, wanted, strict=True):
+        np.testing.assert_allclose(degrees(got), points, rtol=0, atol=1e-12)
+        assert np.isnan(got.points[:, 2]).all()
+
+
+def test_heights_where_they_are_given(written):
+    line = geometry("LineString", [[16, 48, 171.5], [16.1, 48], [16.2, 48, 3, 99]])
+    points = load_map(written(collection(line)))[0].points
+    np.testing.assert_array_equal(points[:, 2], [171.5, np.nan, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("properties", "field", "label"),
+    [
+        ({"name": " Grünfläche 花坛 "}, "name", "Grünfläche 花坛"),
+        ({"name": 7}, "name", "7"),
+        ({"name": None}, "name", ""),
+        ({"name": "a", "id": "b"}, "id", "b"),
+        ({}, "name", ""),
+        (None, "name", ""),
+    ],
+)
+def test_labels(written, properties, field, label):
+    root = collection(geometry("Point", RING[0]), properties=properties)
+    assert load_map(written(root), field)[0].label == label
+
+
+def test_features_without_a_shape_are_passed_over(written):
+    empty = geometry("MultiPolygon", [])
+    features = load_map(written(collection(None, empty, geometry("Point", RING[0]))))
+    assert [f.group for f in features] == [2]
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    path = tmp_path / "map.geojson"
+    path.write_text(json.dumps(geometry("Point", RING[0])), "utf-8-sig")
+    assert len(load_map(path)) == 1
+
+
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::32633", "EPSG:32633"])
+def test_a_projected_map(written, name):
+    """UTM 33N has its central meridian at 15 deg, 500 km east, scale 0.9996."""
+    crs = {"type": "name", "properties": {"name": name}}
+    line = geometry("LineString", [[500000.0, 0.0], [500000.0, 5316000.0]])
+    feature = load_map(written(collection(line, crs=crs)))[0]
+    np.testing.assert_allclose(degrees(feature)[0], [15.0, 0.0], atol=1e-9)
+    # Along the central meridian lengths are 0.9996 of the true ones.
+    mid = feature.points[1, 0]
+    e2 = (2 - 1 / 298.257223563) / 298.257223563
+    lats = np.linspace(0, mid, 20001)
+    radius = 6378137.0 * (1 - e2) / (1 - e2 * np.sin(lats) ** 2) ** 1.5
+    arc = np.sum((radius[:-1] + radius[1:]) / 2) * (lats[1] - lats[0])
+    assert arc * 0.9996 == pytest.approx(5316000.0, abs=0.01)  # trapezoids: below 1 mm
+
+
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326"])
+def test_longitude_comes_first_in_every_crs(written, name):
+    crs = {"type": "name", "properties": {"name": name}}
+    feature = load_map(written(collection(geometry("Point", [16.0, 48.0]), crs=crs)))[0]
+    np.testing.assert_allclose(degrees(feature), [[16.0, 48.0]], atol=1e-9)
+
+
+def test_heights_above_the_sea_are_left_out(written):
+    crs = {"type": "name", "properties": {"name": "EPSG:32633+5773"}}  # with EGM96 heights
+    point = geometry("Point", [500000.0, 5316000.0, 120.0])
+    assert np.isnan(load_map(written(collection(point, crs=crs)))[0].points[0, 2])
+
+
+def line(*positions):
+    return collection(geometry("LineString", list(positions)))
+
+
+BAD = {
+    "not JSON": ("name,lat,lon\n", "not JSON .*; a map is a GeoJSON file"),
+    "empty file": ("", "not JSON"),
+    "deep": ("[" * 100_000, "not JSON"),
+    "a list": ([1, 2], "JSON, but not GeoJSON"),
+    "TopoJSON": ({"type": "Topology"}, "JSON, but not GeoJSON"),
+    "odd type": ({"type": ["Feature"]}, "JSON, but not GeoJSON"),
+    "no features": ({"type": "FeatureCollection"}, "no list of features"),
+    "empty": (collection(), "no feature with a geometry"),
+    "no shapes": (collection(None), "no feature with a geometry"),
+    "not a feature": (
+        {"type": "FeatureCollection", "features": [3]},
+        "feature 1 is not a GeoJSON",
+    ),
+    "unknown shape": (collection(geometry("Circle", [1, 2])), "feature 1: its geometry is none"),
+    "odd shape": (collection({"type": {}}), "feature 1: its geometry is none"),
+    "nesting": (
+        collection(geometry("Polygon", [[16, 48], [17, 48]])),
+        "feature 1: 16 is not a pos",
+    ),
+    "numbers": (collection(geometry("Polygon", [16, 48])), "feature 1: .* not nested"),
+    "text": (line(["16", "48"], [1, 2]), "is not a position of two or three numbers"),
+    "true": (line([True, 48], [1, 2]), "is not a position"),
+    "one number": (line([16], [1, 2]), "is not a position"),
+    "nan": ('{"type": "LineString", "coordinates": [[NaN, 1], [2, 3]]}', "is not finite"),
+    "infinite": ('{"type": "Point", "coordinates": [1, 2, Infinity]}', "is not finite"),
+    "huge": (line([10**400, 1], [2, 3]), "is not finite"),
+    "one point": (line([16, 48]), "feature 1: a LineString of 1 positions is none"),
+    "flat ring": (collection(geometry("Polygon", [RING[:2]])), "a Polygon of 2 positions is none"),
+    "projected": (line([500000, 5316000], [1, 2]), r"\(500000, 5.316e\+06\) is not a longitude"),
+    "lat first": (line([48, 116], [1, 2]), "feature 1: .* name its system in a crs member"),
+    "unknown crs": (
+        collection(geometry("Point", [1, 2]), crs={"properties": {"name": "EPSG:999999"}}),
+        "unknown coordinate reference system 'EPSG:999999'",
+    ),
+    "heights alone": (
+        collection(geometry("Point", [1, 2]), crs={"properties": {"name": "EPSG:5773"}}),
+        "unknown coordinate reference system 'EPSG:5773'",
+    ),
+    "linked crs": (
+        collection(geometry("Point", [1, 2]), crs={"type": "link", "properties": {"href": "x"}}),
+        "the crs member does not name",
+    ),
+    "odd crs": (collection(geometry("Point", [1, 2]), crs=4326), "the crs member does not name"),
+    "off the crs": (
+        collection(geometry("Point", [1e9, 1e9]), crs={"properties": {"name": "EPSG:32633"}}),
+        "is not a longitude",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_no_map_is_said_in_one_line_that_names_the_file(written, case):
+    content, message = BAD[case]
+    path = written(content)
+    with pytest.raises(MapError, match=message) as caught:
+        load_map(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_and_a_folder(tmp_path):
+    with pytest.raises(MapError, match="there is no such map"):
+        load_map(tmp_path / "absent.geojson")
+    with pytest.raises(MapError, match="cannot be read: Is a directory"):
+        load_map(tmp_path)
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / "map.geojson"
+    path.write_bytes(b"\xff\xfe\x00\xd8\x00\x01")
+    with pytest.raises(MapError, match="not JSON"):
+        load_map(path)
+
+
+JUNK = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.sampled_from(["Feature", "Polygon", "GeometryCollection", "LineString"]),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(
+                ["type", "coordinates", "geometry", "geometries", "properties", "crs"]
+            ),
+            inner,
+        )
+    ),
+    max_leaves=12,
+)
+
+
+@given(kind=st.sampled_from([*SHAPES, "GeometryCollection"]), junk=JUNK)
+def test_any_junk_is_a_map_error_or_a_map(tmp_path_factory, kind, junk):
+    path = tmp_path_factory.mktemp("junk") / "map.geojson"
+    path.write_text(
+        json.dumps(collection({"type": kind, "coordinates": junk, "geometries": junk}))
+    )
+    try:
+        features = load_map(path)
+    except MapError as error:
+        assert str(error).startswith(str(path))  # noqa: PT017  # either outcome is right
+    else:
+        assert all(np.isfinite(f.points[:, :2]).all() for f in features)
+
+
+def test_a_map_of_the_simulators_size_lands_where_it_should(written):
+    plane = TangentPlane(math.radians(48), math.radians(16), 170.0)
+    rng = np.random.default_rng(5)
+    ned = rng.uniform(-100, 100, (50, 3))
+    lat, lon, h = plane.geodetic_from_ned(ned)
+    positions = np.column_stack([np.degrees(lon), np.degrees(lat), h]).tolist()
+    points = load_map(written(line(*positions)))[0].points
+    np.testing.assert_allclose(plane.ned_from_geodetic(*points.T), ned, atol=1e-7)
