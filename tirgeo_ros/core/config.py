@@ -149,7 +149,7 @@ class GpsConfig:
         high=_LARGE,
     )
     position_sigma_m: tuple[float, ...] = param(
-        (1.2846, 0.9342, 2.8017),
+        (0.9342, 1.2846, 2.8017),
         "north, east, down standard deviation where the message has none",
         unit="m",
         low=1e-3,
