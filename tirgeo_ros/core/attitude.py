@@ -83,8 +83,8 @@ def canonical(q: Array) -> Array:
     if q.ndim == 1:  # the same without array calls
         norm = math.sqrt(q @ q)
         return np.asarray(q / (-norm if q[0] < 0 else norm))
-    norm = np.sqrt((q * q).sum(-1, keepdims=True))
-    return np.asarray(q / np.where(q[..., :1] < 0, -norm, norm))
+    norms = np.sqrt((q * q).sum(-1, keepdims=True))
+    return np.asarray(q / np.where(q[..., :1] < 0, -norms, norms))
 
 
 def quat_multiply(p: Array, q: Array) -> Array:

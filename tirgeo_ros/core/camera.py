@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 from numpy.polynomial import polynomial as poly
 
 from tirgeo_ros.core.errors import CameraError
@@ -113,7 +114,7 @@ class Camera:
             v[part] = self.fy * distorted[1] + self.cy
         return u, v
 
-    def project(self, points_c: Array) -> tuple[Array, Array]:
+    def project(self, points_c: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Points (N, 3) in the optical frame, m, to pixels (N, 2) and which are valid (N,).
 
         Points nearer than NEAR_M or beyond ``max_radius`` are not valid, and nan.
