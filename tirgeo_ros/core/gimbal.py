@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from tirgeo_ros.core.attitude import slerp
 from tirgeo_ros.core.composition import Mount, from_joints, from_reported
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory, is_rotation
+from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory
 from tirgeo_ros.core.samples import (
     Array,
     BodyPose,
@@ -22,6 +22,7 @@ from tirgeo_ros.core.samples import (
     CameraPose,
     JointSample,
 )
+from tirgeo_ros.core.validity import usable_attitude
 
 _HISTORY_S = 3.0
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
@@ -87,7 +88,7 @@ class GimbalComposer:
         """Take the autopilot's own attitude (4,), which the composition ``paper`` needs."""
         if self._by_joints:
             return []
-        if not is_rotation(q_nb):
+        if not usable_attitude(q_nb):
             self._counts["autopilot_invalid"] += 1
             return []
         self._autopilot.put(stamp_ns, q_nb)
@@ -107,7 +108,7 @@ class GimbalComposer:
 
     def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
         """Take the camera attitude that the flight controller reports."""
-        if not is_rotation(sample.q_ng):
+        if not usable_attitude(sample.q_ng):
             self._counts["invalid"] += 1
             return []
         return self._take(sample, drives=not self._by_joints)

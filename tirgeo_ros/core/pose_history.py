@@ -129,7 +129,7 @@ class PoseHistory(Generic[P]):
 
     def add(self, pose: P) -> bool:
         """Take a pose; False, and counted, if it is not finite or turned by no unit quaternion."""
-        if not (_finite(pose.position_n, pose.covariance) and is_rotation(attitude_of(pose))):
+        if not (_is_unit(attitude_of(pose)) and _finite(pose.position_n, pose.covariance)):
             self.invalid += 1
             return False
         self._history.put(pose.stamp_ns, pose)
@@ -144,14 +144,14 @@ class PoseHistory(Generic[P]):
         return start if fraction == 0.0 else _interpolated(start, end, fraction, stamp_ns)
 
 
-def is_rotation(q: Array) -> bool:
-    """Whether a quaternion (4,) is finite and of unit length, as far as messages keep it."""
-    return _finite(q) and abs(float(q @ q) - 1) < 1e-3
-
-
 def attitude_of(pose: BodyPose | CameraPose) -> Array:
     """``q_nb`` of a body pose, ``q_nc`` of a camera pose."""
     return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
+
+
+def _is_unit(q: Array) -> bool:
+    """Within what messages and sums leave of the unit length; false for NaN and infinity."""
+    return bool(abs(sum(part * part for part in q.tolist()) - 1) < 1e-3)
 
 
 def _finite(*arrays: Array) -> bool:
