@@ -1,12 +1,13 @@
 """Text in any script as small bitmaps, each rendered once and then laid on the picture.
 
 OpenCV 5 writes UTF-8 with a typeface of its own. OpenCV 4 writes ASCII alone, so there Pillow
-does it, with a typeface of the system.
+does it, with a typeface of the system, or in ASCII where the system has none.
 """
 
 from __future__ import annotations
 
 import contextlib
+import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -101,7 +102,8 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
         raise ConfigError(
             "labels need OpenCV 5 or Pillow; install one: pip install pillow"
         ) from None
-    font = _pillow_font(size_px)
+    font, universal = _pillow_font(size_px)
+    text = text if universal else _plain(text)
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
@@ -110,10 +112,17 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
 
 
 @lru_cache(maxsize=8)
-def _pillow_font(size_px: int) -> Any:
+def _pillow_font(size_px: int) -> tuple[Any, bool]:
+    """A typeface of the system, else Pillow's own, and whether it is more than ASCII."""
     from PIL import ImageFont  # noqa: PLC0415
 
     for name in _SYSTEM_FONTS:
         with contextlib.suppress(OSError):
-            return ImageFont.truetype(name, size_px)
-    return ImageFont.load_default(size_px)  # Latin without accents, but legible
+            return ImageFont.truetype(name, size_px), True
+    return ImageFont.load_default(size_px), False
+
+
+def _plain(text: str) -> str:
+    """ASCII: letters without their accents, a question mark for all others."""
+    bare = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    return "".join(c if c.isascii() else "?" for c in bare)

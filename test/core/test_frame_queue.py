@@ -1,0 +1,70 @@
+"""The frame that waits: the newest wins, late and wrong ones are counted."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.frame_queue import Frame, FrameQueue
+
+PICTURE = np.zeros((4, 5), np.uint8)
+SECOND = 1_000_000_000
+
+
+def put(queue, *stamps_s):
+    for stamp_s in stamps_s:
+        queue.put(Frame(round(stamp_s * SECOND), PICTURE, 0))
+
+
+def test_the_newest_wins_and_the_other_is_counted():
+    queue = FrameQueue()
+    put(queue, 1.0, 1.1)
+    assert queue.waiting.stamp_ns == 1_100_000_000
+    queue.clear()
+    assert queue.waiting is None
+    put(queue, 1.2)
+    assert queue.counts == {"replaced": 1, "out_of_order": 0, "time_jumps": 0, "invalid": 0}
+
+
+def test_a_late_or_repeated_frame_is_dropped():
+    queue = FrameQueue()
+    put(queue, 5.0, 4.5, 5.0)
+    assert queue.waiting.stamp_ns == 5 * SECOND
+    assert queue.counts["out_of_order"] == 2
+
+
+def test_after_the_clock_went_back_the_video_goes_on():
+    queue = FrameQueue()
+    put(queue, 100.0, 100.1, 3.0, 3.1)
+    assert queue.waiting.stamp_ns == 3_100_000_000
+    assert queue.counts["time_jumps"] == 1
+    assert queue.rate_hz == pytest.approx(10.0)
+
+
+def test_the_rate_is_of_the_last_ten():
+    queue = FrameQueue()
+    assert math.isnan(queue.rate_hz)
+    put(queue, 0.0)
+    assert math.isnan(queue.rate_hz)
+    put(queue, *(50 + i / 9 for i in range(10)))
+    assert queue.rate_hz == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.zeros((4, 5), np.uint16),
+        np.zeros((4, 5), float),
+        np.zeros((4, 5, 4), np.uint8),
+        np.zeros((4, 5, 1), np.uint8),
+        np.zeros(20, np.uint8),
+        np.zeros((0, 5), np.uint8),
+        np.zeros((4, 0, 3), np.uint8),
+    ],
+    ids=lambda pixels: f"{pixels.dtype}{pixels.shape}",
+)
+def test_what_is_no_picture_is_counted(pixels):
+    queue = FrameQueue()
+    queue.put(Frame(SECOND, pixels, 0))
+    assert queue.waiting is None
+    assert queue.counts["invalid"] == 1
