@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,13 +31,25 @@ from tirgeo_ros.core.samples import (
     Source,
     Verdict,
 )
-from tirgeo_ros.core.strapdown import NavState, Vector, propagate
+from tirgeo_ros.core.strapdown import NavState, Rates, Vector, propagate
 
-#: The covariance is never carried further than this in one step.
+#: The state is never carried further than this in one step.
 _LARGEST_STEP_S = 0.02
+#: The covariance follows the state in steps of at least this, and at every measurement.
+_COVARIANCE_STEP_S = 0.0195
 _ORDER = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 #: Rows and columns of a solution's covariance.
 _SOLUTION_ORDER = np.ix_(*[np.r_[POSITION, ATTITUDE, VELOCITY]] * 2)
+
+
+class _Belief(NamedTuple):
+    """State and covariance, the latter behind by ``lag_s`` and ready to follow."""
+
+    state: NavState
+    covariance: Array
+    lag_s: float = 0.0
+    before: NavState | None = None  # at the start of the state's last step
+    rates: Rates | None = None  # of that step
 
 
 @dataclass(slots=True)
@@ -44,8 +57,7 @@ class _Epoch:
     stamp_ns: int
     force_b: Vector
     rate_b: Vector
-    state: NavState
-    covariance: Array
+    belief: _Belief
 
 
 @dataclass(slots=True, eq=False)
@@ -64,17 +76,16 @@ class _Record:
 
 @dataclass(frozen=True, slots=True)
 class _Pause:
-    """The state after the last measurement of an interval, from where one more goes on.
+    """The belief after the last measurement of an interval, from where one more goes on.
 
     A receiver's position, velocity and heading come one after the other with one stamp; without
     this each would compute the ones before it again.
     """
 
     start_ns: int  # the interval's first epoch
-    order: tuple[int, int]  # of the last measurement in the state
-    applied: int  # measurements of the interval in the state
-    state: NavState
-    covariance: Array
+    order: tuple[int, int]  # of the last measurement in the belief
+    applied: int  # measurements of the interval in the belief
+    belief: _Belief
 
 
 class Ekf:
@@ -85,10 +96,8 @@ class Ekf:
         self._fusion = Fusion(config)
         self._window = config.rtk.median_window
         self._keep_ns = round(config.max_delay_s * 1e9)
-        start = _Epoch(
-            alignment.stamp_ns, *_readings(alignment.imu[0]), alignment.state, alignment.covariance
-        )
-        self._epochs = [start]
+        belief = _Belief(alignment.state, alignment.covariance)
+        self._epochs = [_Epoch(alignment.stamp_ns, *_readings(alignment.imu[0]), belief)]
         self._records: list[_Record] = []
         self._resolved: list[Verdict] = []
         self._pause: _Pause | None = None
@@ -102,9 +111,7 @@ class Ekf:
     def add_imu(self, sample: ImuSample) -> None:
         """Carry the state to an IMU sample, which must be newer than all before."""
         last = self._epochs[-1]
-        self._epochs.append(
-            _Epoch(sample.stamp_ns, *_readings(sample), last.state, last.covariance)
-        )
+        self._epochs.append(_Epoch(sample.stamp_ns, *_readings(sample), last.belief))
         self._catch_up(len(self._epochs) - 1)
         self._forget()
 
@@ -150,9 +157,13 @@ class Ekf:
         )
 
     def state(self) -> tuple[NavState, Array]:
-        """Nominal state and (15, 15) covariance at the newest IMU sample."""
+        """Nominal state and (15, 15) covariance at the newest IMU sample.
+
+        The covariance may be up to 20 ms older than the state.
+        """
         self._catch_up(len(self._epochs) - 1)
-        return self._epochs[-1].state, self._epochs[-1].covariance
+        belief = self._epochs[-1].belief
+        return belief.state, belief.covariance
 
     def _catch_up(self, index: int) -> None:
         while self._done < index:
@@ -163,54 +174,56 @@ class Ekf:
         """State of ``end`` from that of ``start`` and the measurements in between."""
         pause = self._pause
         if pause is None or pause.start_ns != start.stamp_ns:
-            pause = _Pause(start.stamp_ns, (start.stamp_ns, 0), 0, start.state, start.covariance)
-        state, covariance, now_ns = pause.state, pause.covariance, pause.order[0]
+            pause = _Pause(start.stamp_ns, (start.stamp_ns, 0), 0, start.belief)
+        belief, now_ns = pause.belief, pause.order[0]
         first = bisect.bisect_right(self._records, start.stamp_ns, key=lambda r: r.stamp_ns)
         for record in self._records[first + pause.applied :]:
             if record.stamp_ns > end.stamp_ns:
                 break
-            state, covariance = self._carry(state, covariance, start, end, now_ns, record.stamp_ns)
+            belief = self._carry(belief, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
-            rate_b = np.subtract(_between(start, end, now_ns)[1], state.gyro_bias_b)
-            state, covariance = self._apply(record, state, covariance, rate_b)
-            pause = _Pause(start.stamp_ns, record.order, pause.applied + 1, state, covariance)
+            belief = self._apply(record, belief, _between(start, end, now_ns)[1])
+            pause = _Pause(start.stamp_ns, record.order, pause.applied + 1, belief)
         self._pause = pause if pause.applied else None
-        end.state, end.covariance = self._carry(
-            state, covariance, start, end, now_ns, end.stamp_ns
-        )
+        end.belief = self._carry(belief, start, end, now_ns, end.stamp_ns)
 
     def _carry(
-        self,
-        state: NavState,
-        covariance: Array,
-        start: _Epoch,
-        end: _Epoch,
-        from_ns: int,
-        to_ns: int,
-    ) -> tuple[NavState, Array]:
+        self, belief: _Belief, start: _Epoch, end: _Epoch, from_ns: int, to_ns: int
+    ) -> _Belief:
         """Mechanise within one IMU interval; readings are linear between the two samples."""
         steps = -(-(to_ns - from_ns) // round(_LARGEST_STEP_S * 1e9))
         for step in range(steps):
             middle_ns = from_ns + (to_ns - from_ns) * (2 * step + 1) // (2 * steps)
             step_s = (to_ns - from_ns) * 1e-9 / steps
-            old = state
-            state, rates = propagate(old, *_between(start, end, middle_ns), step_s)
-            covariance = self._propagation.step(covariance, old, rates, step_s)
-        return state, covariance
+            before, covariance, lag_s, _, _ = belief
+            state, rates = propagate(before, *_between(start, end, middle_ns), step_s)
+            belief = _Belief(state, covariance, lag_s + step_s, before, rates)
+            if belief.lag_s >= _COVARIANCE_STEP_S:
+                belief = self._followed(belief)
+        return belief
 
-    def _apply(
-        self, record: _Record, state: NavState, covariance: Array, rate_b: Array
-    ) -> tuple[NavState, Array]:
+    def _followed(self, belief: _Belief) -> _Belief:
+        """The belief with its covariance at the state's time."""
+        if belief.before is None or belief.rates is None or belief.lag_s == 0:
+            return belief
+        covariance = self._propagation.step(
+            belief.covariance, belief.before, belief.rates, belief.lag_s
+        )
+        return _Belief(belief.state, covariance)
+
+    def _apply(self, record: _Record, belief: _Belief, angular_rate_b: Vector) -> _Belief:
+        state, covariance = self._followed(belief)[:2]
         window: list[Array] = []
         if isinstance(record.sample, PositionSample):
             record.offset_n = self._fusion.offset_n(state, record.sample)
             last = self._records.index(record)
             window = [r.offset_n for r in self._positions(self._records[: last + 1])]
+        rate_b = np.subtract(angular_rate_b, state.gyro_bias_b)
         fused = self._fusion.fuse(record.sample, state, covariance, rate_b, window)
         if record.held and record.verdict is None:
             self._resolved.append(fused.verdict)
         record.verdict = fused.verdict
-        return fused.state, fused.covariance
+        return _Belief(fused.state, fused.covariance)
 
     def _positions(self, records: list[_Record]) -> list[_Record]:
         """The newest positions that fill the median's window."""

@@ -39,17 +39,18 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     A ratio that is negative or not a number comes of a noise that is no covariance.
     """
     design, noise = measurement.design, measurement.noise
-    cross = covariance @ design.T
-    spread = design @ cross + noise
+    cross = np.dot(covariance, design.T)
+    spread = np.dot(design, cross) + noise
     inverse = 1 / spread if len(spread) == 1 else np.linalg.inv(spread)
-    distance = float(measurement.innovation @ inverse @ measurement.innovation)
+    weighted = np.dot(inverse, measurement.innovation)
+    distance = float(np.dot(measurement.innovation, weighted))
     ratio = distance / chi_square_limit(measurement.gate_sigma, len(measurement.innovation))
     if not 0 <= ratio <= 1:
         return Update(ratio, None, None)
-    gain = cross @ inverse
-    keep = np.eye(len(covariance)) - gain @ design
-    joseph = keep @ covariance @ keep.T + gain @ noise @ gain.T
-    return Update(ratio, gain @ measurement.innovation, 0.5 * (joseph + joseph.T))
+    gain = np.dot(cross, inverse)
+    keep = np.eye(len(covariance)) - np.dot(gain, design)
+    joseph = np.dot(np.dot(keep, covariance), keep.T) + np.dot(np.dot(gain, noise), gain.T)
+    return Update(ratio, np.dot(cross, weighted), 0.5 * (joseph + joseph.T))
 
 
 @functools.lru_cache(maxsize=64)

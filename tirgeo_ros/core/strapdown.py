@@ -178,7 +178,8 @@ def _velocity(state: NavState, rates: Rates, step_s: float) -> Vector:
 def _position(
     state: NavState, rates: Rates, velocity_n: Vector, step_s: float
 ) -> tuple[float, float, float]:
-    north, east, down = (0.5 * (a + b) for a, b in zip(state.velocity_n, velocity_n, strict=True))
+    a, b = state.velocity_n, velocity_n
+    north, east, down = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
     latitude = state.latitude_rad + north / rates.meridian_m * step_s
     middle = 0.5 * (state.latitude_rad + latitude)
     longitude = state.longitude_rad + east / (rates.transverse_m * math.cos(middle)) * step_s

@@ -41,15 +41,15 @@ def fault_of(sample: NavigationInput) -> str:
 
 def usable_attitude(q: Array | None) -> bool:
     """Whether a quaternion (4,) is there, finite and of unit norm within 1 %."""
-    return q is not None and bool(abs(float(q @ q) - 1.0) < 0.02)
+    return q is not None and abs(math.hypot(*q) - 1.0) < 0.01
 
 
 def _imu_fault(sample: ImuSample) -> str:
-    finite = all(map(math.isfinite, (*sample.specific_force_b, *sample.angular_rate_b)))
-    if not finite:
+    force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
+    if not all(map(math.isfinite, force_b + rate_b)):
         return "force or rate is not finite"
-    large = max(map(abs, sample.specific_force_b)) > _LARGEST_FORCE_M_S2
-    large = large or max(map(abs, sample.angular_rate_b)) > _LARGEST_RATE_RAD_S
+    large = max(map(abs, force_b)) > _LARGEST_FORCE_M_S2
+    large = large or max(map(abs, rate_b)) > _LARGEST_RATE_RAD_S
     return "force or rate is out of range" if large else ""
 
 
