@@ -1,0 +1,152 @@
+"""Speed: ``make bench`` runs ``python -m tirgeo_ros.tools.bench`` and prints one table."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.navigation import Navigation
+from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.tools.bench_overlay import overlay_times
+from tirgeo_ros.tools.graph import GraphSetup, run_graph
+from tirgeo_ros.tools.process import process
+from tirgeo_ros.tools.recording import load_recording
+from tirgeo_ros.tools.registration import navigated
+from tirgeo_ros.tools.resources import find_resource
+from tirgeo_ros.tools.simulate import simulate
+
+#: Of several runs the fastest says most about the program and least about its neighbours.
+_RUNS = 3
+_SIMULATED_S = 30.0
+
+
+class Figure(NamedTuple):
+    """One line of the table."""
+
+    what: str
+    value: float
+    unit: str
+    wanted: str = ""
+
+
+def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
+    """Every figure of the flight in ``folder``, one after another; ``work`` takes files."""
+    yield _process_speed(folder, work, images=False)
+    yield _process_speed(folder, work, images=True)
+    yield _filter_cost(folder)
+    yield from _overlay_cost()
+    if graph:
+        yield from _graph_cost(folder, work)
+
+
+def _process_speed(folder: Path, work: Path, *, images: bool) -> Figure:
+    speeds = []
+    for _ in range(_RUNS):
+        begun = time.perf_counter()
+        summary = process(
+            folder / "flight.mcap",
+            work / "out.mcap",
+            params=folder / "params.yaml",
+            map=folder / "map.geojson",
+            images=images,
+        )
+        duration_s = summary["duration_s"]
+        assert isinstance(duration_s, float)
+        speeds.append(duration_s / (time.perf_counter() - begun))
+    name = "process with images" if images else "process without images"
+    return Figure(name, max(speeds), "x real time", ">= 6" if images else ">= 30")
+
+
+def _filter_cost(folder: Path) -> Figure:
+    samples = load_recording(folder / "flight.mcap").samples
+    config = load_config(folder / "params.yaml", "ekf_node", EkfConfig)
+    count = sum(isinstance(sample, ImuSample) for sample in samples)
+    costs = []
+    for _ in range(_RUNS):
+        navigation = Navigation(config)
+        begun = time.process_time()
+        for sample in samples:
+            navigated(navigation, sample)
+        costs.append((time.process_time() - begun) / count)
+    return Figure("filter, CPU per IMU sample", min(costs) * 1e6, "us")
+
+
+def _overlay_cost() -> list[Figure]:
+    times = overlay_times()
+    return [
+        Figure(f"overlay frame, {times.vertices} vertices in view", times.whole_s * 1e3, "ms"),
+        Figure("the bare NumPy and OpenCV calls in it", times.bare_s * 1e3, "ms"),
+        Figure("overlay frame over bare calls", times.whole_s / times.bare_s, "ratio"),
+    ]
+
+
+def _graph_cost(folder: Path, work: Path) -> list[Figure]:
+    """CPU cores of each process of the graph while the bag plays at rate 1, and their sum."""
+    setup = GraphSetup(
+        folder / "flight.mcap",
+        work / "graph",
+        params=folder / "params.yaml",
+        map=folder / "map.geojson",
+    )
+    first_ns, last_ns = BagReader(setup.bag).span_ns
+    cores = run_graph(setup, (last_ns - first_ns) * 1e-9).cores
+    single = [Figure(f"graph: {name}", used, "cores") for name, used in cores.items()]
+    return [*single, Figure("graph: whole, rate 1", sum(cores.values()), "cores", "<= 1.2")]
+
+
+@contextmanager
+def _flight(given: Path | None) -> Iterator[Path]:
+    """The flight to measure: the given one, else the sample, else one that is simulated."""
+    sample = find_resource("bags/sample")
+    if given is not None or sample is not None:
+        yield given or sample or Path()
+        return
+    scenario = find_resource("config/scenarios/paper_flight.yaml")
+    if scenario is None:
+        raise TirgeoError("no sample flight and no scenario are installed: give a folder")
+    with tempfile.TemporaryDirectory() as folder:
+        simulate(scenario, folder, start_s=10.0, duration_s=_SIMULATED_S)
+        yield Path(folder)
+
+
+def line(figure: Figure) -> str:
+    """One line of the table."""
+    return f"{figure.what:<44}{figure.value:>9.2f}  {figure.unit:<12}{figure.wanted}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tirgeo_ros.tools.bench")
+    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help="a simulated flight")
+    parser.add_argument("--no-graph", action="store_true", help="leave the node graph out")
+    args = parser.parse_args(argv)
+    graph = not args.no_graph and importlib.util.find_spec("rclpy") is not None
+    write = sys.stdout.write
+    try:
+        with _flight(args.folder) as folder, tempfile.TemporaryDirectory() as work:
+            write(f"{folder}, {os.cpu_count()} CPUs\n")
+            for figure in figures(folder, Path(work), graph=graph):
+                write(line(figure) + "\n")
+                sys.stdout.flush()
+    except (TirgeoError, OSError) as error:
+        sys.stderr.write(f"bench: {error}\n")
+        return 1
+    if not graph:
+        write("graph: left out" + ("\n" if args.no_graph else ": ROS 2 is not installed\n"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
