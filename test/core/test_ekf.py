@@ -135,7 +135,10 @@ def test_refusals():
     before = filter_.state()
     jump = replace(fix, stamp_ns=newest - 10_000_000, height_m=fix.height_m + 5)
     assert filter_.add_aiding(jump).outcome is Outcome.GATED
-    assert filter_.state()[0] == before[0]
+    # A measurement at the newest stamp is applied again with a covariance that took its steps at
+    # other instants: second order in 20 ms.
+    for a, b in zip(filter_.state()[0], before[0], strict=True):
+        assert a == pytest.approx(b, abs=1e-6)
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 400.0])
