@@ -16,7 +16,8 @@ from rclpy.parameter import Parameter
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import parameters_of
-from tirgeo_ros.nodes.parameters import check_arguments, declare, parameter_files
+from tirgeo_ros.nodes.arguments import check_arguments, parameter_files
+from tirgeo_ros.nodes.parameters import declare
 
 
 @pytest.fixture

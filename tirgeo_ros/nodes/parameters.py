@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import Parameter, Value, config_from, parameters_of, values_of
-from tirgeo_ros.io.parameter_file import load_parameters
+from tirgeo_ros.nodes.arguments import parameter_files
 
 T = TypeVar("T")
 _ROS_OWN = ("use_sim_time", "start_type_description_service")  # rclpy checks these itself
@@ -100,62 +95,3 @@ def _constraints(parameter: Parameter) -> str:
     if math.isfinite(parameter.low) or math.isfinite(parameter.high):
         parts.append(f"{parameter.low:g} to {parameter.high:g}")
     return ", ".join(parts)
-
-
-def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """The parameter files on a command line, in order."""
-    return [b for a, b in pairwise(arguments) if a == "--params-file"]
-
-
-def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Read each parameter file first, for rcl's own complaints name neither key nor cure.
-
-    Raises ConfigError naming file and key. A node that was given another name is left to rcl.
-    """
-    if any(argument.startswith("__node:=") for argument in arguments):
-        name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
-    if name not in NODE_CONFIGS:
-        return
-    for path in parameter_files(arguments):
-        values = load_parameters(path, name, _namespace(arguments))
-        for key, value in values.items():
-            if isinstance(value, list) and len({type(item) for item in value}) > 1:
-                raise ConfigError(
-                    f"{path}: parameter {key}: ROS takes lists of one type only: "
-                    f"write all of {value} with a decimal point"
-                )
-
-
-def _namespace(arguments: Sequence[str]) -> str:
-    found = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
-    return found[-1] if found else ""
-
-
-@contextmanager
-def explained(arguments: Sequence[str]) -> Iterator[None]:
-    """Turn what rclpy raises for wrong arguments and parameters into a ConfigError."""
-    try:
-        yield
-    except (ParameterException, NameValidationException) as error:
-        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
-    except RuntimeError as error:
-        # rcl's errors have no class of their own in the public API.
-        if type(error).__name__ not in {
-            "RCLError",
-            "UnknownROSArgsError",
-            "RCLInvalidROSArgsError",
-        }:
-            raise
-        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
-
-
-def _where(arguments: Sequence[str]) -> str:
-    files = ", ".join(parameter_files(arguments))
-    return f"{files}: " if files else ""
-
-
-def _one_line(error: Exception) -> str:
-    # Where in rcl's own source it was found helps nobody here.
-    text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
-    mixed = "Sequence should be of same type" in text
-    return f"{text}: write every number of a list with a decimal point" if mixed else text

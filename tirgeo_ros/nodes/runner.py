@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.nodes.parameters import check_arguments, explained
+from tirgeo_ros.nodes.arguments import check_arguments, explained
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
 _POLL_S = 0.1
