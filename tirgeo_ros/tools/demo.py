@@ -1,0 +1,134 @@
+"""The node graph on a recorded flight, and what is left of it: a video, a still, a summary."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from statistics import fmean, median
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.errors import BagError, GraphError
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.outputs import OVERLAY, Outputs, read_outputs, read_pictures
+from tirgeo_ros.tools.pose_comparison import differences, in_plane
+from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.resources import find_resource
+from tirgeo_ros.tools.video import VideoFile
+
+SAMPLE = "bags/sample"
+_IMAGES = ("/thermal/image_raw", "/thermal/image_raw/compressed")
+#: Where in the flight the still is taken: the filter has settled and the map is in view.
+_STILL_AT = 2 / 3
+#: From here on the poses are judged against the truth.
+SETTLED_S = 10.0
+
+
+def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, object]:
+    """Run the graph, make the video and the still in ``setup.folder``, and return the summary.
+
+    Raises GraphError for a node that fails and BagError for a bag that cannot be played.
+    """
+    reader = BagReader(setup.bag)
+    first_ns, last_ns = reader.span_ns
+    run = run_graph(setup, (last_ns - first_ns) * 1e-9, progress)
+    outputs = read_outputs(run.recording)
+    files = make_pictures(run.recording, setup.folder, len(outputs.frame_stamps_ns))
+    frames_in = sum(1 for _ in reader.messages(_IMAGES))
+    result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
+    result |= summary(outputs, first_ns) | cost(run)
+    result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
+    (setup.folder / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+    return result
+
+
+def with_sample(setup: GraphSetup) -> GraphSetup:
+    """The same with what lies beside the bag: ``map.geojson`` and ``params.yaml``."""
+    folder = setup.bag.parent
+    params, map_file = folder / "params.yaml", folder / "map.geojson"
+    return dataclasses.replace(
+        setup,
+        params=setup.params or (params if params.is_file() else None),
+        map=setup.map or (map_file if map_file.is_file() else None),
+    )
+
+
+def sample_bag() -> Path:
+    """The sample flight; raises BagError where it is not installed."""
+    path = find_resource(f"{SAMPLE}/flight.mcap")
+    if path is None:
+        raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
+    return path
+
+
+def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:
+    """``overlay.mp4`` and ``still.png`` from a recording; raises GraphError without a frame."""
+    if not frames:
+        raise GraphError(f"{recording}: the graph gave no {OVERLAY}: see the logs beside it")
+    video, still = folder / "overlay.mp4", folder / "still.png"
+    with VideoFile(video) as film:
+        for number, (stamp_ns, pixels) in enumerate(read_pictures(recording)):
+            film.add(stamp_ns, pixels)
+            if number == int(frames * _STILL_AT):
+                cv2.imwrite(str(still), pixels)
+    return {"video": str(video), "still": str(still), "frames_out": frames}
+
+
+def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
+    """What the nodes said of themselves, with units in the names; ``begin_ns``: of the bag."""
+    navigation = outputs.last("ekf_node: navigation")
+    first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
+    mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
+    frame_ms = outputs.numbers("overlay_node: topics", "tirgeo/overlay/image latency [ms]")
+    sigmas = outputs.numbers("ekf_node: navigation", "heading_sigma_deg")
+    return {
+        "method": navigation.get("method"),
+        "state": navigation.get("state"),
+        "overlay": {k: int(v) for k, v in outputs.last("overlay_node: overlay").items()},
+        "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
+        "heading_sigma_deg": fmean(sigmas) if sigmas else None,
+        "frame_latency_ms": median(frame_ms) if frame_ms else None,
+    }
+
+
+def cost(run: GraphRun) -> dict[str, object]:
+    """Processor seconds and cores by node."""
+    return {
+        "play_s": run.play_s,
+        "cpu_s": run.cpu_s,
+        "cores": run.cores | {"total": sum(run.cores.values())},
+    }
+
+
+def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
+    """Root mean square errors of the camera's poses, or None where there is no truth."""
+    if outputs.plane is None or not truth.is_file():
+        return None
+    true = read_outputs(truth)
+    if true.plane is None or not true.cameras:
+        return None
+    settled_ns = outputs.cameras[0].stamp_ns + SETTLED_S * 1e9
+    poses = [
+        in_plane(pose, outputs.plane, true.plane)
+        for pose in outputs.cameras
+        if pose.stamp_ns >= settled_ns
+    ]
+    apart = differences(poses, true.cameras)
+    if not apart.stamp_ns:
+        return None
+    return {
+        "from_s": SETTLED_S,
+        "poses": len(apart.stamp_ns),
+        "position_rms_m": _rms(apart.distance_m),
+        "attitude_rms_deg": math.degrees(_rms(apart.angle_rad)),
+        "heading_rms_deg": math.degrees(_rms(apart.rotation_n[:, 2])),
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
