@@ -1,0 +1,201 @@
+"""The whole graph on the sample flight: processes over DDS, watched by a stranger."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from graph_helpers import Stranger
+from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
+from sensor_msgs.msg import Image
+
+from tirgeo_ros.core.attitude import quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.errors import GraphError
+from tirgeo_ros.core.pose_history import PoseHistory
+from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.io.messages import image_pixels, stamp_ns
+from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.outputs import Outputs, read_outputs
+from tirgeo_ros.tools.pose_comparison import differences
+from tirgeo_ros.tools.process import process
+
+pytestmark = pytest.mark.graph
+
+LATENCY_NS = 50_000_000
+#: The filter starts a second after the bag and has settled by then.
+SETTLED_NS = 12_000_000_000
+
+
+class Watched:
+    """What the stranger saw: the ink of each picture, by stamp, as packed bits."""
+
+    def __init__(self) -> None:
+        self.ink: dict[int, np.ndarray] = {}
+        self.stamps: list[int] = []
+
+    def take(self, message: Image) -> None:
+        assert message.encoding == "bgr8"
+        stamp = stamp_ns(message)
+        self.stamps.append(stamp)
+        self.ink[stamp] = np.packbits(ink_of(image_pixels(message)))
+
+    def mask(self, stamp: int) -> np.ndarray:
+        size = XT2.height * XT2.width
+        return np.unpackbits(self.ink[stamp], count=size).astype(bool).reshape(XT2.height, -1)
+
+
+@pytest.fixture(scope="module")
+def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
+    """One run at rate 1, with a stranger on ``tirgeo/overlay/image``."""
+    setup = GraphSetup(
+        sample / "flight.mcap",
+        tmp_path_factory.mktemp("graph"),
+        sample / "params.yaml",
+        sample / "map.geojson",
+        environment={"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]},
+    )
+    watched, results = Watched(), []
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+            patch.setenv(name, environment.get(name, ""))
+        stranger = Stranger(int(environment["ROS_DOMAIN_ID"]), {})
+        stranger.node.create_subscription(Image, "tirgeo/overlay/image", watched.take, 10)
+        flight = threading.Thread(target=lambda: results.append(run_graph(setup, 30.0)))
+        flight.start()
+        stranger.spin_until(lambda: not flight.is_alive(), 120.0)
+        stranger.close()
+    assert results, "the graph did not end well"
+    return results[0], watched
+
+
+@pytest.fixture(scope="module")
+def outputs(flown) -> Outputs:
+    return read_outputs(flown[0].recording)
+
+
+def test_every_frame_comes_back_once_under_its_stamp(flown, sample):
+    images = BagReader(sample / "flight.mcap").messages(["/thermal/image_raw/compressed"])
+    cdr = Cdr()
+    sent = [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in images]
+    assert flown[1].stamps == sent  # also: a segment of 16 MB loses no colour frame
+
+
+def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
+    """Mean at most 2 px: the product's promise. Half a pixel of it is the raster's."""
+    watched = flown[1]
+    truth = read_outputs(sample / "truth.mcap")
+    true_poses: PoseHistory[CameraPose] = PoseHistory(1e9)
+    for pose in truth.cameras:
+        true_poses.add(pose)
+    ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m
+    outlines = Outlines(load_map(sample / "map.geojson"), truth.plane, ground_m)
+    means, covered = [], []
+    settled = [s for s in watched.stamps if s > watched.stamps[0] + SETTLED_NS]
+    for stamp in settled[::3]:
+        pose = true_poses.at(stamp - LATENCY_NS)
+        assert isinstance(pose, CameraPose)
+        lines, marks = outlines.drawn(XT2, pose)
+        ink = watched.mask(stamp)
+        off = distances_px(ink & ~marks, lines)
+        assert off.size > 500  # a picture full of lines
+        means.append(off.mean())
+        lines[-STATUS_ROWS:] = False
+        covered.append(np.mean(distances_px(lines, ink) <= 5))
+        if len(means) == 30:  # the measure sees what it is for
+            turned = quat_multiply(quat_from_rotvec(np.array([0, 0, np.radians(1.0)])), pose.q_nc)
+            wrong, _ = outlines.drawn(XT2, dataclasses.replace(pose, q_nc=turned))
+            assert distances_px(ink & ~marks, wrong).mean() > 4
+    assert len(means) >= 50
+    assert np.mean(means) <= 2.0
+    assert np.mean(covered) >= 0.8  # of the true lines; labels hide the rest
+
+
+def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
+    """0.02 deg and 1 cm: the project's figures. Both drive the same core with the same samples,
+    so what can differ is the order of arrival."""
+    path = tmp_path / "offline.mcap"
+    process(sample / "flight.mcap", path, params=sample / "params.yaml", images=False)
+    offline = read_outputs(path)
+    assert outputs.plane == offline.plane
+    apart = differences(outputs.cameras, offline.cameras)
+    assert len(apart.stamp_ns) == len(outputs.cameras)
+    assert len(apart.stamp_ns) >= 0.99 * len(offline.cameras)
+    assert np.degrees(apart.angle_rad.max()) <= 0.02
+    assert apart.distance_m.max() <= 0.01
+
+
+def test_the_diagnostics_tell_of_the_flight(outputs):
+    navigation = outputs.last("ekf_node: navigation")
+    assert navigation["state"] == "running"
+    assert navigation["rtk_status"] == "fixed"
+    assert int(navigation["count.imu.used"]) > 2500
+    rates = outputs.numbers("ekf_node: topics", "imu/data rate [Hz]")
+    # 100 Hz of the bag; a window of a second may hold a few more or fewer.
+    assert np.median(rates) == pytest.approx(100, abs=3)
+    latency = outputs.numbers("ekf_node: topics", "tirgeo/odometry latency [ms]")
+    # The clock ticks every 10 ms; beyond a few ticks the graph would lag behind.
+    assert np.median(latency) < 50
+    assert int(outputs.last("overlay_node: overlay")["drawn"]) >= 200
+
+
+def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
+    reports = outputs.diagnostics["gimbal_node: topics"]
+    assert len(reports["gimbal/joint_states rate [Hz]"]) >= 25
+    for topic in ("gimbal/attitude", "imu/data"):
+        assert max(outputs.numbers("gimbal_node: topics", f"{topic} rate [Hz]")) > 10
+        # Until the first joints, then to the end of the running second.
+        assert len(outputs.numbers("gimbal_node: topics", f"{topic} rate [Hz]")) <= 10
+
+
+def processes_of(parent: int) -> list[int]:
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == parent and fields[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+def test_an_interrupted_demo_leaves_no_process(sample, tmp_path):
+    command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "demo", "-o", str(tmp_path)]
+    demo = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    end_s = time.monotonic() + 60
+    player = tmp_path / "bag_player.log"
+    while not (player.exists() and "ready" in player.read_text()):
+        assert demo.poll() is None
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+    nodes = processes_of(demo.pid)
+    assert len(nodes) == 5
+    demo.send_signal(signal.SIGINT)
+    _, said = demo.communicate(timeout=30)
+    assert demo.returncode == 130
+    assert "Traceback" not in said
+    for pid in nodes:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_a_node_that_dies_is_named_with_its_last_words(sample, tmp_path):
+    setup = GraphSetup(sample / "flight.mcap", tmp_path, map=tmp_path / "nowhere.geojson")
+    with pytest.raises(GraphError, match=r"overlay_node ended .*nowhere\.geojson"):
+        run_graph(setup, 30.0)
