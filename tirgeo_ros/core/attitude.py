@@ -81,10 +81,11 @@ def canonical(q: Array) -> Array:
     """The same rotation with unit norm and w >= 0."""
     q = np.asarray(q, float)
     if q.ndim == 1:  # the same without array calls
-        norm = math.sqrt(q @ q)
-        return np.asarray(q / (-norm if q[0] < 0 else norm))
-    norms = np.sqrt((q * q).sum(-1, keepdims=True))
-    return np.asarray(q / np.where(q[..., :1] < 0, -norms, norms))
+        w, x, y, z = q.tolist()
+        norm = math.copysign(math.sqrt(w * w + x * x + y * y + z * z), w)
+        return np.array([w, x, y, z]) / norm
+    norms = np.copysign(np.sqrt((q * q).sum(-1, keepdims=True)), q[..., :1])
+    return np.asarray(q / norms)
 
 
 def quat_multiply(p: Array, q: Array) -> Array:
@@ -182,10 +183,13 @@ def rotation_z(angle_rad: npt.ArrayLike) -> Array:
 
 def slerp(q0: Array, q1: Array, fraction: float) -> Array:
     """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
-    cosine = float(q0 @ q1)
-    across = (q1 - cosine * q0) if cosine >= 0 else (cosine * q0 - q1)
-    sine = math.sqrt(float(across @ across))
+    start, end = q0.tolist(), q1.tolist()
+    cosine = sum(a * b for a, b in zip(start, end, strict=True))
+    sign = math.copysign(1.0, cosine)
+    across = [sign * (b - cosine * a) for a, b in zip(start, end, strict=True)]
+    sine = math.sqrt(sum(part * part for part in across))
     angle = math.atan2(sine, abs(cosine))
     # below 1e-8 sin(f a) / sin(a) is f to the last digit
     scale = math.sin(fraction * angle) / sine if sine > 1e-8 else fraction
-    return canonical(math.cos(fraction * angle) * q0 + scale * across)
+    keep = math.cos(fraction * angle)
+    return canonical(np.array([keep * a + scale * b for a, b in zip(start, across, strict=True)]))

@@ -39,6 +39,7 @@ from tirgeo_ros.core.samples import (
     CameraPose,
     JointSample,
 )
+from tirgeo_ros.core.strapdown import multiply, rotation_of
 
 #: Smallest horizontal part of the nose's direction from which a heading is taken.
 _LEAST_HORIZONTAL = 1e-3
@@ -87,13 +88,11 @@ def _chain(joints: JointSample) -> tuple[Array, Array]:
     cy, sy = cos(joints.yaw_rad / 2), sin(joints.yaw_rad / 2)
     cr, sr = cos(joints.roll_rad / 2), sin(joints.roll_rad / 2)
     cp, sp = cos(joints.pitch_rad / 2), sin(joints.pitch_rad / 2)
-    q_yaw_roll = np.array([cy * cr, cy * sr, sy * sr, sy * cr])
-    across_b = matrix_from_quat(q_yaw_roll)[:, 1]  # the pitch axis
+    q_yaw_roll = (cy * cr, cy * sr, sy * sr, sy * cr)
+    _, a01, _, _, a11, _, _, a21, _ = rotation_of(q_yaw_roll)  # column 1: the pitch axis
     yaw_cos, yaw_sin = cos(joints.yaw_rad), sin(joints.yaw_rad)
-    axes_b = np.array(
-        [[0.0, yaw_cos, across_b[0]], [0.0, yaw_sin, across_b[1]], [1.0, 0.0, across_b[2]]]
-    )
-    return quat_multiply(q_yaw_roll, np.array([cp, 0.0, sp, 0.0])), axes_b
+    axes_b = np.array([[0.0, yaw_cos, a01], [0.0, yaw_sin, a11], [1.0, 0.0, a21]])
+    return np.array(multiply(q_yaw_roll, (cp, 0.0, sp, 0.0))), axes_b
 
 
 def from_reported(

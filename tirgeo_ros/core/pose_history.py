@@ -7,6 +7,7 @@ never extrapolated.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from enum import Enum
 from typing import Generic, TypeVar
@@ -129,7 +130,8 @@ class PoseHistory(Generic[P]):
 
     def add(self, pose: P) -> bool:
         """Take a pose; False, and counted, if it is not finite or turned by no unit quaternion."""
-        if not (_is_unit(attitude_of(pose)) and _finite(pose.position_n, pose.covariance)):
+        finite = _finite(pose.position_n) and _finite(pose.covariance)
+        if not (finite and _is_unit(attitude_of(pose))):
             self.invalid += 1
             return False
         self._history.put(pose.stamp_ns, pose)
@@ -151,11 +153,11 @@ def attitude_of(pose: BodyPose | CameraPose) -> Array:
 
 def _is_unit(q: Array) -> bool:
     """Within what messages and sums leave of the unit length; false for NaN and infinity."""
-    return bool(abs(sum(part * part for part in q.tolist()) - 1) < 1e-3)
+    return abs(float(np.vdot(q, q)) - 1) < 1e-3
 
 
-def _finite(*arrays: Array) -> bool:
-    return all(bool(np.isfinite(array).all()) for array in arrays)
+def _finite(array: Array) -> bool:
+    return math.isfinite(np.vdot(array, array))
 
 
 def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:
