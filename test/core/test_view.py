@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.camera import XT2, Camera
+from tirgeo_ros.core.camera import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import CameraPose
@@ -200,3 +200,13 @@ def test_marks_are_projected_points_of_the_image():
 def test_an_empty_map_has_nothing_to_draw():
     assert len(View(XT2).lines(map_of(), pose_at())) == 0
     assert len(View(XT2).marks(map_of(), pose_at())) == 0
+
+
+@EACH
+def test_nothing_nearer_than_the_near_plane_is_drawn(camera):
+    pose = pose_at((0, 0, 0), pitch=0.0)
+    assert len(View(camera).lines(map_of([[0.05, -1, 0], [0.05, 1, 0]]), pose)) == 0
+    # From 5 cm to 10 m ahead, 1 cm to the right: it begins where z = NEAR_M.
+    line = View(camera).lines(map_of([[0.05, 0.01, 0], [10, 0.01, 0]]), pose).split()[0]
+    start, _ = camera.project(np.array([[0.01, 0.0, 1.0001 * NEAR_M]]))
+    np.testing.assert_allclose(line[0], start[0], atol=0.05)  # 1e-4 of 80 px
