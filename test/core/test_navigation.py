@@ -10,6 +10,7 @@ import pytest
 from flights import config_for, errors, flight, navigation_samples, rms, solutions
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.navigation import Navigation
 from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import (
@@ -182,6 +183,12 @@ def test_configured_origin():
     plane = Navigation(config).plane
     assert plane is not None
     assert math.degrees(plane.latitude_rad) == pytest.approx(39.8, abs=1e-12)
+
+
+def test_origin_must_be_on_earth():
+    config = config_from(EkfConfig, {"origin_lat_lon_h": (116.7, 39.8, 12.0)})
+    with pytest.raises(ConfigError, match="origin_lat_lon_h"):
+        Navigation(config)
 
 
 @pytest.mark.parametrize(

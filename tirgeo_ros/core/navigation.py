@@ -15,6 +15,7 @@ from tirgeo_ros.core.aiding.fusion import Aiding, source_of
 from tirgeo_ros.core.alignment import Aligner, Alignment
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.ekf import Ekf
+from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.samples import (
@@ -47,7 +48,10 @@ class Step:
 
 
 class Navigation:
-    """The chosen method, fed in the order of arrival."""
+    """The chosen method, fed in the order of arrival.
+
+    Raises ConfigError for an origin that is nowhere on earth.
+    """
 
     def __init__(self, config: EkfConfig) -> None:
         self._config = config
@@ -229,4 +233,9 @@ def _configured_plane(config: EkfConfig) -> TangentPlane | None:
     if not config.origin_lat_lon_h:
         return None
     latitude_deg, longitude_deg, height_m = config.origin_lat_lon_h
+    if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
+        raise ConfigError(
+            f"parameter origin_lat_lon_h: {latitude_deg:g}, {longitude_deg:g} deg is no latitude "
+            "and longitude"
+        )
     return TangentPlane(math.radians(latitude_deg), math.radians(longitude_deg), height_m)
