@@ -67,15 +67,6 @@ def _ecef(
     return x, y, polar * math.sin(latitude_rad)
 
 
-def _ecef_of_place(latitude_rad: float, longitude_rad: float, height_m: float) -> Array:
-    """``ecef_from_geodetic`` of one place, (3,), a tenth of the time."""
-    sine, cosine = math.sin(latitude_rad), math.cos(latitude_rad)
-    _, transverse = radii_of_curvature(latitude_rad)
-    across = (transverse + height_m) * cosine
-    z = (transverse * (1 - ECCENTRICITY_SQUARED) + height_m) * sine
-    return np.array([across * math.cos(longitude_rad), across * math.sin(longitude_rad), z])
-
-
 def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
     """Latitude, longitude, height of (..., 3) earth-fixed metres.
 
@@ -153,15 +144,14 @@ class TangentPlane:
 
     def body_pose(self, solution: NavSolution) -> BodyPose:
         """A navigation solution as a pose in the plane, turned by the convergence too."""
-        latitude_rad, longitude_rad = solution.latitude_rad, solution.longitude_rad
-        turn = self.rotation_from_local(latitude_rad, longitude_rad)
+        latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
-        both[:3, :3] = both[3:, 3:] = turn
-        position_e = _ecef_of_place(latitude_rad, longitude_rad, solution.height_m)
-        q_local = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude_rad, longitude_rad))
+        both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
+        q_ln = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude, longitude))
+        place_e = _ecef(latitude, longitude, solution.height_m)
         return BodyPose(
             solution.stamp_ns,
-            (position_e - self._origin_e) @ self._rotation_en,
-            quat_multiply(q_local, solution.q_nb),
-            both @ solution.pose_covariance @ both.T,
+            np.dot(np.subtract(place_e, self._origin_e), self._rotation_en),
+            quat_multiply(q_ln, solution.q_nb),
+            np.dot(np.dot(both, solution.pose_covariance), both.T),
         )

@@ -108,10 +108,10 @@ class _Sink:
         self.written: Counter[str] = Counter()
         self.film = film
         self._writer = writer
-        self._namespace = namespace
+        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
 
     def message(self, topic: str, message: object, log_time_ns: int) -> None:
-        name = resolved(topic, self._namespace)
+        name = self._names[topic]
         self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
         self.written[name] += 1
 
