@@ -65,6 +65,7 @@ class EkfNode(Node):
         for source in SOURCES[config.method]:
             topic, decode = INPUTS[source]
             subscribe(self, topic, partial(self._take, decode), sensor_input(), self._monitor)
+            self._monitor.expects(topic)
         self.create_service(Trigger, "~/reset", self._reset)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 

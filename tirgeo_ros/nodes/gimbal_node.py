@@ -36,6 +36,7 @@ class GimbalNode(Node):
         self._monitor = Monitor()
         self._camera_pose = advertise(self, "tirgeo/camera_pose", output())
         subscribe(self, "tirgeo/odometry", self._take_body, output(), self._monitor)
+        self._monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)
         # What the composition "paper" needs beside odometry; given up when encoders drive.

@@ -10,7 +10,7 @@ from rclpy.clock import Clock
 from tirgeo_ros.io.messages import DiagnosticItem
 
 OK, WARN = 0, 1
-#: An input that is silent for so long is named in the message.
+#: A needed input that is silent for so long is named in the message.
 SILENT_S = 2.0
 
 
@@ -19,18 +19,20 @@ class Monitor:
 
     def __init__(self) -> None:
         self._since_s = time.monotonic()
+        self._expected_s: dict[str, float] = {}  # since when
         self._window: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
         self._last_s: dict[str, float] = {}
         self._latency_s: dict[str, list[float]] = {}
 
     def expects(self, topic: str) -> None:
-        """An input exists from now on."""
-        self._last_s.setdefault(topic, time.monotonic())
+        """The node cannot do without this input: its silence is a warning."""
+        self._expected_s[topic] = time.monotonic()
 
     def forget(self, topic: str) -> None:
         """An input is no longer listened to."""
         self._last_s.pop(topic, None)
+        self._expected_s.pop(topic, None)
 
     def received(self, topic: str) -> None:
         """A message came."""
@@ -55,7 +57,8 @@ class Monitor:
         now = time.monotonic()
         values = self._rates(now) | self._ages(now) | self._latencies()
         values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
-        silent = sorted(t for t, last in self._last_s.items() if now - last > SILENT_S)
+        heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
+        silent = sorted(t for t, last in heard.items() if now - last > SILENT_S)
         self._since_s = now
         self._window.clear()
         self._latency_s.clear()
@@ -64,7 +67,7 @@ class Monitor:
 
     def _rates(self, now_s: float) -> dict[str, str]:
         span = max(now_s - self._since_s, 1e-3)
-        topics = {*self._last_s, *self._window}
+        topics = {*self._expected_s, *self._last_s, *self._window}
         return {
             f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in sorted(topics)
         }

@@ -74,6 +74,8 @@ class OverlayNode(Node):
             ("/diagnostics", self._take_diagnostics, output()),
         ):
             subscribe(self, topic, take, qos, self._monitor)
+        for topic in ("thermal/camera_info", "tirgeo/camera_pose"):
+            self._monitor.expects(topic)
 
     def _take_frame(self, pixels_of: Any, message: Any) -> None:
         self._overlay.add_frame(stamp_ns(message), pixels_of(message), self._now_ns())
