@@ -1,0 +1,145 @@
+# ruff: noqa: E402 what follows imports ROS, which may be absent
+"""Single nodes over DDS: bad messages, the reset service, the latched origin, notices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph_helpers import await_words
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CompressedImage, Image, Imu, JointState, NavSatFix
+from std_srvs.srv import Trigger
+
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import Messages, navigation_status
+from tirgeo_ros.nodes.topics import message_class
+
+pytestmark = pytest.mark.graph
+
+
+def value_of(stranger, item: str, key: str) -> str:
+    """The newest value of a diagnostic, or an empty text."""
+    for array in reversed(stranger.received["/diagnostics"]):
+        for status in array.status:
+            found = {pair.key: pair.value for pair in status.values}
+            if status.name == item and key in found:
+                return found[key]
+    return ""
+
+
+@pytest.fixture
+def observer(meet):
+    return meet(**{"/diagnostics": DiagnosticArray})
+
+
+def send(stranger, kind: type, topic: str, messages: list, done) -> None:
+    """Publish round about until the answer is there: best effort may lose some."""
+    publisher = stranger.node.create_publisher(kind, topic, 10)
+
+    def step() -> bool:
+        for message in messages:
+            publisher.publish(message)
+        return done()
+
+    stranger.spin_until(step)
+
+
+def imu(stamp_s: int, **fields) -> Imu:
+    message = Imu()
+    message.header.stamp.sec = stamp_s
+    message.linear_acceleration.z = fields.get("z", 9.8)
+    message.orientation.w = fields.get("w", 1.0)
+    return message
+
+
+def test_bad_imu_messages_become_verdicts(spawn, observer):
+    ekf = spawn("ekf_node")
+    await_words(ekf, "ready")
+    bad = [imu(10, z=math.nan), imu(11, z=math.inf)]
+    item, key = "/ekf_node: navigation", "count.imu.invalid"
+    send(observer, Imu, "imu/data", bad, lambda: int(value_of(observer, item, key) or 0) > 2)
+    ekf.check_running()
+    assert "Traceback" not in ekf.log.read_text()
+
+
+def test_joints_that_cannot_be_read_are_counted_and_told_once(spawn, observer):
+    gimbal = spawn("gimbal_node")
+    await_words(gimbal, "ready")
+    wrong = [JointState(name=["arm"], position=[0.0]), JointState(name=["gimbal_yaw_joint"])]
+    item, key = "/gimbal_node: topics", "gimbal/joint_states unreadable"
+    topic = "gimbal/joint_states"
+    send(observer, JointState, topic, wrong, lambda: int(value_of(observer, item, key) or 0) > 4)
+    gimbal.check_running()
+    assert gimbal.log.read_text().count("no position of") == 1
+
+
+def test_pictures_that_cannot_be_read_are_counted(spawn, observer):
+    overlay = spawn("overlay_node")
+    await_words(overlay, "ready")
+    wrong = Image(height=2, width=2, step=2, encoding="bayer_rggb8", data=bytes(4))
+    item = "/overlay_node: topics"
+    for kind, topic, message in (
+        (Image, "thermal/image_raw", wrong),
+        (CompressedImage, "thermal/image_raw/compressed", CompressedImage(data=b"no jpeg")),
+    ):
+        key = f"{topic} unreadable"
+        send(observer, kind, topic, [message], lambda k=key: bool(value_of(observer, item, k)))
+    overlay.check_running()
+    assert "Traceback" not in overlay.log.read_text()
+
+
+def test_a_frame_without_a_pose_comes_back_with_a_notice(spawn, meet):
+    """Also with nothing else in the graph: the timer lets it go."""
+    overlay = spawn("overlay_node")
+    await_words(overlay, "ready")
+    stranger = meet(tirgeo__overlay__image=Image)
+    pixels = np.full((512, 640), 90, np.uint8)
+    frame = Messages(message_class).image(5_000_000_000, pixels)
+    got = stranger.received["tirgeo/overlay/image"]
+    send(stranger, Image, "thermal/image_raw", [frame], lambda: bool(got))
+    assert got[0].encoding == "bgr8"
+    assert (got[0].header.stamp.sec, got[0].height, got[0].width) == (5, 512, 640)
+    drawn = np.frombuffer(got[0].data, np.uint8).reshape(512, 640, 3)
+    # The notice "no map is given" lies across the upper part of the grey picture.
+    assert np.any(drawn[:200] != 90)
+
+
+def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, flight_bag):
+    ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
+    await_words(ekf, "ready")
+    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
+    assert player.wait(30.0).exit_code == 0
+    late = meet(**{"/diagnostics": DiagnosticArray})
+    origins: list[NavSatFix] = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late.node.create_subscription(NavSatFix, "tirgeo/origin", origins.append, latched)
+    late.spin_until(lambda: len(origins) == 1 and bool(state_of(late)))
+    assert state_of(late) == "running"
+    cdr = Cdr()
+    fixes = [
+        cdr.deserialize(item.data, item.typename)
+        for item in BagReader(flight_bag).messages(["/rtk/fix"])
+    ]
+    assert origins[0].header.frame_id == "map"
+    # A position of the receiver, to what radians and back cost in a double.
+    assert min(abs(fix.latitude - origins[0].latitude) for fix in fixes) < 1e-12
+    client = late.node.create_client(Trigger, "ekf_node/reset")
+    late.spin_until(client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    late.spin_until(answer.done)
+    assert answer.result().success
+    late.spin_until(lambda: state_of(late) != "running", 5.0)
+
+
+def state_of(stranger) -> str:
+    for array in reversed(stranger.received["/diagnostics"]):
+        for status in array.status:
+            if status.name.endswith("ekf_node: navigation"):
+                return navigation_status(status).state.value
+    return ""
