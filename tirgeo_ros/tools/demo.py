@@ -14,7 +14,7 @@ import numpy as np
 from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
-from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.graph import AWAITED, GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.outputs import OVERLAY, Outputs, read_outputs, read_pictures
 from tirgeo_ros.tools.pose_comparison import differences, in_plane
 from tirgeo_ros.tools.progress import Report, silent
@@ -32,9 +32,13 @@ SETTLED_S = 10.0
 def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, object]:
     """Run the graph, make the video and the still in ``setup.folder``, and return the summary.
 
-    Raises GraphError for a node that fails and BagError for a bag that cannot be played.
+    ``error`` in it is None, or what of a damaged bag was lost. Raises GraphError for a node that
+    fails and BagError for a bag that cannot be played.
     """
     reader = BagReader(setup.bag)
+    absent = [f"/{topic}" for topic in AWAITED if f"/{topic}" not in reader.topics()]
+    if absent:
+        raise BagError(f"{setup.bag}: needed topic absent: {', '.join(absent)}")
     first_ns, last_ns = reader.span_ns
     run = run_graph(setup, (last_ns - first_ns) * 1e-9, progress)
     outputs = read_outputs(run.recording)
@@ -43,6 +47,7 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
     result |= summary(outputs, first_ns) | cost(run)
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
+    result["error"] = run.error
     (setup.folder / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
     return result
 

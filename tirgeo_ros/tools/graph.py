@@ -19,11 +19,12 @@ from tirgeo_ros.tools.resources import find_resource
 
 _READY_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 15.0
-#: Frames that still wait for their pose when the bag ends, and the last diagnostics.
-_SETTLE_S = 1.5
+#: After the bag: the last diagnostics come within 1 s, and what a reader lost of the last pictures
+#: is sent again at the writer's heartbeat, every 3 s.
+_SETTLE_S = 3.5
 _POLL_S = 0.1
 #: Those that every method needs, so that they have a subscriber.
-_AWAITED = ("imu/data", "thermal/camera_info")
+AWAITED = ("imu/data", "thermal/camera_info")
 
 RECORDED = (
     "tirgeo/odometry",
@@ -56,6 +57,7 @@ class GraphRun:
     play_s: float  # real time that the bag took
     cpu_s: dict[str, float]  # from start to end
     cores: dict[str, float]  # while the bag played
+    error: str | None  # what of the bag was lost
 
 
 def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -> GraphRun:
@@ -80,7 +82,8 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
         play_s, cores = _watch(processes, player, duration_s / setup.rate, progress)
         time.sleep(_SETTLE_S)
         _stop([process for process in processes if process is not player])
-    return GraphRun(recording, play_s, {p.name: p.cpu_s() for p in processes}, cores)
+    cpu_s = {process.name: process.cpu_s() for process in processes}
+    return GraphRun(recording, play_s, cpu_s, cores, _loss(player))
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
@@ -128,7 +131,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
 
 
 def _player(setup: GraphSetup) -> list[str]:
-    values = {"bag": setup.bag, "rate": float(setup.rate), "wait_for": ",".join(_AWAITED)}
+    values = {"bag": setup.bag, "rate": float(setup.rate), "wait_for": ",".join(AWAITED)}
     return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
 
 
@@ -139,12 +142,21 @@ def _processes() -> Iterator[list[NodeProcess]]:
     try:
         yield processes
     finally:
-        for process in processes:
-            process.signal(signal.SIGINT)
-        for process in processes:
-            if process.wait(_STOP_TIMEOUT_S) is None:
-                process.signal(signal.SIGKILL)
-                process.wait(_STOP_TIMEOUT_S)
+        # A second Ctrl-C must not leave half of them behind; the wait is bounded.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            _end(processes)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end(processes: Sequence[NodeProcess]) -> None:
+    for process in processes:
+        process.signal(signal.SIGINT)
+    for process in processes:
+        if process.wait(_STOP_TIMEOUT_S) is None:
+            process.signal(signal.SIGKILL)
+            process.wait(_STOP_TIMEOUT_S)
 
 
 def _await_words(processes: Sequence[NodeProcess], words: str) -> None:
@@ -175,9 +187,15 @@ def _watch(
     play_s = time.monotonic() - begin_s
     cores = {p.name: (p.cpu_s() - before[p.name]) / play_s for p in processes}
     ended = player.wait(_STOP_TIMEOUT_S)
-    if ended is None or ended.exit_code != 0:
+    if ended is None or not player.said("played"):
         raise GraphError(player.last_line())
     return play_s, cores
+
+
+def _loss(player: NodeProcess) -> str | None:
+    """What the player said at the end of a bag that is damaged."""
+    whole = player.ended is not None and player.ended.exit_code == 0
+    return None if whole else player.last_line().removeprefix(f"{player.name}: ")
 
 
 def _stop(processes: Sequence[NodeProcess]) -> None:

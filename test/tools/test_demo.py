@@ -1,0 +1,141 @@
+"""The demonstration's parts that need no node."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.errors import BagError, GraphError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.tools import resources
+from tirgeo_ros.tools.demo import against_truth, demonstrate, make_pictures, summary, with_sample
+from tirgeo_ros.tools.graph import GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.outputs import read_outputs
+
+MS = 1_000_000
+PLANE = TangentPlane(0.7, 2.0, 11.0)
+MESSAGES = Messages(Cdr().types)
+
+
+def write(path: Path, topics: list[tuple[str, object, int]]) -> Path:
+    with BagWriter(path) as writer:
+        for topic, message, log_ns in topics:
+            name = topic if topic.startswith("/") else f"/{topic}"
+            writer.write(name, TOPIC_TYPES[topic], message, log_ns)
+    return path
+
+
+def pose(stamp_ns: int, east_m: float = 0.0) -> CameraPose:
+    q = np.array([0.5, 0.5, 0.5, 0.5])
+    return CameraPose(stamp_ns, np.array([0.0, east_m, -20.0]), q, np.zeros((6, 6)))
+
+
+def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
+    status = NavigationStatus(
+        "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
+    )
+    item = MESSAGES.navigation_diagnostic("/ekf_node: navigation", status)
+    return "/diagnostics", MESSAGES.diagnostics(stamp_ns, [item]), stamp_ns
+
+
+def test_the_summary_tells_what_the_nodes_said(tmp_path):
+    grey = np.full((8, 8, 3), 90, np.uint8)
+    jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
+    pictures = [
+        ("tirgeo/overlay/image/compressed", MESSAGES.compressed(t * 100 * MS, jpeg), t * 100 * MS)
+        for t in range(1, 11)
+    ]
+    poses = [
+        ("tirgeo/camera_pose", MESSAGES.camera_pose(pose(t * 20 * MS)), t * 20 * MS)
+        for t in range(22, 50)
+    ]
+    statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
+    path = write(tmp_path / "run.mcap", pictures + poses + statuses)
+    found = summary(read_outputs(path), begin_ns=0)
+    assert found["method"] == "ekf_heading"
+    assert found["heading_sigma_deg"] == pytest.approx(0.15)
+    assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
+    made = make_pictures(path, tmp_path, 10)
+    assert Path(str(made["video"])).stat().st_size > 0
+    assert Path(str(made["still"])).stat().st_size > 0
+
+
+def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
+    def bag(name: str, early_m: float, late_m: float) -> Path:
+        origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
+        cameras = []
+        for k in range(0, 20_000, 20):
+            off_m = early_m if k < 10_000 else late_m
+            message = MESSAGES.camera_pose(pose(k * MS, off_m))
+            cameras.append(("tirgeo/camera_pose", message, k * MS))
+        return write(tmp_path / name, [origin, *cameras])
+
+    judged = against_truth(read_outputs(bag("run.mcap", 9.0, 0.03)), bag("truth.mcap", 0.0, 0.0))
+    assert judged is not None
+    assert judged["poses"] == 500
+    # Latitude and longitude go through degrees in the origin: 1e-9 m.
+    assert judged["position_rms_m"] == pytest.approx(0.03, abs=1e-6)
+    assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_no_picture_is_an_error(tmp_path):
+    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
+        make_pictures(tmp_path / "run.mcap", tmp_path, 0)
+
+
+def test_a_bag_without_a_needed_topic_is_refused(tmp_path):
+    path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
+    with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):
+        demonstrate(GraphSetup(path, tmp_path / "out"))
+
+
+def test_what_lies_beside_the_bag_is_taken(tmp_path):
+    bag = tmp_path / "flight.mcap"
+    assert with_sample(GraphSetup(bag, tmp_path)).map is None
+    (tmp_path / "map.geojson").touch()
+    (tmp_path / "params.yaml").touch()
+    found = with_sample(GraphSetup(bag, tmp_path, params=Path("own.yaml")))
+    assert (found.params, found.map) == (Path("own.yaml"), tmp_path / "map.geojson")
+
+
+def test_the_nodes_have_a_domain_of_their_own_and_a_profile(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_LOCALHOST_ONLY" not in environment
+    assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 100
+    assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"].endswith("fastdds.xml")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "own.xml")
+    given = graph_environment(GraphSetup(tmp_path, tmp_path, environment={"ROS_DOMAIN_ID": "9"}))
+    assert given["FASTRTPS_DEFAULT_PROFILES_FILE"] == "own.xml"
+    assert given["ROS_DOMAIN_ID"] == "9"
+
+
+def test_a_domain_that_is_taken_is_passed_over(monkeypatch):
+    first = free_domain()
+    with taken_port(first):
+        assert free_domain() != first
+
+
+def taken_port(domain: int):
+    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    taken.bind(("", 7410 + 250 * domain))
+    return taken
+
+
+def test_resources_are_found_in_a_prefix(tmp_path, monkeypatch):
+    installed = tmp_path / "share" / "tirgeo" / "bags" / "x.mcap"
+    installed.parent.mkdir(parents=True)
+    installed.touch()
+    assert resources.find_resource("bags/x.mcap") is None
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    assert resources.find_resource("bags/x.mcap") == installed
