@@ -55,6 +55,7 @@ SOLUTION = NavSolution(
     np.array([2.0, -1.0, 0.3]),
     Q,
     np.array([0.02, -0.01, 0.3]),
+    (1e-4, 2e-4, 3e-4),
     covariance(9),
 )
 BODY = BodyPose(STAMP_NS, np.array([10.0, -20.0, -30.0]), Q, covariance(6))

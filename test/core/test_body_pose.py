@@ -16,9 +16,8 @@ latitudes, longitudes = st.floats(-1.5, 1.5), st.floats(-3.2, 3.2)
 
 def solution(latitude_rad, longitude_rad, q_nb):
     root = np.random.default_rng(3).normal(size=(9, 9))
-    return NavSolution(
-        5, latitude_rad, longitude_rad, 120.0, np.zeros(3), q_nb, np.zeros(3), root @ root.T
-    )
+    rest = np.zeros(3), q_nb, np.zeros(3), (0.0, 0.0, 0.0), root @ root.T
+    return NavSolution(5, latitude_rad, longitude_rad, 120.0, *rest)
 
 
 @given(latitudes, longitudes)

@@ -164,6 +164,17 @@ def test_error_over_sigma():
     assert (overall < 1.4).all(), overall
 
 
+def test_angular_rate_is_within_its_own_sigma():
+    """The rate's variance: white noise of one sample and the bias's; per axis over a flight."""
+    flown = flight(duration_s=40.0)
+    index = {stamp: i for i, stamp in enumerate(flown.truth.stamp_ns)}
+    found = [s for s in solutions(flown, config_for(flown)) if index[s.stamp_ns] > 2000]
+    error = [s.angular_rate_b - flown.truth.angular_rate_b[index[s.stamp_ns]] for s in found]
+    ratio = rms(np.array(error) / np.sqrt([s.rate_variance_b for s in found]))
+    # 2000 white samples: 1.6 % one sigma; the slow bias adds little beside the white noise.
+    assert ratio == pytest.approx([1.0] * 3, abs=0.08)
+
+
 def test_lost_heading_and_gap_start_again():
     """A gap beyond max_imu_gap_s is named, and the filter aligns anew."""
     flown = flight(duration_s=12.0)

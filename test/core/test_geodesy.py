@@ -216,7 +216,15 @@ def test_plane_takes_leading_axes(shape):
 def solution_at(plane, ned, euler, covariance):
     lat, lon, height = (float(x) for x in plane.geodetic_from_ned(np.array(ned)))
     return NavSolution(
-        5, lat, lon, height, np.ones(3), quat_from_euler(*euler), np.zeros(3), covariance
+        5,
+        lat,
+        lon,
+        height,
+        np.ones(3),
+        quat_from_euler(*euler),
+        np.zeros(3),
+        (0, 0, 0),
+        covariance,
     )
 
 

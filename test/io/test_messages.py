@@ -356,17 +356,12 @@ def test_twist_covariance_is_that_of_the_solution_in_the_body():
         ]
     )
     wanted = partials @ given.SOLUTION.covariance[3:, 3:] @ partials.T
-    message = made.odometry(given.SOLUTION, given.BODY, rate_variance=0.5)
+    message = made.odometry(given.SOLUTION, given.BODY)
     covariance = message.twist.covariance.reshape(6, 6)
     # Central differences with steps of 1e-6: rounding 1e-16 / 1e-6 times entries of order 10.
     assert_allclose(covariance[:3, :3], wanted, rtol=1e-8, atol=1e-8)
-    assert_array_equal(covariance[3:, 3:], 0.5 * np.eye(3))
+    assert_array_equal(covariance[3:, 3:], np.diag(given.SOLUTION.rate_variance_b))
     assert not covariance[:3, 3:].any()
-
-
-def test_unknown_rate_variance_weighs_nothing():
-    covariance = made.odometry(given.SOLUTION, given.BODY).twist.covariance.reshape(6, 6)
-    assert_array_equal(np.diag(covariance)[3:], [UNKNOWN_VARIANCE] * 3)
 
 
 def test_camera_pose_of_a_camera_that_looks_north():

@@ -18,6 +18,7 @@ from tirgeo_ros.core.alignment import Alignment
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import (
     ATTITUDE,
+    GYRO_BIAS,
     POSITION,
     VELOCITY,
     CovariancePropagation,
@@ -94,6 +95,7 @@ class Ekf:
     def __init__(self, config: EkfConfig, alignment: Alignment) -> None:
         self._propagation = CovariancePropagation(config.imu)
         self._fusion = Fusion(config)
+        self._rate_density = np.square(config.imu.angle_random_walk).tolist()
         self._window = config.rtk.median_window
         self._keep_ns = round(config.max_delay_s * 1e9)
         belief = _Belief(alignment.state, alignment.covariance)
@@ -153,8 +155,19 @@ class Ekf:
             np.array(state.velocity_n),
             np.array(state.q_nb),
             np.subtract(self._epochs[-1].rate_b, state.gyro_bias_b),
+            self._rate_variance_b(covariance),
             covariance[_SOLUTION_ORDER],
         )
+
+    def _rate_variance_b(self, covariance: Array) -> Vector:
+        """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""
+        x, y, z = self._rate_density
+        first = self._epochs[0]
+        step_s = (self.newest_ns - first.stamp_ns) * 1e-9 / max(len(self._epochs) - 1, 1)
+        bias = covariance[GYRO_BIAS, GYRO_BIAS].diagonal().tolist()
+        if step_s == 0:  # one sample has no rate
+            return bias[0], bias[1], bias[2]
+        return x / step_s + bias[0], y / step_s + bias[1], z / step_s + bias[2]
 
     def state(self) -> tuple[NavState, Array]:
         """Nominal state and (15, 15) covariance at the newest IMU sample.

@@ -26,6 +26,8 @@ from tirgeo_ros.core.samples import (
 from tirgeo_ros.core.validity import usable_attitude
 
 _LARGEST_AGE_S = 1.0
+#: The rate at which one gyroscope reading's white noise is reckoned.
+_NOMINAL_RATE_HZ = 100.0
 
 
 class Passthrough:
@@ -39,6 +41,9 @@ class Passthrough:
         self._default_covariance = np.diag(np.array(config.gps.position_sigma_m) ** 2)
         if rtk:
             self._default_covariance = np.eye(3) * config.rtk.position_sigma_floor_m**2
+        walk, bias = config.imu.angle_random_walk, config.imu.gyro_turn_on_bias
+        x, y, z = (w * w * _NOMINAL_RATE_HZ + bias * bias for w in walk)
+        self._rate_variance_b = (x, y, z)
         self._attitude_covariance = np.diag(np.radians(config.autopilot.attitude_sigma_deg) ** 2)
         self._imu: ImuSample | None = None
         self._position: PositionSample | None = None
@@ -90,6 +95,7 @@ class Passthrough:
             velocity_n,
             canonical(q_nb),
             self._imu.angular_rate_b,
+            self._rate_variance_b,
             self._covariance(position, velocity),
         )
 

@@ -109,6 +109,7 @@ class NavSolution:
     velocity_n: Array  # (3,) m/s
     q_nb: Array  # (4,) wxyz
     angular_rate_b: Array  # (3,) rad/s, bias removed
+    rate_variance_b: tuple[float, float, float]  # of the angular rate, (rad/s)^2
     covariance: Array  # (9, 9) position NED m2, attitude phi_n rad2, velocity NED m2/s2
 
     @property

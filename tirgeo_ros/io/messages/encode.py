@@ -120,14 +120,11 @@ class Messages:
             quaternion=self._parts.quaternion(positive(quat_turned_both(*sample.q_ng.tolist()))),
         )
 
-    def odometry(
-        self, solution: NavSolution, pose: BodyPose, rate_variance: float = UNKNOWN_VARIANCE
-    ) -> Any:
+    def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """``nav_msgs/Odometry``, map -> base_link.
 
         Pose covariance: x, y, z, then rotations about the map's axes. Twist in base_link; the
         velocity's covariance is that of the solution turned to the body, with the attitude's part.
-        ``rate_variance``, (rad/s)^2, stands for each axis of the angular rate.
         """
         turned = positive(quat_turned_both(*pose.q_nb.tolist()))
         return self._parts.new(
@@ -135,7 +132,7 @@ class Messages:
             header=self._parts.header(solution.stamp_ns, MAP_FRAME),
             child_frame_id=BODY_FRAME,
             pose=self._parts.pose(pose.position_n, turned, pose.covariance),
-            twist=self._body_twist(solution, rate_variance),
+            twist=self._body_twist(solution),
         )
 
     def fix(self, solution: NavSolution) -> Any:
@@ -233,7 +230,7 @@ class Messages:
         """The estimator's status; ``navigation_status`` is the inverse."""
         return navigation_item(name, status)
 
-    def _body_twist(self, solution: NavSolution, rate_variance: float) -> Any:
+    def _body_twist(self, solution: NavSolution) -> Any:
         axes_n = _body_axes_n(solution)
         north, east, down = solution.velocity_n.tolist()
         forward, left, up = (a * north + b * east + c * down for a, b, c in axes_n)
@@ -241,7 +238,7 @@ class Messages:
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = _velocity_covariance(solution, axes_n)
         flat = covariance.ravel()
-        flat[21] = flat[28] = flat[35] = rate_variance
+        flat[21], flat[28], flat[35] = solution.rate_variance_b
         return self._parts.twist((forward, left, up), (x, -y, -z), flat)
 
     def _status(self, item: DiagnosticItem) -> Any:

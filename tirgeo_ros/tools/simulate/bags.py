@@ -163,10 +163,11 @@ def _true_body(messages: Messages, flight: Flight, window: Window) -> Iterator[O
             truth.velocity_n[k],
             truth.q_nb[k],
             truth.angular_rate_b[k],
+            (0.0, 0.0, 0.0),
             np.zeros((9, 9)),
         )
         pose = plane.body_pose(solution)
-        yield stamp_ns, "tirgeo/odometry", messages.odometry(solution, pose, rate_variance=0.0)
+        yield stamp_ns, "tirgeo/odometry", messages.odometry(solution, pose)
         yield stamp_ns, "tirgeo/fix", messages.fix(solution)
 
 
