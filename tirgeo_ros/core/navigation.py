@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,14 @@ from tirgeo_ros.core.validity import fault_of
 _CLOCK_JUMP_NS = 1_000_000_000
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
+_RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
+#: What each method takes.
+METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "raw": (Source.IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
+    "rtk": _RTK,
+    "ekf": _RTK,
+    "ekf_heading": (*_RTK, Source.RTK_HEADING),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,13 +182,11 @@ class Navigation:
     def _refusal(self, sample: Aiding) -> Verdict | None:
         """A verdict on samples that the method or the receiver's own word rules out."""
         source = source_of(sample)
+        if source not in METHOD_SOURCES[self._config.method]:
+            return Verdict(source, Outcome.UNUSED)
         if isinstance(sample, HeadingSample):
-            if not self._use_heading:
-                return Verdict(source, Outcome.UNUSED)
             fixed = self.rtk_status is FixStatus.FIXED
             return None if fixed else Verdict(source, Outcome.NOT_FIXED, "rtk/fix is not fixed")
-        if self._filtering and source in {Source.GPS_POSITION, Source.GPS_VELOCITY}:
-            return Verdict(source, Outcome.UNUSED)
         if isinstance(sample, PositionSample) and sample.status < self._least_status(source):
             return Verdict(source, Outcome.NOT_FIXED, f"status {sample.status.name.lower()}")
         return None

@@ -11,15 +11,12 @@ from std_srvs.srv import Trigger
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.navigation import Navigation
-from tirgeo_ros.core.samples import NavigationInput, NavSolution, Outcome, Source, Verdict
+from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.samples import NavigationInput, NavSolution, Outcome, Verdict
 from tirgeo_ros.io.messages import (
+    NAVIGATION_INPUTS,
     DiagnosticItem,
     Messages,
-    heading_sample,
-    imu_sample,
-    position_sample,
-    velocity_sample,
 )
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import Monitor
@@ -29,22 +26,6 @@ from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 Decode = Callable[[Any], NavigationInput]
-INPUTS: dict[Source, tuple[str, Decode]] = {
-    Source.IMU: ("imu/data", imu_sample),
-    Source.RTK_POSITION: ("rtk/fix", partial(position_sample, source=Source.RTK_POSITION)),
-    Source.RTK_VELOCITY: ("rtk/vel", partial(velocity_sample, source=Source.RTK_VELOCITY)),
-    Source.RTK_HEADING: ("rtk/heading", heading_sample),
-    Source.GPS_POSITION: ("gps/fix", partial(position_sample, source=Source.GPS_POSITION)),
-    Source.GPS_VELOCITY: ("gps/vel", partial(velocity_sample, source=Source.GPS_VELOCITY)),
-}
-_RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
-#: What each method takes; an idle subscription would cost time at every message.
-SOURCES: dict[str, tuple[Source, ...]] = {
-    "raw": (Source.IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
-    "rtk": _RTK,
-    "ekf": _RTK,
-    "ekf_heading": (*_RTK, Source.RTK_HEADING),
-}
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP)
 
 
@@ -62,8 +43,9 @@ class EkfNode(Node):
         self._origin = advertise(self, "tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
         self._told_state = ""
-        for source in SOURCES[config.method]:
-            topic, decode = INPUTS[source]
+        # Of what the method takes alone: an idle subscription would cost time at every message.
+        for source in METHOD_SOURCES[config.method]:
+            topic, decode = NAVIGATION_INPUTS[source]
             subscribe(self, topic, partial(self._take, decode), sensor_input(), self._monitor)
             self._monitor.expects(topic)
         self.create_service(Trigger, "~/reset", self._reset)

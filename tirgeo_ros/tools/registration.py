@@ -11,7 +11,7 @@ from typing import Any
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
-from tirgeo_ros.core.navigation import Navigation
+from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
 from tirgeo_ros.core.samples import (
     BodyPose,
     CameraAttitudeSample,
@@ -20,7 +20,6 @@ from tirgeo_ros.core.samples import (
     JointSample,
     NavigationInput,
     NavSolution,
-    Source,
 )
 from tirgeo_ros.io import messages as convert
 
@@ -28,23 +27,15 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: What becomes of the messages of the sensors' topics.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = {
-    "imu/data": convert.imu_sample,
-    "gps/fix": lambda message: convert.position_sample(message, Source.GPS_POSITION),
-    "gps/vel": lambda message: convert.velocity_sample(message, Source.GPS_VELOCITY),
-    "rtk/fix": lambda message: convert.position_sample(message, Source.RTK_POSITION),
-    "rtk/vel": lambda message: convert.velocity_sample(message, Source.RTK_VELOCITY),
-    "rtk/heading": convert.heading_sample,
+    **dict(convert.NAVIGATION_INPUTS.values()),
     "gimbal/joint_states": convert.joint_sample,
     "gimbal/attitude": convert.camera_attitude,
 }
 
-_RTK = ("imu/data", "rtk/fix", "rtk/vel")
 #: The topics that each method takes.
 METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
-    "raw": ("imu/data", "gps/fix", "gps/vel"),
-    "rtk": _RTK,
-    "ekf": _RTK,
-    "ekf_heading": (*_RTK, "rtk/heading"),
+    method: tuple(convert.NAVIGATION_INPUTS[source][0] for source in sources)
+    for method, sources in METHOD_SOURCES.items()
 }
 
 

@@ -5,6 +5,7 @@ keyword arguments have the same names.
 """
 
 from tirgeo_ros.io.messages.decode import (
+    NAVIGATION_INPUTS,
     body_pose,
     camera_attitude,
     camera_pose,
@@ -23,6 +24,7 @@ from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pix
 from tirgeo_ros.io.messages.topics import TOPIC_TYPES
 
 __all__ = [
+    "NAVIGATION_INPUTS",
     "TOPIC_TYPES",
     "DiagnosticItem",
     "Messages",

@@ -7,6 +7,8 @@ quaternion or an impossible covariance goes through as it is and meets a verdict
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from tirgeo_ros.core.samples import (
     HeadingSample,
     ImuSample,
     JointSample,
+    NavigationInput,
     PositionSample,
     Source,
     VelocitySample,
@@ -94,6 +97,17 @@ def heading_sample(msg: Any) -> HeadingSample:
     yaw = _enu_yaw(msg.orientation) if present else math.nan
     heading = (0.5 * math.pi - yaw) % math.tau
     return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
+
+
+#: Each source of the filter: its topic, and its messages' way to samples.
+NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
+    Source.IMU: ("imu/data", imu_sample),
+    Source.RTK_POSITION: ("rtk/fix", partial(position_sample, source=Source.RTK_POSITION)),
+    Source.RTK_VELOCITY: ("rtk/vel", partial(velocity_sample, source=Source.RTK_VELOCITY)),
+    Source.RTK_HEADING: ("rtk/heading", heading_sample),
+    Source.GPS_POSITION: ("gps/fix", partial(position_sample, source=Source.GPS_POSITION)),
+    Source.GPS_VELOCITY: ("gps/vel", partial(velocity_sample, source=Source.GPS_VELOCITY)),
+}
 
 
 def joint_sample(msg: Any) -> JointSample:
