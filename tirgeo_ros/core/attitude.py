@@ -43,15 +43,13 @@ def matrix_from_quat(q: Array) -> Array:
     w, x, y, z = _parts(q)
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     wx, wy, wz = w * x, w * y, w * z
-    out = np.empty((*q.shape[:-1], 3, 3))
-    out[..., 0, 0], out[..., 1, 1], out[..., 2, 2] = (
-        1 - 2 * (yy + zz),
-        1 - 2 * (xx + zz),
-        1 - 2 * (xx + yy),
+    flat = (
+        *(1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
+        *(2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
+        *(2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)),
     )
-    out[..., 0, 1], out[..., 1, 2], out[..., 2, 0] = 2 * (xy - wz), 2 * (yz - wx), 2 * (xz - wy)
-    out[..., 1, 0], out[..., 2, 1], out[..., 0, 2] = 2 * (xy + wz), 2 * (yz + wx), 2 * (xz + wy)
-    return out
+    out = np.array(flat) if q.ndim == 1 else np.stack(flat, -1)
+    return out.reshape(*q.shape[:-1], 3, 3)
 
 
 def quat_from_matrix(matrix: Array) -> Array:
@@ -93,12 +91,13 @@ def quat_multiply(p: Array, q: Array) -> Array:
     p, q = np.asarray(p, float), np.asarray(q, float)
     p0, p1, p2, p3 = _parts(p)
     q0, q1, q2, q3 = _parts(q)
-    out = np.empty(np.broadcast(p, q).shape)
-    out[..., 0] = p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3
-    out[..., 1] = p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2
-    out[..., 2] = p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1
-    out[..., 3] = p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0
-    return out
+    product = (
+        p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
+        p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
+        p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
+        p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
+    )
+    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
 
 
 def quat_conjugate(q: Array) -> Array:

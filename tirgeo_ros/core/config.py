@@ -199,6 +199,7 @@ class EkfConfig:
     publish_rate_hz: float = param(
         100.0, "highest rate of tirgeo/odometry", unit="Hz", low=0.1, high=1000
     )
+    fix_rate_hz: float = param(10.0, "highest rate of tirgeo/fix", unit="Hz", low=0.1, high=1000)
     max_delay_s: float = param(
         0.5, "a measurement may come this much later than it was made", unit="s", low=0, high=5
     )

@@ -10,8 +10,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from tirgeo_ros.core.aiding.fusion import Aiding, source_of
 from tirgeo_ros.core.alignment import Aligner, Alignment
 from tirgeo_ros.core.config import EkfConfig
@@ -19,6 +17,7 @@ from tirgeo_ros.core.ekf import Ekf
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.passthrough import Passthrough
+from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.samples import (
     FilterState,
     FixStatus,
@@ -38,6 +37,7 @@ from tirgeo_ros.core.validity import fault_of
 _CLOCK_JUMP_NS = 1_000_000_000
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
+_IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
 #: What each method takes.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
@@ -68,7 +68,6 @@ class Navigation:
         self._use_heading = config.method == "ekf_heading"
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
-        self._period_ns = round(1e9 / config.publish_rate_hz)
         self._counts: Counter[tuple[str, str]] = Counter()
         self._test_ratios: dict[str, float] = {}
         self._plane = _configured_plane(config)
@@ -80,7 +79,7 @@ class Navigation:
         self._aligner = Aligner(self._config, use_heading=self._use_heading)
         self._passthrough = Passthrough(self._config, self._position_source)
         self._imu_ns: int | None = None
-        self._due_ns: int | None = None
+        self._rate = RateLimit(self._config.publish_rate_hz)
         self._heading_sigma_rad = math.nan
         self._rtk_status = FixStatus.NONE
         self._rtk_status_ns = 0
@@ -149,7 +148,9 @@ class Navigation:
             outcome = Outcome.WAITING if outcome is Outcome.USED else outcome
         else:
             self._passthrough.add_imu(sample)
-        return Step(Verdict(Source.IMU, outcome, reason), self._due_solution(sample.stamp_ns))
+        used = outcome is Outcome.USED
+        verdict = _IMU_USED if used else Verdict(Source.IMU, outcome, reason)
+        return Step(verdict, self._due_solution(sample.stamp_ns))
 
     def _time_check(self, stamp_ns: int) -> tuple[Outcome, str]:
         if self._imu_ns is None:
@@ -213,17 +214,14 @@ class Navigation:
             self._count(self._ekf.add_aiding(sample))  # type: ignore[arg-type]
 
     def _due_solution(self, stamp_ns: int) -> NavSolution | None:
-        """A solution at ``publish_rate_hz``; a quarter of a period of jitter is let pass."""
-        if self._due_ns is None or stamp_ns >= self._due_ns + self._period_ns:
-            self._due_ns = stamp_ns
-        if stamp_ns < self._due_ns - self._period_ns // 4:
+        """A solution, at ``publish_rate_hz`` at the most."""
+        if not self._rate.due(stamp_ns):
             return None
         solution = self._ekf.solution() if self._ekf else None
         if not self._filtering:
             solution = self._passthrough.solution()
         if solution is not None:
-            self._due_ns += self._period_ns
-            self._heading_sigma_rad = float(np.sqrt(solution.covariance[5, 5]))
+            self._heading_sigma_rad = math.sqrt(solution.covariance[5, 5])
         return solution
 
     def _counted(self, step: Step) -> Step:

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.samples import NavigationInput, NavSolution, Outcome, Verdict
 from tirgeo_ros.io.messages import (
     NAVIGATION_INPUTS,
@@ -39,6 +40,7 @@ class EkfNode(Node):
         self._messages = Messages(message_class)
         self._monitor = Monitor()
         self._odometry = advertise(self, "tirgeo/odometry", output())
+        self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = advertise(self, "tirgeo/fix", output())
         self._origin = advertise(self, "tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
@@ -66,7 +68,7 @@ class EkfNode(Node):
             self._origin.publish(self._messages.origin(plane, solution.stamp_ns))
             self._published_plane = plane
         self._odometry.publish(self._messages.odometry(solution, plane.body_pose(solution)))
-        if self._fix.get_subscription_count():
+        if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():
             self._fix.publish(self._messages.fix(solution))
         self._monitor.published("tirgeo/odometry", self.get_clock(), solution.stamp_ns)
 

@@ -20,6 +20,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.vector_map import GeoFeature
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
@@ -60,6 +61,7 @@ class Pipeline:
             self.overlay = Overlay(settings.overlay, settings.features)
         self.unreadable: Counter[str] = Counter()
         self.states_s: Counter[str] = Counter()
+        self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
         self._settings = settings
         self._messages = messages
         self._sink = sink
@@ -97,7 +99,9 @@ class Pipeline:
             self._new_plane(found.solution.stamp_ns, log_time_ns)
             odometry = self._messages.odometry(found.solution, found.body)
             self._sink.message("tirgeo/odometry", odometry, log_time_ns)
-            self._sink.message("tirgeo/fix", self._messages.fix(found.solution), log_time_ns)
+            if self._fix_rate.due(found.solution.stamp_ns):
+                fix = self._messages.fix(found.solution)
+                self._sink.message("tirgeo/fix", fix, log_time_ns)
         for pose in found.cameras:
             camera_pose = self._messages.camera_pose(pose)
             self._sink.message("tirgeo/camera_pose", camera_pose, log_time_ns)

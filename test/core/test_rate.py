@@ -1,0 +1,36 @@
+"""Which stamps are due at a rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.rate import RateLimit
+
+MS = 1_000_000
+
+
+def due(rate_hz: float, stamps: list[int]) -> list[int]:
+    limit = RateLimit(rate_hz)
+    return [stamp for stamp in stamps if limit.due(stamp)]
+
+
+@pytest.mark.parametrize(("rate_hz", "expected"), [(100, 1000), (50, 500), (30, 300), (10, 100)])
+def test_share_of_a_hundred_hertz(rate_hz, expected):
+    jitter = np.random.default_rng(1).integers(-MS, MS, 1000)
+    stamps = [10 * MS * k + int(jitter[k]) for k in range(1000)]
+    assert len(due(rate_hz, stamps)) == pytest.approx(expected, abs=1)
+
+
+def test_slow_inputs_are_all_due():
+    stamps = [250 * MS * k for k in range(20)]
+    assert due(10.0, stamps) == stamps
+
+
+def test_schedule_begins_anew_after_a_pause_and_when_stamps_go_back():
+    first = [10 * MS * k for k in range(50)]
+    later = [5_000 * MS + stamp for stamp in first]
+    found = due(10.0, [*first, *later, *first])
+    # Each run of half a second: its first stamp, then one about every 100 ms.
+    assert len(found) == 15
+    assert (found[0], found[5], found[10]) == (first[0], later[0], first[0])
