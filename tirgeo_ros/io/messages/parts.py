@@ -26,8 +26,18 @@ class Parts:
     def __init__(self, types: Callable[[str], type]) -> None:
         self.types = types
         self._known: dict[str, Callable[..., Any]] = {}
+        # What every message has parts of: bound once, as looking up costs as much as making.
+        self._time = types("builtin_interfaces/msg/Time")
+        self._header = types("std_msgs/msg/Header")
+        self._quaternion = types("geometry_msgs/msg/Quaternion")
+        self._vector = types("geometry_msgs/msg/Vector3")
+        self._point = types("geometry_msgs/msg/Point")
+        self._pose = types("geometry_msgs/msg/Pose")
+        self._pose_covariance = types("geometry_msgs/msg/PoseWithCovariance")
+        self._twist = types("geometry_msgs/msg/Twist")
+        self._twist_covariance = types("geometry_msgs/msg/TwistWithCovariance")
         # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags ndarray alone.
-        self.takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
+        self.takes_ndarray = hasattr(self._header, "__msgtype__")
 
     def new(self, typename: str, **fields: Any) -> Any:
         """A message of a type, with these fields."""
@@ -39,21 +49,21 @@ class Parts:
     def time(self, stamp_ns: int) -> Any:
         """``builtin_interfaces/Time``."""
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
-        return self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self._time(sec=seconds, nanosec=nanoseconds)
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
         """``std_msgs/Header``."""
-        return self.new("std_msgs/msg/Header", stamp=self.time(stamp_ns), frame_id=frame_id)
+        return self._header(stamp=self.time(stamp_ns), frame_id=frame_id)
 
     def quaternion(self, q: Quaternion) -> Any:
         """``geometry_msgs/Quaternion`` of (w, x, y, z)."""
         w, x, y, z = q
-        return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        return self._quaternion(x=x, y=y, z=z, w=w)
 
     def vector(self, xyz: tuple[float, float, float]) -> Any:
         """``geometry_msgs/Vector3`` of (x, y, z)."""
         x, y, z = xyz
-        return self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+        return self._vector(x=x, y=y, z=z)
 
     def frd(self, v: Array) -> Any:
         """``geometry_msgs/Vector3`` in FLU of a (3,) vector in FRD."""
@@ -95,7 +105,7 @@ class Parts:
 
         A covariance of zeros is marked as unknown.
         """
-        known = bool(np.any(covariance))
+        known = bool(covariance.any())
         latitude_rad, longitude_rad, height_m = place
         return self.new(
             "sensor_msgs/msg/NavSatFix",
@@ -113,16 +123,10 @@ class Parts:
     def pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
         """``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED; ``turned`` is in ENU."""
         north, east, down = position_n.tolist()
-        pose = self.new(
-            "geometry_msgs/msg/Pose",
-            position=self.new("geometry_msgs/msg/Point", x=east, y=north, z=-down),
-            orientation=self.quaternion(turned),
+        pose = self._pose(
+            position=self._point(x=east, y=north, z=-down), orientation=self.quaternion(turned)
         )
-        return self.new(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose=pose,
-            covariance=covariance_turned_world(covariance, 6),
-        )
+        return self._pose_covariance(pose=pose, covariance=covariance_turned_world(covariance, 6))
 
     def twist(
         self,
@@ -131,14 +135,8 @@ class Parts:
         covariance: Array,
     ) -> Any:
         """``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
-        twist = self.new(
-            "geometry_msgs/msg/Twist",
-            linear=self.vector(linear),
-            angular=self.vector(angular),
-        )
-        return self.new(
-            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance
-        )
+        twist = self._twist(linear=self.vector(linear), angular=self.vector(angular))
+        return self._twist_covariance(twist=twist, covariance=covariance)
 
     def octets(self, data: npt.NDArray[Any]) -> Any:
         """The bytes of a contiguous array as a field ``uint8[]`` takes them fastest."""
