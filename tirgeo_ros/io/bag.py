@@ -207,22 +207,22 @@ class BagWriter:
         publish_time_ns: int | None = None,
     ) -> None:
         """Append a message, an object or its CDR bytes, to a topic (``/imu/data``)."""
-        channel = self._channel(topic, typename)
+        number, first = self._channels.get(topic) or self._channel(topic, typename)
+        if first != typename:
+            raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
         published = log_time_ns if publish_time_ns is None else publish_time_ns
-        with self._errors():
-            self._writer.add_message(channel, log_time_ns, data, published)
+        try:
+            self._writer.add_message(number, log_time_ns, data, published)
+        except OSError as error:
+            raise self._error(error) from None
 
-    def _channel(self, topic: str, typename: str) -> int:
-        if topic not in self._channels:
-            schema = self._schema(typename)
-            number = self._writer.register_channel(topic, _ENCODING[0], schema)
-            self._channels[topic] = (number, typename)
-        number, first = self._channels[topic]
-        if first != typename:
-            raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
-        return number
+    def _channel(self, topic: str, typename: str) -> tuple[int, str]:
+        schema = self._schema(typename)
+        number = self._writer.register_channel(topic, _ENCODING[0], schema)
+        self._channels[topic] = (number, typename)
+        return number, typename
 
     def _schema(self, typename: str) -> int:
         if typename not in self._schemas:
@@ -252,4 +252,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            raise BagError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+            raise self._error(error) from None
+
+    def _error(self, error: OSError) -> BagError:
+        return BagError(f"{self.path}: cannot be written: {error.strerror or error}")
