@@ -144,21 +144,22 @@ class _Run:
         self, topics: dict[str, str], progress: Report
     ) -> Iterator[tuple[str, object, int]]:
         total_s = _seconds(self._reader.span_ns)
-        for number, item in enumerate(self._reader.messages(topics)):
-            if not number:
-                self._span_ns = (item.log_time_ns, item.log_time_ns)
-            self._span_ns = (self._span_ns[0], item.log_time_ns)
+        for number, (name, typename, log_time_ns, _, data) in enumerate(
+            self._reader.messages(topics)
+        ):
+            self._span_ns = (self._span_ns[0] if number else log_time_ns, log_time_ns)
             if number % _REPORT_EVERY == 0:
                 progress(_seconds(self._span_ns) or 0.0, total_s)
-            if not self.pipeline.wants(topics[item.topic]):
+            topic = topics[name]
+            if not self.pipeline.wants(topic):
                 continue
             try:
-                message = self._cdr.deserialize(item.data, item.typename)
+                message = self._cdr.deserialize(data, typename)
             except MessageError:
-                self._undecoded[item.topic] += 1
+                self._undecoded[name] += 1
                 continue
-            self.read[item.topic] += 1
-            yield topics[item.topic], message, item.log_time_ns
+            self.read[name] += 1
+            yield topic, message, log_time_ns
 
     def summary(self, elapsed_s: float) -> dict[str, object]:
         """What was read, made and refused."""

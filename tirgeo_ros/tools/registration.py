@@ -67,7 +67,7 @@ class Registration:
 
 def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:
     """What the filter publishes on a sample; gimbal samples are not for it."""
-    if isinstance(sample, JointSample | CameraAttitudeSample):
+    if isinstance(sample, (JointSample, CameraAttitudeSample)):
         return None
     return navigation.process(sample).solution
 
