@@ -38,7 +38,7 @@ def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, i
 class Cdr:
     """Serialises and deserialises messages by type name (``sensor_msgs/msg/Imu``).
 
-    The store's own ways allow no bytes behind a message, and cost a third more.
+    The store's own ways allow no bytes behind a message, and copy and look up more.
     """
 
     def __init__(self) -> None:
