@@ -207,6 +207,8 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
         ("ekf_heading", ["/imu/data"], "/imu/data"),
         ("ekf_heading", ["/rtk/heading", "/rtk/fix"], "/rtk/fix, /rtk/heading"),
         ("ekf", ["/rtk/fix"], "/rtk/fix"),
+        ("ekf", ["/rtk/vel"], "/rtk/vel"),
+        ("ekf_heading", ["/rtk/vel"], "/rtk/vel"),
         ("rtk", ["/rtk/fix"], "/rtk/fix"),
         ("raw", ["/gps/fix"], "/gps/fix"),
         (
@@ -231,11 +233,15 @@ def test_absent_topics_are_named_and_nothing_is_written(
 
 @pytest.mark.parametrize("method", ["raw", "rtk", "ekf"])
 def test_topics_that_a_method_does_not_take_may_be_absent(cut, options, tmp_path, method):
-    unused = {"raw": "/rtk/", "rtk": "/gps/", "ekf": "/gps/"}[method]
+    unused = {
+        "raw": ("/rtk/", "/gps/vel"),  # a baseline stands still between positions without it
+        "rtk": ("/gps/", "/rtk/vel", "/rtk/heading"),
+        "ekf": ("/gps/", "/rtk/heading"),
+    }[method]
     bag = rewrite(
         cut,
         tmp_path / "in.mcap",
-        lambda item: None if item.topic.startswith((unused, "/rtk/heading")) else same(item),
+        lambda item: None if item.topic.startswith(unused) else same(item),
     )
     summary = process(bag, tmp_path / "out.mcap", method=method, images=False, **options)
     assert summary["method"] == method

@@ -16,6 +16,8 @@ _GIMBAL: dict[str, tuple[str, ...]] = {
     "encoders": ("gimbal/joint_states",),
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
 }
+#: Topics that a method takes and can do without. A filter cannot: it aligns by velocities.
+_SPARED = {"raw": ("gps/vel",), "rtk": ("rtk/vel",)}
 
 
 def prefix(namespace: str) -> str:
@@ -39,7 +41,7 @@ def inputs_of(
     there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
     wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
     needed: list[tuple[str, ...]] = [
-        (name,) for name in METHOD_TOPICS[method] if not name.endswith("/vel")
+        (name,) for name in METHOD_TOPICS[method] if name not in _SPARED.get(method, ())
     ]
     needed.append(_GIMBAL[composition])
     if pictures:
