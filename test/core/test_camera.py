@@ -153,6 +153,10 @@ def test_table_9():
         ((640, 512, 800.0, 800.0, 320, 256, (0.1, 0.1)), "2 distortion coefficients"),
         ((640, 512, 800.0, 800.0, 320, 256, (0.0,) * 14), "14 distortion coefficients"),
         ((640, 512, 800.0, 800.0, 320, 256, (-9.0, 0.0, 0.0, 0.0)), "folds 103 px"),
+        ((640, 512, 800.0, 800.0, 320, 256, (-1e308, 0.0, 0.0, 0.0)), "impossible numbers"),
+        ((640, 512, 800.0, 800.0, 1e12, 256), "impossible numbers"),
+        ((640, 512, 800.0, 800.0, 320, 256, (1e5, 0.0, 0.0, 0.0)), "bends too steeply"),
+        ((640, 512, 1e-9, 800.0, 320, 256), "folds 0 px"),
     ],
 )
 def test_a_wrong_calibration_is_refused(arguments, message):

@@ -27,6 +27,11 @@ _SIZES = (0, 4, 5, 8)  # none, Brown, Brown with k3, rational
 _WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches further
 _FOLD_MARGIN = 0.98
 _CORNER_MARGIN = 1.1
+# Far beyond any lens or sensor; what is larger would overflow further on.
+_LARGEST_PX = 1e6
+_LARGEST_COEFFICIENT = 1e9
+#: A model that reaches this many times as far as the farthest corner has an inverse there.
+_TOO_FAR = 2.0
 _TABLE_SIZE = 512
 _NEWTON_STEPS = 5
 _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 px
@@ -60,7 +65,9 @@ class Camera:
         object.__setattr__(self, "_k", k)
         reach = min(_FOLD_MARGIN * _fold_radius(k), _WIDEST_RADIUS)
         self._limit(reach)
-        self._limit(min(reach, _CORNER_MARGIN * self._corner_radius()))
+        corner = self._corner_radius()
+        self._check_inverse(corner)
+        self._limit(min(reach, _CORNER_MARGIN * corner))
         self._check_reach()
 
     def _check(self) -> None:
@@ -72,14 +79,31 @@ class Camera:
             )
         if not all(math.isfinite(number) for number in numbers):
             raise CameraError("camera: the calibration is not finite; calibrate the lens again")
+        large = max(map(abs, (self.fx, self.fy, self.cx, self.cy))) > _LARGEST_PX
+        if large or max(map(abs, self.distortion), default=0.0) > _LARGEST_COEFFICIENT:
+            raise CameraError(
+                "camera: the calibration has impossible numbers; calibrate the lens again"
+            )
         if min(self.width, self.height) < 1 or min(self.fx, self.fy) <= 0:
             raise CameraError(
                 f"camera: size {self.width}x{self.height} and focal lengths {self.fx:g}, "
                 f"{self.fy:g} must be positive; is the camera calibrated?"
             )
 
+    def _check_inverse(self, corner_radius: float) -> None:
+        """Refuse a model that reaches far past the image but cannot be undone in its corners."""
+        farthest = math.hypot(
+            max(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx,
+            max(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy,
+        )
+        if math.isinf(corner_radius) and self._radii[0][-1] > _TOO_FAR * farthest:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} bends too steeply to be undone; "
+                "calibrate the lens again"
+            )
+
     def _check_reach(self) -> None:
-        reach_px = self._radii[0][-1] * max(self.fx, self.fy)
+        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
         if reach_px < min(self.width, self.height) / 2:
             raise CameraError(
                 f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
