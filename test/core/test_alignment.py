@@ -125,7 +125,10 @@ def test_without_heading_the_autopilot_gives_the_first():
     yaw = euler_from_quat(np.array(found.state.q_nb))[2]
     autopilot = euler_from_quat(found.imu[0].autopilot_q_nb)[2]
     assert abs(wrap_pi(yaw - autopilot)) < np.radians(0.5)  # one instant to the next
-    bare = [replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s for s in samples]
-    found, aligner = aligned(bare, config_for(flown), use_heading=False)
-    assert found is None
-    assert "orientation" in aligner.reason
+    for q_nb in (None, np.zeros(4), np.full(4, math.nan), np.array([math.inf, 0, 0, 0])):
+        bare = [
+            replace(s, autopilot_q_nb=q_nb) if isinstance(s, ImuSample) else s for s in samples
+        ]
+        found, aligner = aligned(bare, config_for(flown), use_heading=False)
+        assert found is None
+        assert "orientation" in aligner.reason

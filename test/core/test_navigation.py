@@ -186,9 +186,13 @@ def test_configured_origin():
 
 
 def test_origin_must_be_on_earth():
-    config = config_from(EkfConfig, {"origin_lat_lon_h": (116.7, 39.8, 12.0)})
-    with pytest.raises(ConfigError, match="origin_lat_lon_h"):
-        Navigation(config)
+    for origin, reason in (
+        ((116.7, 39.8, 12.0), "no latitude"),
+        ((39.8, 116.7, 1e300), "no height"),
+    ):
+        config = config_from(EkfConfig, {"origin_lat_lon_h": origin})
+        with pytest.raises(ConfigError, match=f"origin_lat_lon_h: .* {reason}"):
+            Navigation(config)
 
 
 @pytest.mark.parametrize(
@@ -238,3 +242,18 @@ def test_publish_rate(rate_hz, expected):
             stamps.append(solution.stamp_ns)
     span_s = (stamps[-1] - stamps[0]) * 1e-9
     assert len(stamps) / span_s == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("method", ["raw", "rtk"])
+@pytest.mark.parametrize("q_nb", [None, np.zeros(4), np.full(4, math.nan)])
+def test_baselines_refuse_an_imu_sample_without_attitude(method, q_nb):
+    flown, navigation = fed(config_for(flight(duration_s=DURATION_S), method=method), upto=400)
+    imu = newest(flown, ImuSample)
+    before = navigation.status().counts["imu", "used"]
+    step = navigation.process(
+        replace(imu, stamp_ns=navigation_samples(flown)[401].stamp_ns, autopilot_q_nb=q_nb)
+    )
+    assert step.solution is None
+    assert (step.verdict.outcome, step.verdict.reason) == (Outcome.INVALID, "no orientation")
+    assert navigation.status().counts["imu", "used"] == before
+    assert navigation.status().reason == "imu/data has no orientation"

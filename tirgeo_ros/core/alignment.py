@@ -33,6 +33,7 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
 )
 from tirgeo_ros.core.strapdown import NavState
+from tirgeo_ros.core.validity import usable_attitude
 
 #: Tilt is believed no better than this at first, so that the filter itself shares the remaining
 #: error out between tilt and accelerometer bias.
@@ -173,7 +174,7 @@ class Aligner:
 
     def _autopilot_heading(self) -> tuple[list[Array], list[float]]:
         q_nb = self._imu[-1].autopilot_q_nb
-        if q_nb is None:
+        if q_nb is None or not usable_attitude(q_nb):
             self.reason = "imu/data has no orientation to take the first heading from"
             return [], []
         return [np.array([1.0, 0.0, 0.0])], [float(euler_from_quat(q_nb)[2])]

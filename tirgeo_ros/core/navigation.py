@@ -31,7 +31,7 @@ from tirgeo_ros.core.samples import (
     Source,
     Verdict,
 )
-from tirgeo_ros.core.validity import fault_of
+from tirgeo_ros.core.validity import LARGEST_HEIGHT_M, fault_of, usable_attitude
 
 #: An IMU stamp that goes back further is another clock or another run of a bag, not disorder.
 _CLOCK_JUMP_NS = 1_000_000_000
@@ -148,6 +148,8 @@ class Navigation:
             outcome = Outcome.WAITING if outcome is Outcome.USED else outcome
         else:
             self._passthrough.add_imu(sample)
+            if outcome is Outcome.USED and not usable_attitude(sample.autopilot_q_nb):
+                outcome, reason = Outcome.INVALID, "no orientation"
         used = outcome is Outcome.USED
         verdict = _IMU_USED if used else Verdict(Source.IMU, outcome, reason)
         return Step(verdict, self._due_solution(sample.stamp_ns))
@@ -243,4 +245,6 @@ def _configured_plane(config: EkfConfig) -> TangentPlane | None:
             f"parameter origin_lat_lon_h: {latitude_deg:g}, {longitude_deg:g} deg is no latitude "
             "and longitude"
         )
+    if abs(height_m) >= LARGEST_HEIGHT_M:
+        raise ConfigError(f"parameter origin_lat_lon_h: {height_m:g} m is no height on earth")
     return TangentPlane(math.radians(latitude_deg), math.radians(longitude_deg), height_m)

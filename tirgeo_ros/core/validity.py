@@ -14,7 +14,7 @@ from tirgeo_ros.core.samples import (
     PositionSample,
 )
 
-_LARGEST_HEIGHT_M = 50_000.0
+LARGEST_HEIGHT_M = 50_000.0
 # Far beyond any sensor of an aircraft; what is larger would overflow further on.
 _LARGEST_FORCE_M_S2 = 1e4
 _LARGEST_RATE_RAD_S = 1e3
@@ -61,7 +61,7 @@ def _position_fault(sample: PositionSample) -> str:
         return "latitude or longitude is out of range"
     if sample.latitude_rad == 0 and sample.longitude_rad == 0:
         return "position is 0, 0: receivers say so when they have none"
-    return "" if abs(sample.height_m) < _LARGEST_HEIGHT_M else "height is out of range"
+    return "" if abs(sample.height_m) < LARGEST_HEIGHT_M else "height is out of range"
 
 
 def _covariance_fault(covariance: Array) -> str:
