@@ -154,6 +154,8 @@ def test_texts_that_look_like_something_else(write):
         (ekf("ekf_node") + ekf("ekf_node"), "line 4: not YAML: key ekf_node stands twice"),
         ("? [a]\n: 1\n", "line 1: not YAML: found unhashable key"),
         ("a: \x01\n", "not YAML"),
+        ("a: &a {b: *a}\n", "line 1: not YAML: aliases are not taken"),
+        (f"a: {'[' * 5000}", "not YAML: nested too deeply"),
     ],
 )
 def test_what_is_refused_names_file_and_key(write, text, reason):
