@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 
 import message_samples as given
@@ -239,6 +240,16 @@ def test_a_folder_that_is_not_there(tmp_path):
     path = tmp_path / "none" / "a.mcap"
     with pytest.raises(BagError, match=rf"{path}: cannot be written: No such"), BagWriter(path):
         pass
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    """A device would be, by one who may write in its folder; a pipe stands for it."""
+    path = tmp_path / "a.mcap"
+    os.mkfifo(path)
+    with pytest.raises(BagError, match=rf"{path}: not a file; give the bag"), BagWriter(path):
+        pass
+    assert path.is_fifo()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 # refused

@@ -92,3 +92,6 @@ def test_place_is_checked_at_once(tmp_path):
         VideoFile(tmp_path / "absent" / "out.mp4")
     with pytest.raises(VideoError, match=r"out\.avi: the video's name must end with \.mp4"):
         VideoFile(tmp_path / "out.avi")
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(VideoError, match=r"folder\.mp4: not a file; give the video another name"):
+        VideoFile(tmp_path / "folder.mp4")

@@ -191,6 +191,8 @@ class BagWriter:
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the bag to be."""
+        if self.path.exists() and not self.path.is_file():  # a device would be replaced
+            raise BagError(f"{self.path}: not a file; give the bag another name")
         with self._errors():
             self._file = self._part.open("wb")
             self._writer = McapWriter(self._file, "ros2", f"tirgeo {__version__}")

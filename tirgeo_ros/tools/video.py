@@ -36,6 +36,8 @@ class VideoFile:
             raise VideoError(f"{self.path}: the video's name must end with .mp4")
         if not self.path.parent.is_dir():
             raise VideoError(f"{self.path}: no such folder {self.path.parent}")
+        if self.path.exists() and not self.path.is_file():  # a device would be replaced
+            raise VideoError(f"{self.path}: not a file; give the video another name")
         self._part = self.path.with_name(f".{self.path.stem}.{os.getpid()}.part.mp4")
         self._first: list[tuple[int, Pixels]] = []
         self._shape: tuple[int, ...] | None = None
