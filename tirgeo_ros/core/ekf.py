@@ -20,6 +20,7 @@ from tirgeo_ros.core.error_state import (
     ATTITUDE,
     GYRO_BIAS,
     POSITION,
+    STATES,
     VELOCITY,
     CovariancePropagation,
 )
@@ -39,8 +40,9 @@ _LARGEST_STEP_S = 0.02
 #: The covariance follows the state in steps of at least this, and at every measurement.
 _COVARIANCE_STEP_S = 0.0195
 _ORDER = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-#: Rows and columns of a solution's covariance.
-_SOLUTION_ORDER = np.ix_(*[np.r_[POSITION, ATTITUDE, VELOCITY]] * 2)
+_SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
+#: Where a solution's covariance (9, 9) stands in the filter's, counted row by row.
+_SOLUTION_ENTRIES = STATES * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
 
 
 class _Belief(NamedTuple):
@@ -156,7 +158,7 @@ class Ekf:
             np.array(state.q_nb),
             np.subtract(self._epochs[-1].rate_b, state.gyro_bias_b),
             self._rate_variance_b(covariance),
-            covariance[_SOLUTION_ORDER],
+            covariance.take(_SOLUTION_ENTRIES),
         )
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
@@ -189,8 +191,7 @@ class Ekf:
         if pause is None or pause.start_ns != start.stamp_ns:
             pause = _Pause(start.stamp_ns, (start.stamp_ns, 0), 0, start.belief)
         belief, now_ns = pause.belief, pause.order[0]
-        first = bisect.bisect_right(self._records, start.stamp_ns, key=lambda r: r.stamp_ns)
-        for record in self._records[first + pause.applied :]:
+        for record in self._after(start.stamp_ns)[pause.applied :]:
             if record.stamp_ns > end.stamp_ns:
                 break
             belief = self._carry(belief, start, end, now_ns, record.stamp_ns)
@@ -199,6 +200,13 @@ class Ekf:
             pause = _Pause(start.stamp_ns, record.order, pause.applied + 1, belief)
         self._pause = pause if pause.applied else None
         end.belief = self._carry(belief, start, end, now_ns, end.stamp_ns)
+
+    def _after(self, stamp_ns: int) -> list[_Record]:
+        """Measurements later than a stamp."""
+        if not self._records or self._records[-1].stamp_ns <= stamp_ns:
+            return []  # at most IMU samples
+        first = bisect.bisect_right(self._records, stamp_ns, key=lambda r: r.stamp_ns)
+        return self._records[first:]
 
     def _carry(
         self, belief: _Belief, start: _Epoch, end: _Epoch, from_ns: int, to_ns: int

@@ -101,13 +101,16 @@ class Navigation:
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample. Whatever is in it, the state stays finite."""
-        is_imu = isinstance(sample, ImuSample)
-        source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
         fault = fault_of(sample)
         if fault:
-            return self._counted(Step(Verdict(source, Outcome.INVALID, fault)))
-        step = self._process_imu(sample) if is_imu else self._process_aiding(sample)  # type: ignore[arg-type]
-        return self._counted(step)
+            source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
+            step = Step(Verdict(source, Outcome.INVALID, fault))
+        elif isinstance(sample, ImuSample):
+            step = self._process_imu(sample)
+        else:
+            step = self._process_aiding(sample)
+        self._count(step.verdict)
+        return step
 
     def status(self) -> NavigationStatus:
         """Where the estimator stands."""
@@ -225,10 +228,6 @@ class Navigation:
         if solution is not None:
             self._heading_sigma_rad = math.sqrt(solution.covariance[5, 5])
         return solution
-
-    def _counted(self, step: Step) -> Step:
-        self._count(step.verdict)
-        return step
 
     def _count(self, verdict: Verdict) -> None:
         self._counts[verdict.source.value, verdict.outcome.value] += 1

@@ -46,11 +46,16 @@ def usable_attitude(q: Array | None) -> bool:
 
 def _imu_fault(sample: ImuSample) -> str:
     force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
-    if not all(map(math.isfinite, force_b + rate_b)):
-        return "force or rate is not finite"
-    large = max(map(abs, force_b)) > _LARGEST_FORCE_M_S2
-    large = large or max(map(abs, rate_b)) > _LARGEST_RATE_RAD_S
-    return "force or rate is out of range" if large else ""
+    if _within(force_b, _LARGEST_FORCE_M_S2) and _within(rate_b, _LARGEST_RATE_RAD_S):
+        return ""
+    finite = all(map(math.isfinite, force_b + rate_b))
+    return f"force or rate is {'out of range' if finite else 'not finite'}"
+
+
+def _within(vector: list[float], limit: float) -> bool:
+    """Whether no entry is larger; false for a NaN."""
+    x, y, z = vector
+    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
 
 
 def _position_fault(sample: PositionSample) -> str:

@@ -110,7 +110,7 @@ class Pipeline:
 
     def _new_plane(self, stamp_ns: int, log_time_ns: int) -> None:
         plane = self.registration.navigation.plane
-        if plane is None or plane == self._plane:
+        if plane is self._plane or plane is None or plane == self._plane:
             return
         self._plane = plane
         self._sink.message("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
