@@ -11,6 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple, final
 
+from mcap.writer import CompressionType, Writer
+
 from tirgeo_ros import __version__
 from tirgeo_ros.core.errors import BagError
 from tirgeo_ros.io.cdr import Cdr
@@ -21,7 +23,6 @@ from tirgeo_ros.io.mcap_contents import (
     header_of,
     read_segment,
 )
-from tirgeo_ros.io.mcap_writer import McapWriter
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
@@ -187,7 +188,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
         self._file: IO[bytes]
-        self._writer: McapWriter
+        self._writer: Writer
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the bag to be."""
@@ -195,7 +196,8 @@ class BagWriter:
             raise BagError(f"{self.path}: not a file; give the bag another name")
         with self._errors():
             self._file = self._part.open("wb")
-            self._writer = McapWriter(self._file, "ros2", f"tirgeo {__version__}")
+            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            self._writer.start("ros2", f"tirgeo {__version__}")
         return self
 
     def write(
@@ -240,7 +242,7 @@ class BagWriter:
         try:
             with self._errors(), self._file:
                 if kind is None:
-                    self._writer.finish()
+                    self._writer.finish()  # type: ignore[no-untyped-call]
             if kind is None:
                 with self._errors():
                     self._part.replace(self.path)
