@@ -44,6 +44,8 @@ def test_the_start_is_nanoseconds_of_unix_time():
         ("rtk: 5", r"bad.yaml: unknown parameter rtk"),
         ("route:\n  shape: spiral", r"bad.yaml: .*route.shape: 'spiral' is not one of lawnmower"),
         ("start_utc: noon", r"bad.yaml: start_utc: 'noon' is not a time such as"),
+        ("start_utc: 2040-01-01T00:00:00Z", r"bad.yaml: start_utc: 2040.* outside 1970 to 2038"),
+        ("start_utc: 1900-01-01T00:00:00Z", r"bad.yaml: start_utc: 1900.* outside 1970 to 2038"),
         ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
         ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
         ("- 1", r"bad.yaml: holds no scenario"),

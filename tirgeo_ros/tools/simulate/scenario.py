@@ -32,6 +32,8 @@ from tirgeo_ros.tools.simulate.scenario_ground import (
     VideoScenario,
 )
 
+_LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late arrivals
+
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
@@ -65,7 +67,10 @@ class Scenario:
                 f"start_utc: {self.start_utc!r} is not a time such as 2021-10-20T12:00:00Z"
             ) from None
         start = start if start.tzinfo else start.replace(tzinfo=timezone.utc)
-        return int(start.timestamp()) * 1_000_000_000
+        second = int(start.timestamp())
+        if not 0 <= second <= _LAST_SECOND - self.duration_s:
+            raise ScenarioError(f"start_utc: {self.start_utc} is outside 1970 to 2038")
+        return second * 1_000_000_000
 
 
 _GROUPS = {p.name.rpartition(".")[0] for p in parameters_of(Scenario)}
