@@ -257,3 +257,51 @@ def test_baselines_refuse_an_imu_sample_without_attitude(method, q_nb):
     assert (step.verdict.outcome, step.verdict.reason) == (Outcome.INVALID, "no orientation")
     assert navigation.status().counts["imu", "used"] == before
     assert navigation.status().reason == "imu/data has no orientation"
+
+
+def odometry_error(flown, navigation, samples):
+    """Errors of what is published over samples."""
+    found = [navigation.process(s).solution for s in samples]
+    return errors(flown, [s for s in found if s is not None])
+
+
+@pytest.mark.parametrize("kind", ["position", "heading"])
+def test_a_wrong_start_is_noticed_and_mended(kind):
+    """The alignment's fixes 50 m off, or its headings 90 deg: gated later, so begun anew."""
+    flown = flight(duration_s=DURATION_S)
+    start_ns = flown.truth.stamp_ns[0]
+
+    def spoilt(sample):
+        if sample.stamp_ns > start_ns + 1_300_000_000:
+            return sample
+        if kind == "position" and isinstance(sample, PositionSample):
+            return replace(sample, height_m=sample.height_m + 50.0)
+        if kind == "heading" and isinstance(sample, HeadingSample):
+            return replace(sample, heading_rad=sample.heading_rad + math.pi / 2)
+        return sample
+
+    navigation = Navigation(config_for(flown))
+    samples = [spoilt(s) for s in navigation_samples(flown)]
+    found = odometry_error(flown, navigation, samples).after(DURATION_S - 2)
+    counts = navigation.status().counts
+    assert sum(number for (_, outcome), number in counts.items() if outcome == "restart") >= 1
+    assert np.degrees(rms(found.rpy)).max() < 1.0  # a fresh alignment: five headings of 0.49 deg
+    assert rms(found.state[:, :3]).max() < 0.1
+
+
+def test_short_refusals_do_not_start_again():
+    """Two seconds of refusals are needed; one second of wrong headings is ridden out."""
+    flown = flight(duration_s=DURATION_S)
+    start_ns = flown.truth.stamp_ns[0]
+    samples = [
+        replace(s, heading_rad=s.heading_rad + 1.0)
+        if isinstance(s, HeadingSample) and 4.0 < (s.stamp_ns - start_ns) * 1e-9 < 5.0
+        else s
+        for s in navigation_samples(flown)
+    ]
+    navigation = Navigation(config_for(flown))
+    found = odometry_error(flown, navigation, samples).after(5.5)
+    counts = navigation.status().counts
+    assert counts["rtk_heading", "gated"] >= 4
+    assert ("rtk_heading", "restart") not in counts
+    assert np.degrees(rms(found.rpy)).max() < 0.5

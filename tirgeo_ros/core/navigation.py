@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tirgeo_ros.core.aiding.fusion import Aiding, source_of
 from tirgeo_ros.core.alignment import Aligner, Alignment
@@ -18,6 +18,7 @@ from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.rate import RateLimit
+from tirgeo_ros.core.refusals import RefusalWatch
 from tirgeo_ros.core.samples import (
     FilterState,
     FixStatus,
@@ -78,6 +79,7 @@ class Navigation:
         self._ekf: Ekf | None = None
         self._aligner = Aligner(self._config, use_heading=self._use_heading)
         self._passthrough = Passthrough(self._config, self._position_source)
+        self._refusals = RefusalWatch()
         self._imu_ns: int | None = None
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._heading_sigma_rad = math.nan
@@ -145,7 +147,7 @@ class Navigation:
         if self._ekf is not None:
             self._ekf.add_imu(sample)
             for verdict in self._ekf.take_resolved():
-                self._count(verdict)
+                self._count(self._judged(verdict, sample.stamp_ns))
         elif self._filtering:
             self._aligner.add(sample)
             outcome = Outcome.WAITING if outcome is Outcome.USED else outcome
@@ -183,7 +185,15 @@ class Navigation:
             verdict = Verdict(source_of(sample), Outcome.WAITING, "not aligned yet")
             self._start(self._aligner.add(sample))
         self._settle_plane(sample, verdict)
-        return Step(verdict)
+        return Step(self._judged(verdict, sample.stamp_ns))
+
+    def _judged(self, verdict: Verdict, stamp_ns: int) -> Verdict:
+        """The verdict; where a source has been refused for long, the filter begins again."""
+        if not self._refusals.hopeless(verdict, stamp_ns):
+            return verdict
+        self._begin()
+        reason = "refused for 2 s: the filter starts again"
+        return replace(verdict, outcome=Outcome.RESTART, reason=reason)
 
     def _refusal(self, sample: Aiding) -> Verdict | None:
         """A verdict on samples that the method or the receiver's own word rules out."""

@@ -149,6 +149,7 @@ class Outcome(Enum):
     OUT_OF_ORDER = "out_of_order"  # an IMU stamp not later than the one before
     TIME_JUMP = "time_jump"  # the clock went back: the filter starts again
     GAP = "gap"  # IMU samples missing for too long: the filter starts again
+    RESTART = "restart"  # the last of many refusals: the filter starts again
     REPEATED = "repeated"  # the same measurement again
     INVALID = "invalid"  # not finite, zero quaternion, impossible covariance
     NOT_FIXED = "not_fixed"  # the fix is not good enough for this use

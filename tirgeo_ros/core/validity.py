@@ -15,9 +15,9 @@ from tirgeo_ros.core.samples import (
 )
 
 LARGEST_HEIGHT_M = 50_000.0
-# Far beyond any sensor of an aircraft; what is larger would overflow further on.
-_LARGEST_FORCE_M_S2 = 1e4
-_LARGEST_RATE_RAD_S = 1e3
+# Beyond the full scale of any IMU on an aircraft (40 g, 4000 deg/s), and its fastest flight.
+_LARGEST_FORCE_M_S2 = 400.0
+_LARGEST_RATE_RAD_S = 70.0
 _LARGEST_SPEED_M_S = 1e3
 _LARGEST_VARIANCE = 1e30
 _ROUNDING = 1e-6  # of a covariance that was sent in single precision

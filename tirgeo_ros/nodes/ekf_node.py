@@ -27,7 +27,7 @@ from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 Decode = Callable[[Any], NavigationInput]
-_RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP)
+_RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 
 
 class EkfNode(Node):

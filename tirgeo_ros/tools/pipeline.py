@@ -60,6 +60,7 @@ class Pipeline:
         if settings.features is not None:
             self.overlay = Overlay(settings.overlay, settings.features)
         self.unreadable: Counter[str] = Counter()
+        self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()
         self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
         self._settings = settings
@@ -80,8 +81,9 @@ class Pipeline:
                 self._sample(SAMPLES[topic](message), log_time_ns)
             else:
                 self._picture(topic, message, log_time_ns)
-        except TirgeoError:
+        except TirgeoError as error:
             self.unreadable[topic] += 1
+            self.unreadable_because[topic] = str(error)
         self._draw(log_time_ns)
         self._diagnose(log_time_ns)
 

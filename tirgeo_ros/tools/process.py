@@ -167,7 +167,6 @@ class _Run:
         navigation = self.pipeline.registration.navigation.status()
         composer = self.pipeline.registration.composer
         overlay, film = self.pipeline.overlay, self._sink.film
-        lost = self._reader.damage
         return {
             "method": navigation.method,
             "composition": composer.composition,
@@ -177,6 +176,7 @@ class _Run:
             "read": dict(self.read),
             "undecodable": dict(self._undecoded),
             "unreadable": dict(self.pipeline.unreadable),
+            "unreadable_because": dict(self.pipeline.unreadable_because),
             "written": dict(self._sink.written),
             "state": navigation.state.value,
             "reason": navigation.reason,
@@ -186,10 +186,16 @@ class _Run:
             "gimbal": composer.counts,
             "overlay": overlay.counts if overlay is not None else {},
             "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
-            "error": None
-            if lost is None
-            else f"{self._reader.path}: {lost}; the output is made from these",
+            "error": self._error(navigation.reason),
         }
+
+    def _error(self, reason: str) -> str | None:
+        """What makes the run a failure although there is an output."""
+        if self._reader.damage is not None:
+            return f"{self._reader.path}: {self._reader.damage}; the output is made from these"
+        if not any(name.endswith("tirgeo/odometry") for name in self._sink.written):
+            return f"{self._reader.path}: no pose could be made: {reason or 'see verdicts'}"
+        return None
 
 
 def _seconds(span_ns: tuple[int, int] | None) -> float | None:
