@@ -36,6 +36,7 @@ _RTK_NAMES = {
     FixStatus.FLOAT: "float",
     FixStatus.FIXED: "fixed",
 }
+_CLOCK_STEP_S = 0.02
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
 
 
@@ -181,6 +182,8 @@ class Overlay:
     def _fields(self, frame: Frame, now_ns: int) -> list[str]:
         """The status line."""
         age_s, rate_hz = (now_ns - frame.stamp_ns) / 1e9, self._frames.rate_hz
+        if -_CLOCK_STEP_S < age_s < 0:  # the clock of a bag has not come to the frame yet
+            age_s = 0.0
         age = f"{age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"{age_s:.0f} s"
         video = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
         return [*self._filter_fields(), f"frame age {age}", video]
