@@ -78,7 +78,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
         rotation_nb,
         quat_multiply(body.q_nb, q_bg),
         _IDENTITY[:3, :3],
-        rotation_nb @ axes_b,
+        np.dot(rotation_nb, axes_b),
         mount.joint_variance,
     )
 
@@ -153,14 +153,15 @@ def _camera_pose(
 
     ``from_phi`` (3, 3); ``axes_n`` (3, k) with the k angles' ``variances``, rad2.
     """
-    lever_n = rotation_nb @ mount.lever_arm_b
-    offset_n = matrix_from_quat(q_ng) @ mount.camera_offset_g
-    arm = skew(offset_n)
+    lever_n = np.dot(rotation_nb, mount.lever_arm_b)
+    offset_n = np.dot(matrix_from_quat(q_ng), mount.camera_offset_g)
+    arm = -skew(offset_n)
     by_body = _IDENTITY.copy()
-    by_body[:3, 3:] = -skew(lever_n) - arm @ from_phi
+    by_body[:3, 3:] = np.dot(arm, from_phi) - skew(lever_n)
     by_body[3:, 3:] = from_phi
-    by_angles = np.concatenate([-arm @ axes_n, axes_n])
-    covariance = by_body @ body.covariance @ by_body.T + (by_angles * variances) @ by_angles.T
+    by_angles = np.concatenate([np.dot(arm, axes_n), axes_n])
+    covariance = np.dot(np.dot(by_body, body.covariance), by_body.T)
+    covariance += np.dot(by_angles * variances, by_angles.T)
     return CameraPose(
         body.stamp_ns,
         body.position_n + lever_n + offset_n,
