@@ -11,7 +11,8 @@ import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar, get_type_hints
+from functools import cache
+from typing import Any, TypeVar, cast, get_type_hints
 
 from tirgeo_ros.core.errors import ConfigError
 
@@ -103,15 +104,26 @@ def group(kind: type[T]) -> T:
     return dataclasses.field(default_factory=kind)
 
 
-def parameters_of(kind: type, prefix: str = "") -> Iterator[Parameter]:
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Annotations are texts until they are looked up, which takes long and is asked for often."""
+    return get_type_hints(kind)
+
+
+@cache
+def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Every parameter of a tree of dataclasses, with its full name."""
-    hints = get_type_hints(kind)
+    return tuple(_parameters(kind, ""))
+
+
+def _parameters(kind: type, prefix: str) -> Iterator[Parameter]:
+    hints = _hints(kind)
     for item in dataclasses.fields(kind):
         name = prefix + item.name
         if "parameter" in item.metadata:
             yield dataclasses.replace(item.metadata["parameter"], name=name)
         else:
-            yield from parameters_of(hints[item.name], name + ".")
+            yield from _parameters(hints[item.name], name + ".")
 
 
 def config_from(kind: type[T], values: Mapping[str, object], where: str = "") -> T:
@@ -120,7 +132,7 @@ def config_from(kind: type[T], values: Mapping[str, object], where: str = "") ->
     Raises ConfigError for an unknown name, a wrong type or a value out of range; ``where`` (a
     file, a node) begins the message.
     """
-    known = {parameter.name: parameter for parameter in parameters_of(kind)}
+    known = {parameter.name: parameter for parameter in parameters_of(cast("type", kind))}
     lead = f"{where}: " if where else ""
     checked: dict[str, Value] = {}
     for name, value in values.items():
@@ -139,7 +151,7 @@ def _suggestion(name: str, known: Mapping[str, Parameter]) -> str:
 
 
 def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:
-    hints = get_type_hints(kind)
+    hints = _hints(cast("type", kind))
     arguments: dict[str, object] = {}
     for item in dataclasses.fields(kind):  # type: ignore[arg-type]
         name = prefix + item.name
