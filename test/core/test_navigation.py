@@ -305,3 +305,20 @@ def test_short_refusals_do_not_start_again():
     assert counts["rtk_heading", "gated"] >= 4
     assert ("rtk_heading", "restart") not in counts
     assert np.degrees(rms(found.rpy)).max() < 0.5
+
+
+def test_stamps_at_arrival_with_their_delay_are_stamps_of_measurement():
+    """RTK stamped 80 ms late and rtk.delay_s of that: the same solutions to the last bit."""
+    flown = flight(duration_s=DURATION_S)
+    delayed = [
+        replace(s, stamp_ns=s.stamp_ns + 80_000_000)
+        if not isinstance(s, ImuSample) and "gps" not in str(getattr(s, "source", ""))
+        else s
+        for s in navigation_samples(flown)
+    ]
+    timely = solutions(flown, config_for(flown))
+    late = solutions(flown, config_for(flown, rtk__delay_s=0.08), delayed)
+    assert len(late) == len(timely) > 0
+    for a, b in zip(timely, late, strict=True):
+        assert (a.stamp_ns, a.height_m, a.latitude_rad) == (b.stamp_ns, b.height_m, b.latitude_rad)
+        assert np.array_equal(a.q_nb, b.q_nb)

@@ -39,10 +39,11 @@ _CLOCK_JUMP_NS = 1_000_000_000
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
 #: What each method takes.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
-    "raw": (Source.IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
+    "raw": (Source.IMU, *_GPS),
     "rtk": _RTK,
     "ekf": _RTK,
     "ekf_heading": (*_RTK, Source.RTK_HEADING),
@@ -69,6 +70,7 @@ class Navigation:
         self._use_heading = config.method == "ekf_heading"
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
+        self._rtk_delay_ns = round(config.rtk.delay_s * 1e9)
         self._counts: Counter[tuple[str, str]] = Counter()
         self._test_ratios: dict[str, float] = {}
         self._plane = _configured_plane(config)
@@ -172,6 +174,8 @@ class Navigation:
         return Outcome.USED, ""
 
     def _process_aiding(self, sample: Aiding) -> Step:
+        if self._rtk_delay_ns and source_of(sample) not in _GPS:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - self._rtk_delay_ns)
         if isinstance(sample, PositionSample) and sample.source is Source.RTK_POSITION:
             self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
         refused = self._refusal(sample)
