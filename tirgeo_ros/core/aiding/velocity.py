@@ -11,12 +11,6 @@ from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strapdown import NavState, matrix, rotation_of
 
 
-def antenna_velocity_n(state: NavState, angular_rate_b: Array, lever_arm_b: Array) -> Array:
-    """(3,) velocity of the antenna, NED m/s; ``angular_rate_b`` (3,) has its bias removed."""
-    swing = np.cross(angular_rate_b, lever_arm_b)
-    return np.array(state.velocity_n) + matrix(rotation_of(state.q_nb)) @ swing
-
-
 def velocity_measurement(
     state: NavState,
     measured_n: Array,
