@@ -111,6 +111,20 @@ class RtkConfig:
     gate_sigma: float = param(
         5.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )
+    float_sigma_m: float = param(
+        0.3, "smallest standard deviation believed of a float position", unit="m", low=0, high=100
+    )
+    float_time_s: float = param(
+        20.0, "correlation time of a float position's error", unit="s", low=1e-3, high=1e5
+    )
+    reset_after_s: float = param(
+        2.0,
+        "positions or velocities that agree with each other but are refused for so long set the "
+        "state",
+        unit="s",
+        low=0.1,
+        high=3600,
+    )
 
     @property
     def lever_arm_b(self) -> Array:
@@ -135,6 +149,33 @@ class HeadingConfig:
     gate_sigma: float = param(
         5.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )
+    baseline_m: tuple[float, ...] = param(
+        (),
+        "second antenna from the first, base_link axes (forward, left, up); empty = level, in the "
+        "direction of offset_deg",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+        sizes=(0, 3),
+    )
+    start_after_s: float = param(
+        1.0, "rtk/fix must be fixed for so long before headings are used", unit="s", low=0, high=60
+    )
+    reset_after_s: float = param(
+        5.0,
+        "headings that agree with each other but are refused for at least so long set the state",
+        unit="s",
+        low=0.1,
+        high=3600,
+    )
+    bias_sigma_deg: float = param(
+        0.0,
+        "standard deviation of a slow error of the headings that is estimated; 0 = none",
+        unit="deg",
+        low=0,
+        high=30,
+    )
+    bias_time_s: float = param(600.0, "correlation time of that error", unit="s", low=1, high=1e9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +195,29 @@ class GpsConfig:
         unit="m",
         low=1e-3,
         high=1e4,
+    )
+    position_time_s: float = param(
+        45.0, "correlation time of the position's error", unit="s", low=0.1, high=1e6
+    )
+    position_noise_m: float = param(
+        0.05, "part of the position's error that is new in each fix", unit="m", low=1e-3, high=100
+    )
+    velocity_sigma_floor_m_s: float = param(
+        0.1,
+        "smallest standard deviation believed of a velocity, per axis",
+        unit="m/s",
+        low=1e-3,
+        high=100,
+    )
+    delay_s: float = param(
+        0.0,
+        "time from measurement to stamp, for receivers that stamp at arrival",
+        unit="s",
+        low=0,
+        high=2,
+    )
+    gate_sigma: float = param(
+        5.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )
 
     @property
@@ -186,6 +250,29 @@ class AlignmentConfig:
         low=0.2,
         high=30,
     )
+    wait_s: float = param(
+        5.0,
+        "RTK and its heading are waited for so long before ordinary GPS or the autopilot's "
+        "heading serve to start",
+        unit="s",
+        low=0,
+        high=3600,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrustConfig:
+    """When an aid counts as missing, and when the state is not to be trusted any more."""
+
+    aid_timeout_s: float = param(
+        1.0, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
+    )
+    lost_position_sigma_m: float = param(
+        10.0, "the position is lost beyond this standard deviation", unit="m", low=0.1, high=1e4
+    )
+    lost_heading_sigma_deg: float = param(
+        10.0, "the heading is lost beyond this standard deviation", unit="deg", low=0.1, high=180
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +304,7 @@ class EkfConfig:
     gps: GpsConfig = group(GpsConfig)
     autopilot: AutopilotConfig = group(AutopilotConfig)
     alignment: AlignmentConfig = group(AlignmentConfig)
+    trust: TrustConfig = group(TrustConfig)
 
 
 @dataclass(frozen=True, slots=True)

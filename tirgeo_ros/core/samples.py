@@ -6,7 +6,7 @@ All stamps are integer nanoseconds of the measurement. Frames as in the charter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
 import numpy as np
@@ -149,6 +149,7 @@ class Outcome(Enum):
     OUT_OF_ORDER = "out_of_order"  # an IMU stamp not later than the one before
     TIME_JUMP = "time_jump"  # the clock went back: the filter starts again
     GAP = "gap"  # IMU samples missing for too long: the filter starts again
+    RESET = "reset"  # the last of many refusals that agree: the state was set to it
     RESTART = "restart"  # the last of many refusals: the filter starts again
     REPEATED = "repeated"  # the same measurement again
     INVALID = "invalid"  # not finite, zero quaternion, impossible covariance
@@ -178,6 +179,17 @@ class FilterState(Enum):
     WAITING = "waiting"  # nothing to start from yet
     ALIGNING = "aligning"
     RUNNING = "running"
+    DEGRADED = "degraded"  # an aid of the method is missing, the position is still measured
+    DEAD_RECKONING = "dead_reckoning"  # nothing measures the position
+    LOST = "lost"  # not to be trusted any more; nothing is published
+
+    @property
+    def navigating(self) -> bool:
+        """Whether there is a solution with an honest covariance."""
+        return self in _NAVIGATING
+
+
+_NAVIGATING = {FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING}
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +198,11 @@ class NavigationStatus:
 
     method: str
     state: FilterState
-    reason: str  # why it is not running, else empty
+    reason: str  # why it is not running (the aids that are missing), else empty
     rtk_status: FixStatus
-    heading_sigma_rad: float  # nan while not running
+    heading_sigma_rad: float  # nan while there is no solution
     counts: dict[tuple[str, str], int]  # (source, outcome) -> number
     test_ratios: dict[str, float]  # source -> newest test ratio
+    state_s: float = 0.0  # for how long it has been in this state
+    resets: dict[str, int] = field(default_factory=dict)  # source -> number
+    last_reset: str = ""  # what the newest reset changed, and by how much
