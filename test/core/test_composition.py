@@ -22,7 +22,13 @@ from tirgeo_ros.core.attitude import (
     rotvec_from_quat,
     wrap_pi,
 )
-from tirgeo_ros.core.composition import Mount, from_joints, from_reported, heading_row
+from tirgeo_ros.core.composition import (
+    Mount,
+    NorthBias,
+    from_joints,
+    from_reported,
+    heading_row,
+)
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.samples import BodyPose, CameraAttitudeSample, JointSample
@@ -35,6 +41,7 @@ CONFIG = GimbalConfig(
     encoder_sigma_deg=0.2,
 )
 FULL = Mount.from_config(CONFIG)
+KNOWN = NorthBias(0.0, 0.0)
 
 headings = st.floats(-3.1, 3.1)
 tilts = st.floats(-0.5, 0.5)
@@ -58,13 +65,13 @@ def rotation_ng(pose):
     return matrix_from_quat(pose.q_nc) @ BODY_OPTICAL.T
 
 
-@given(attitudes, headings, camera_attitudes)
-def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler):
+@given(attitudes, headings, camera_attitudes, headings)
+def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler, bias):
     autopilot = quat_from_euler(0.02, -0.03, autopilot_yaw)
     reported = CameraAttitudeSample(7, quat_from_euler(*camera_euler))
-    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported)
+    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported, NorthBias(bias, 0.0))
     roll, pitch, yaw = euler_from_matrix(rotation_ng(pose))
-    psi_coder = wrap_pi(camera_euler[2] - autopilot_yaw)
+    psi_coder = wrap_pi(camera_euler[2] - autopilot_yaw - bias)
     assert roll == pytest.approx(camera_euler[0], abs=1e-9)
     assert pitch == pytest.approx(camera_euler[1], abs=1e-9)
     assert wrap_pi(yaw - (body_euler[2] + psi_coder)) == pytest.approx(0, abs=1e-9)
@@ -77,7 +84,8 @@ def test_looking_straight_down_only_the_heading_turns(body_yaw, autopilot_yaw, c
     found = []
     for pitch in (-np.pi / 2, -np.pi / 2 + 1e-6):
         reported = quat_from_euler(roll, pitch, camera_yaw)
-        pose = from_reported(PLAIN, body, autopilot, CameraAttitudeSample(7, reported))
+        sample = CameraAttitudeSample(7, reported)
+        pose = from_reported(PLAIN, body, autopilot, sample, KNOWN)
         turned = rotation_z(body_yaw - autopilot_yaw) @ matrix_from_quat(reported)
         np.testing.assert_allclose(rotation_ng(pose), turned, atol=1e-9)
         assert np.linalg.eigvalsh(pose.covariance)[0] > -1e-15
@@ -167,6 +175,8 @@ def covariance_by_differences(compose, body, variances):
     return jacobian @ spread @ jacobian.T
 
 
+NORTH_VARIANCE = np.radians(2.0) ** 2
+
 # step 1e-5: truncation 1e-10, rounding 1e-11, on covariances of order 1e-3 and arms below 1 m
 DIFFERENCE_TOLERANCE = 1e-9
 
@@ -192,14 +202,39 @@ def test_covariance_of_reported_against_differences(body_euler, camera, autopilo
     autopilot = quat_from_euler(0.0, 0.0, autopilot_yaw)
 
     def compose(at, error):
-        euler = np.array(camera) + np.array([*error, 0.0])
+        euler = np.array(camera) + np.array([*error[:2], 0.0])
         reported = CameraAttitudeSample(7, quat_from_euler(*euler))
-        return from_reported(FULL, at, autopilot, reported)
+        north = NorthBias(0.05 - error[2], NORTH_VARIANCE)
+        return from_reported(FULL, at, autopilot, reported, north)
 
-    expected = covariance_by_differences(compose, body, FULL.reported_variance)
-    found = compose(body, np.zeros(2)).covariance
+    variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
+    expected = covariance_by_differences(compose, body, variances)
+    found = compose(body, np.zeros(3)).covariance
     np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
     np.testing.assert_array_equal(found, found.T)
+
+
+def test_covariance_covers_a_north_that_is_not_known():
+    """Monte Carlo: the normalised squared error of six states is 6 on average."""
+    rng = np.random.default_rng(11)
+    count, sigma = 3000, np.radians(2.0)
+    body, camera = body_at((0.03, -0.05, 0.7), covariance=some_covariance(4)), (0.01, -0.6, 1.1)
+    tilts_rad = np.sqrt(FULL.reported_variance)
+    root = np.linalg.cholesky(body.covariance)
+    estimate = NorthBias(0.04, sigma**2)
+    truth_q = quat_from_euler(*camera)
+    truth = from_reported(FULL, body, body.q_nb, CameraAttitudeSample(7, truth_q), KNOWN)
+    squares = []
+    for draw in rng.standard_normal((count, 9)):
+        roll, pitch, yaw = np.array(camera) + np.append(tilts_rad, sigma) * draw[:3]
+        reported = CameraAttitudeSample(7, quat_from_euler(roll, pitch, yaw + 0.04))
+        # the estimate's error is the other way about: the truth is the estimate turned by it
+        seen = turned(body, -root @ draw[3:])
+        pose = from_reported(FULL, seen, body.q_nb, reported, estimate)
+        error = pose_error(truth, pose)
+        squares.append(error @ np.linalg.solve(pose.covariance, error))
+    # chi-square of 6: its mean's sigma is sqrt(12 / 3000) = 0.06; 2 deg leave 0.1 of second order
+    assert np.mean(squares) == pytest.approx(6.0, abs=3 * 0.063 + 0.1)
 
 
 def test_heading_alone_comes_from_the_filter_in_reported():
@@ -207,7 +242,7 @@ def test_heading_alone_comes_from_the_filter_in_reported():
     covariance = np.diag([0, 0, 0, 1e-2, 1e-2, 0])
     body = body_at((0.0, 0.0, 0.4), covariance=covariance)
     reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
-    pose = from_reported(PLAIN, body, body.q_nb, reported)
+    pose = from_reported(PLAIN, body, body.q_nb, reported, KNOWN)
     camera_n = matrix_from_quat(reported.q_ng)
     across, forward = camera_n[:, 1], camera_n[:, 0]
     roll_variance, pitch_variance = np.radians(GimbalConfig().reported_sigma_deg) ** 2
@@ -221,8 +256,8 @@ def test_nose_straight_up_has_no_heading():
     reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
     up, level = quat_from_euler(0.0, np.pi / 2, 0.0), quat_from_euler(0.0, 0.0, 0.0)
     upright = dataclasses.replace(body_at((0.0, 0.0, 0.0)), q_nb=up)
-    assert from_reported(PLAIN, upright, level, reported) is None
-    assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported) is None
+    assert from_reported(PLAIN, upright, level, reported, KNOWN) is None
+    assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported, KNOWN) is None
 
 
 def test_camera_pose_keeps_stamp_of_body():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,7 @@ from tirgeo_ros.core.attitude import (
     quat_from_euler,
     wrap_pi,
 )
-from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.config import GimbalConfig, NorthConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.core.samples import BodyPose, CameraAttitudeSample, JointSample
@@ -127,19 +129,128 @@ def test_before_the_first_body_and_across_a_gap_there_is_no_pose():
     assert composer.counts == {"body_too_old": 1, "body_gap": 1, "composed": 2}
 
 
-def test_auto_goes_over_to_joints_and_stays():
+def feed(composer, t_ms, *, joint=True, attitude=True, bias=0.0):
+    """One instant of a level hover; what came of it."""
+    poses = composer.add_autopilot(t_ms * MS, quat_from_euler(0.0, 0.0, 0.3))
+    poses += composer.add_body(body(t_ms, 0.0))
+    if joint:
+        poses += composer.add_joints(joints(t_ms))
+    if attitude:
+        poses += composer.add_attitude(reported(t_ms, 0.3 + 0.1 + bias))
+    return poses
+
+
+def test_auto_goes_over_to_steady_joints_and_back_when_they_are_silent():
     composer = GimbalComposer(GimbalConfig())
+    driven, stamps = [], []
+    for t_ms in range(0, 10_000, 20):
+        stamps += [pose.stamp_ns for pose in feed(composer, t_ms, joint=t_ms <= 4000)]
+        driven.append((t_ms, composer.composition))
+    changes = [
+        (t_ms, now) for (_, before), (t_ms, now) in itertools.pairwise(driven) if now != before
+    ]
+    assert driven[0] == (0, "paper")
+    assert changes == [(2000, "encoders"), (6000, "paper")]
+    # one pose for each sample of the driving stream: none twice, none back, two seconds silent
+    expected = [t * MS for t in range(0, 10_000, 20) if not 4000 < t < 6000]
+    assert stamps == expected
+    counts = composer.counts
+    assert (counts["joints_steady"], counts["joints_silent"]) == (1, 1)
+    assert counts["composed"] == len(expected)
+    assert counts["composed"] + counts["unused"] == 500 + 201
+
+
+def test_a_single_joint_sample_changes_nothing():
+    composer = GimbalComposer(GimbalConfig())
+    for t_ms in range(0, 5000, 20):
+        assert len(feed(composer, t_ms, joint=t_ms == 1000)) == 1
     assert composer.composition == "paper"
-    for t_ms in (0, 10):
-        composer.add_autopilot(t_ms * MS, quat_from_euler(0.0, 0.0, 0.0))
-        composer.add_body(body(t_ms))
-    assert len(composer.add_attitude(reported(2, 0.0))) == 1
-    assert composer.add_attitude(reported(12, 0.0)) == []
-    assert len(composer.add_joints(joints(4))) == 1
+    assert composer.counts["unused"] == 1
+
+
+def test_joints_late_at_the_handover_give_no_pose_of_the_past():
+    """Joints 100 ms late take over from attitudes that were composed up to now."""
+    composer = GimbalComposer(GimbalConfig())
+    stamps = []
+    for t_ms in range(0, 4000, 20):
+        stamps += [pose.stamp_ns for pose in feed(composer, t_ms, joint=False)]
+        if t_ms >= 100:
+            stamps += [pose.stamp_ns for pose in composer.add_joints(joints(t_ms - 100))]
     assert composer.composition == "encoders"
-    assert composer.add_attitude(reported(6, 0.0)) == []
-    # the sample that waited and the later one; joints of 4 ms follow an attitude of 12 ms
-    assert composer.counts == {"composed": 2, "unused": 2, "went_back": 1}
+    assert stamps == sorted(set(stamps))
+    assert "went_back" not in composer.counts
+    assert stamps[-1] == (3980 - 100) * MS
+
+
+def test_while_both_arrive_they_show_the_norths_difference():
+    """So the heading does not jump by it when the joints fall silent."""
+    bias = np.radians(4.0)
+    composer = GimbalComposer(GimbalConfig())
+    poses = []
+    for t_ms in range(0, 8000, 20):
+        poses += feed(composer, t_ms, joint=t_ms <= 4000, bias=bias)
+    assert composer.counts["north_used"] == 1  # of the two seconds until joints drive
+    assert composer.composition == "paper"
+    late = [pose for pose in poses if pose.stamp_ns > 2000 * MS]
+    # a reading of 0.2 deg (and the roll's 0.27 sin 30) against a prior of 3: 0.6 % of 4 deg stay
+    residual = bias * (0.2**2 + (0.2704 * np.sin(0.5)) ** 2) / 3.0**2
+    for pose in late:
+        assert wrap_pi(heading(pose) - 0.1) == pytest.approx(0, abs=1.01 * residual)
+    assert [p.stamp_ns for p in late][-1] == 7980 * MS
+    # 0.24 deg of the reading, the walk of at most 7 s
+    sigma = np.degrees(np.sqrt(composer.north.variance))
+    assert sigma == pytest.approx(np.hypot(0.237, 0.03 * np.sqrt(6.98)), abs=0.01)
+
+
+def test_diagnostics_show_the_north_where_it_is_used():
+    centred = {"centred": True, "sigma_deg": 3.0}
+    composer = GimbalComposer(GimbalConfig(composition="paper", north=NorthConfig(**centred)))
+    for t_ms in range(0, 20_000, 50):
+        feed(composer, t_ms, joint=False, bias=np.radians(2.0) - 0.1)
+    said = composer.diagnostics
+    assert said["north_used"] == str(composer.counts["north_used"])
+    assert int(said["north_used"]) == 16  # 3 s to settle, then one in 1.05 s
+    assert float(said["north_bias_deg"]) == pytest.approx(2.0, abs=0.03)
+    assert float(said["north_sigma_deg"]) == pytest.approx(0.31, abs=0.02)
+    assert said["composed"] == "400"
+    encoders = GimbalComposer(GimbalConfig(composition="encoders"))
+    feed(encoders, 0)
+    assert encoders.diagnostics == {"composed": "1", "unused": "1"}
+
+
+def test_north_not_known_is_in_the_covariance():
+    for sigma_deg in (0.0, 3.0):
+        north = NorthConfig(sigma_deg=sigma_deg)
+        composer = GimbalComposer(GimbalConfig(composition="paper", north=north))
+        (pose,) = feed(composer, 0, joint=False)
+        sigma = np.degrees(np.sqrt(pose.covariance[5, 5]))
+        # the body's 0.57 deg, and reported roll's 0.27 by the sine of the pitch
+        rest = np.hypot(np.degrees(1e-2), 0.2704 * np.sin(0.5))
+        assert sigma == pytest.approx(np.hypot(rest, sigma_deg), rel=1e-6)
+
+
+def test_what_is_read_before_the_body_comes_counts():
+    north = NorthConfig(centred=True)
+    composer = GimbalComposer(GimbalConfig(composition="paper", north=north))
+    for t_ms in range(0, 8000, 50):
+        composer.add_autopilot(t_ms * MS, quat_from_euler(0.0, 0.0, 0.3))
+        assert composer.add_attitude(reported(t_ms, 0.35)) == []
+    assert composer.counts["north_used"] == 4
+    assert composer.north.bias_rad == pytest.approx(0.05, abs=0.001)
+
+
+def test_a_slow_odometry_needs_its_gap_allowed():
+    """At 2 Hz the poses are half a second apart."""
+    for max_gap_s, composed in ((0.25, 1), (0.6, 50)):
+        composer = GimbalComposer(
+            GimbalConfig(composition="encoders", max_gap_s=max_gap_s, max_wait_s=1.0)
+        )
+        for t_ms in range(0, 1001, 20):
+            if t_ms % 500 == 0:
+                composer.add_body(body(t_ms))
+            if t_ms < 1000:
+                composer.add_joints(joints(t_ms))
+        assert composer.counts["composed"] == pytest.approx(composed, abs=1)
 
 
 def test_paper_ignores_joints():

@@ -31,14 +31,15 @@ def test_every_message_arrives_with_the_clock(spawn, meet, flight_bag):
     reader = BagReader(flight_bag)
     for topic in ("imu/data", "rtk/fix"):
         played = sum(1 for _ in reader.messages([f"/{topic}"]))
-        stranger.spin_until(lambda t=topic, n=played: len(stranger.received[t]) >= n, 5.0)
+        stranger.spin_until(lambda t=topic, n=played: len(stranger.received[t]) >= n)
         assert len(stranger.received[topic]) == played
     ticks = [seconds(message.clock) for message in stranger.received["clock"]]
     assert ticks == sorted(ticks)
     first_ns, last_ns = reader.span_ns
-    # At twice the speed a period of 10 ms of real time is 20 ms of the bag's.
-    assert ticks[0] == pytest.approx(first_ns * 1e-9, abs=0.021)
-    assert ticks[-1] == pytest.approx(last_ns * 1e-9, abs=0.021)
+    # At twice the speed a period of 10 ms of real time is 20 ms of the bag's, and a halt of the
+    # machine may leave ticks out; the bag is 4 s long.
+    assert first_ns * 1e-9 - 1e-6 <= ticks[0] < first_ns * 1e-9 + 1.0
+    assert last_ns * 1e-9 - 1.0 < ticks[-1] <= last_ns * 1e-9 + 1e-6
 
 
 def test_a_namespace_moves_the_topics(spawn, meet, flight_bag):
@@ -46,9 +47,9 @@ def test_a_namespace_moves_the_topics(spawn, meet, flight_bag):
     arguments = ("-r", "__ns:=/uav1", "-p", f"bag:={flight_bag}", "-p", "start_offset_s:=3.0")
     player = spawn("bag_player", *arguments, "-p", "topics:=/rtk/fix", "-p", "rate:=10.0")
     stranger.spin_until(lambda: player.poll() is not None)
+    stranger.spin_until(lambda: bool(stranger.received["uav1/rtk/fix"]))
     first_ns = BagReader(flight_bag).span_ns[0]
     stamps = [seconds(message.header.stamp) for message in stranger.received["uav1/rtk/fix"]]
-    assert stamps
     assert min(stamps) > first_ns * 1e-9 + 2.5
 
 
@@ -60,7 +61,7 @@ def test_a_loop_goes_on_until_it_is_stopped(spawn, meet, flight_bag):
     once = sum(1 for _ in BagReader(flight_bag).messages(["/rtk/fix"]))
     stranger.spin_until(lambda: len(stranger.received["rtk/fix"]) > 2 * once)
     player.signal(signal.SIGINT)
-    assert player.wait(5.0).exit_code == 0
+    assert player.wait(60.0).exit_code == 0
 
 
 def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, tmp_path):
@@ -75,7 +76,7 @@ def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, t
     assert player.ended.exit_code == 1
     assert "messages were read" in player.last_line()
     assert "Traceback" not in player.log.read_text()
-    stranger.spin_until(lambda: len(stranger.received["imu/data"]) == left, 5.0)
+    stranger.spin_until(lambda: len(stranger.received["imu/data"]) == left)
 
 
 def test_nobody_listens_and_it_says_so(spawn, flight_bag):
@@ -90,7 +91,7 @@ def test_nobody_listens_and_it_says_so(spawn, flight_bag):
         "-p",
         "wait_for:=imu/data",
     )
-    assert player.wait(20.0).exit_code == 0
+    assert player.wait(60.0).exit_code == 0
     assert player.said("playing without a subscriber of /imu/data")
 
 
@@ -104,7 +105,7 @@ def test_nobody_listens_and_it_says_so(spawn, flight_bag):
 )
 def test_what_the_bag_lacks_is_named(spawn, flight_bag, arguments, message):
     player = spawn("bag_player", "-p", f"bag:={flight_bag}", *arguments)
-    assert player.wait(20.0).exit_code == 1
+    assert player.wait(60.0).exit_code == 1
     assert message in player.last_line()
 
 

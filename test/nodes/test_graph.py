@@ -40,6 +40,17 @@ pytestmark = pytest.mark.graph
 LATENCY_NS = 50_000_000
 #: The filter starts a second after the bag and has settled by then.
 SETTLED_NS = 12_000_000_000
+#: By default a reader that halts for a few tenths of a second, as on a machine with other work,
+#: finds the newest samples only. Here each one counts.
+DEEP_QUEUES = """
+/**:
+  ros__parameters:
+    qos_overrides:
+      /imu/data: {subscription: {depth: 300}}
+      /thermal/image_raw/compressed: {subscription: {depth: 30}}
+      /tirgeo/overlay/image: {publisher: {depth: 30}}
+      /tirgeo/overlay/image/compressed: {publisher: {depth: 30}}
+"""
 
 
 class Watched:
@@ -63,10 +74,13 @@ class Watched:
 @pytest.fixture(scope="module")
 def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
     """One run at rate 1, with a stranger on ``tirgeo/overlay/image``."""
+    folder = tmp_path_factory.mktemp("graph")
+    params = folder / "params.yaml"
+    params.write_text((sample / "params.yaml").read_text() + DEEP_QUEUES)
     setup = GraphSetup(
         sample / "flight.mcap",
-        tmp_path_factory.mktemp("graph"),
-        sample / "params.yaml",
+        folder,
+        params,
         sample / "map.geojson",
         environment={"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]},
     )
@@ -75,10 +89,10 @@ def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
         for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
             patch.setenv(name, environment.get(name, ""))
         stranger = Stranger(int(environment["ROS_DOMAIN_ID"]), {})
-        stranger.node.create_subscription(Image, "tirgeo/overlay/image", watched.take, 10)
+        stranger.node.create_subscription(Image, "tirgeo/overlay/image", watched.take, 30)
         flight = threading.Thread(target=lambda: results.append(run_graph(setup, 30.0)))
         flight.start()
-        stranger.spin_until(lambda: not flight.is_alive(), 120.0)
+        stranger.spin_until(lambda: not flight.is_alive(), 240.0)
         stranger.close()
     assert results, "the graph did not end well"
     return results[0], watched
@@ -89,11 +103,17 @@ def outputs(flown) -> Outputs:
     return read_outputs(flown[0].recording)
 
 
-def test_every_frame_comes_back_once_under_its_stamp(flown, sample):
+def test_every_frame_comes_back_once_under_its_stamp(flown, outputs, sample):
+    """But for those that gave way to a newer one while they waited: these are counted."""
     images = BagReader(sample / "flight.mcap").messages(["/thermal/image_raw/compressed"])
     cdr = Cdr()
     sent = [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in images]
-    assert flown[1].stamps == sent  # also: a segment of 16 MB loses no colour frame
+    stamps = flown[1].stamps
+    assert sorted(set(stamps)) == stamps
+    assert set(stamps) <= set(sent)
+    replaced = int(outputs.last("overlay_node: overlay")["replaced"])
+    assert len(stamps) + replaced == len(sent)  # also: 16 MB of segment lose no colour frame
+    assert outputs.frame_stamps_ns == stamps
 
 
 def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
@@ -179,7 +199,7 @@ def processes_of(parent: int) -> list[int]:
 def test_an_interrupted_demo_leaves_no_process(sample, tmp_path):
     command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "demo", "-o", str(tmp_path)]
     demo = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    end_s = time.monotonic() + 60
+    end_s = time.monotonic() + 120
     player = tmp_path / "bag_player.log"
     while not (player.exists() and "ready" in player.read_text()):
         assert demo.poll() is None
@@ -188,7 +208,7 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path):
     nodes = processes_of(demo.pid)
     assert len(nodes) == 5
     demo.send_signal(signal.SIGINT)
-    _, said = demo.communicate(timeout=30)
+    _, said = demo.communicate(timeout=60)
     assert demo.returncode == 130
     assert "Traceback" not in said
     for pid in nodes:

@@ -15,12 +15,14 @@ from tirgeo_ros.io.bag import BagReader
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import await_words, within
+from graph_helpers import await_words
 
 pytestmark = pytest.mark.graph
 
-#: Bounded by the executor's half second and by what DDS takes to say goodbye.
-STOP_S = 5.0
+#: The executor's half second, what DDS takes to say goodbye, and a machine that does other work.
+STOP_S = 15.0
+#: With the modules still to be loaded, a dozen nodes at a time.
+START_AND_STOP_S = 60.0
 
 
 def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
@@ -30,10 +32,9 @@ def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
     }.get(name, [])
 
 
-def ended_cleanly(process) -> None:
-    with within(STOP_S):
-        ended = process.wait(2 * STOP_S)
-    assert ended is not None
+def ended_cleanly(process, within_s: float = STOP_S) -> None:
+    ended = process.wait(within_s)
+    assert ended is not None, f"{process.name} runs on for {within_s:g} s"
     assert ended.exit_code == 0, process.log.read_text()
     said = process.log.read_text()
     assert "Traceback" not in said
@@ -64,7 +65,7 @@ def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
         process.signal(number)
         processes.append(process)
     for process in processes:
-        ended_cleanly(process)
+        ended_cleanly(process, START_AND_STOP_S)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +90,7 @@ def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
 )
 def test_wrong_arguments_end_in_one_line(spawn, name, arguments, message):
     process = spawn(name, *arguments)
-    with within(20.0):
-        ended = process.wait(30.0)
+    ended = process.wait(START_AND_STOP_S)
     assert ended is not None
     assert ended.exit_code == 1
     assert message in process.last_line()
@@ -119,7 +119,7 @@ def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     )
     await_words(recorder, "ready")
     player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
-    assert player.wait(30.0).exit_code == 0, player.log.read_text()
+    assert player.wait(60.0).exit_code == 0, player.log.read_text()
     assert not output.exists()  # under its name only when it is whole
     recorder.signal(signal.SIGINT)
     ended_cleanly(recorder)

@@ -59,3 +59,21 @@ def test_latency_is_the_middle_one(clock):
         monitor.took("tirgeo/odometry", latency)
     assert monitor.item("x").values["tirgeo/odometry latency [ms]"] == "2.0"
     assert "tirgeo/odometry latency [ms]" not in monitor.item("x").values
+
+
+def test_a_forgotten_topic_stays_forgotten(clock):
+    """An executor hands over what it had queued after the subscription was destroyed."""
+    monitor = Monitor()
+    monitor.listens("imu/data")
+    monitor.received("imu/data")
+    monitor.refused("imu/data")
+    monitor.forget("imu/data")
+    monitor.received("imu/data")
+    monitor.refused("imu/data")
+    for _ in range(2):
+        clock[0] += 1.0
+        assert monitor.item("x").values == {}
+    monitor.listens("imu/data")
+    monitor.received("imu/data")
+    clock[0] += 1.0
+    assert monitor.item("x").values["imu/data rate [Hz]"] == "1.0"

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -71,12 +72,15 @@ def test_bad_imu_messages_become_verdicts(spawn, observer):
 def test_joints_that_cannot_be_read_are_counted_and_told_once(spawn, observer):
     gimbal = spawn("gimbal_node")
     await_words(gimbal, "ready")
+    begin_s = time.monotonic()
     wrong = [JointState(name=["arm"], position=[0.0]), JointState(name=["gimbal_yaw_joint"])]
     item, key = "/gimbal_node: topics", "gimbal/joint_states unreadable"
     topic = "gimbal/joint_states"
     send(observer, JointState, topic, wrong, lambda: int(value_of(observer, item, key) or 0) > 4)
     gimbal.check_running()
-    assert gimbal.log.read_text().count("no position of") == 1
+    # Again after 10 s, if this machine takes that long.
+    most = 1 + (time.monotonic() - begin_s) // 10.0
+    assert 1 <= gimbal.log.read_text().count("no position of") <= most
 
 
 def test_pictures_that_cannot_be_read_are_counted(spawn, observer):
@@ -114,7 +118,7 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
     await_words(ekf, "ready")
     player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
-    assert player.wait(30.0).exit_code == 0
+    assert player.wait(60.0).exit_code == 0
     late = meet(**{"/diagnostics": DiagnosticArray})
     origins: list[NavSatFix] = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -134,7 +138,7 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     answer = client.call_async(Trigger.Request())
     late.spin_until(answer.done)
     assert answer.result().success
-    late.spin_until(lambda: state_of(late) != "running", 5.0)
+    late.spin_until(lambda: state_of(late) != "running")
 
 
 def state_of(stranger) -> str:

@@ -7,7 +7,8 @@ Two ways (Ren et al. 2022, section 3.4):
     psi_EKF + psi_coder, where psi_coder is the reported camera heading less the autopilot's own of
     the same instant. That is the reported rotation turned about the vertical by
     psi_EKF - psi_autopilot, the form used here: it also holds where the camera looks straight
-    down and its roll and heading are not defined.
+    down and its roll and heading are not defined. The gimbal's north may be off the autopilot's
+    by a bias, which is taken out; what it is not known to goes into the covariance.
 ``from_joints``
     The whole chain: body attitude, then the encoder angles.
 
@@ -44,6 +45,7 @@ from tirgeo_ros.core.strapdown import multiply, rotation_of
 #: Smallest horizontal part of the nose's direction from which a heading is taken.
 _LEAST_HORIZONTAL = 1e-3
 _IDENTITY = np.eye(6)
+_DOWN_N = np.array([[0.0], [0.0], [1.0]])
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class Mount:
 def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose:
     """Return the camera's pose by the body's attitude and the encoders."""
     rotation_nb = matrix_from_quat(body.q_nb)
-    q_bg, axes_b = _chain(joints)
+    q_bg, axes_b = chain(joints)
     return _camera_pose(
         mount,
         body,
@@ -83,7 +85,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
     )
 
 
-def _chain(joints: JointSample) -> tuple[Array, Array]:
+def chain(joints: JointSample) -> tuple[Array, Array]:
     """``q_bg`` (4,) of Rz(yaw) Rx(roll) Ry(pitch), and the joint axes in ``b`` as columns."""
     cy, sy = cos(joints.yaw_rad / 2), sin(joints.yaw_rad / 2)
     cr, sr = cos(joints.roll_rad / 2), sin(joints.roll_rad / 2)
@@ -95,8 +97,20 @@ def _chain(joints: JointSample) -> tuple[Array, Array]:
     return np.array(multiply(q_yaw_roll, (cp, 0.0, sp, 0.0))), axes_b
 
 
+@dataclass(frozen=True, slots=True)
+class NorthBias:
+    """By what the reported camera heading is too large beside the autopilot's."""
+
+    bias_rad: float = 0.0
+    variance: float = 0.0  # rad2
+
+
 def from_reported(
-    mount: Mount, body: BodyPose, autopilot_q_nb: Array, reported: CameraAttitudeSample
+    mount: Mount,
+    body: BodyPose,
+    autopilot_q_nb: Array,
+    reported: CameraAttitudeSample,
+    north: NorthBias,
 ) -> CameraPose | None:
     """Return the camera's pose by Equation 12, ``autopilot_q_nb`` (4,) of the same instant.
 
@@ -109,12 +123,14 @@ def from_reported(
     if not (_has_heading(nose) and _has_heading(autopilot_nose)):
         return None
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
+    angle -= north.bias_rad
     swing = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
     q_ng = quat_multiply(swing, canonical(reported.q_ng))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)
-    axes_n = _roll_and_pitch_axes(matrix_from_quat(q_ng))
-    return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, mount.reported_variance)
+    axes_n = np.concatenate([_roll_and_pitch_axes(matrix_from_quat(q_ng)), _DOWN_N], 1)
+    variances = np.append(mount.reported_variance, north.variance)
+    return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, variances)
 
 
 def _has_heading(nose_n: Array) -> bool:

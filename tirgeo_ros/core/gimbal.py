@@ -3,6 +3,9 @@
 A gimbal sample waits until the body poses on both sides of its stamp are there, then the camera's
 pose is composed (``tirgeo_ros.core.composition``) with the body's between them. Nothing is
 extrapolated: a sample that waits too long or falls into a gap is dropped and counted.
+
+The reported attitudes also show how far the gimbal's north is off the autopilot's, where they can
+(``tirgeo_ros.core.north_readings``): with a body pose or without.
 """
 
 from __future__ import annotations
@@ -12,9 +15,12 @@ from collections import Counter, deque
 from dataclasses import dataclass
 
 from tirgeo_ros.core.attitude import slerp
-from tirgeo_ros.core.composition import Mount, from_joints, from_reported
+from tirgeo_ros.core.composition import Mount, NorthBias, chain, from_joints, from_reported
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal_north import GimbalNorth
+from tirgeo_ros.core.north_readings import NorthReadings
 from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory
+from tirgeo_ros.core.presence import Presence
 from tirgeo_ros.core.samples import (
     Array,
     BodyPose,
@@ -44,8 +50,9 @@ class GimbalComposer:
     """Gimbal samples and body poses in, in any order of arrival; camera poses out.
 
     Each ``add_`` returns the camera poses that became possible, one per gimbal sample, in order
-    of their stamps. With ``composition: auto`` the reported attitude drives until the first joint
-    sample, and joint angles from then on.
+    of their stamps. With ``composition: auto`` joint angles drive while they arrive steadily, and
+    the reported attitude else. Where both arrive, they show the gimbal's north, so that it is
+    known when joints fall silent.
     """
 
     def __init__(self, config: GimbalConfig) -> None:
@@ -54,11 +61,17 @@ class GimbalComposer:
         self._by_joints = config.composition == "encoders"
         self._max_wait_ns = round(config.max_wait_s * 1e9)
         span_s = _HISTORY_S + config.max_wait_s
-        self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s)
+        self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s, config.max_gap_s)
         self._autopilot: StampedHistory[Array] = StampedHistory(span_s)
+        self._joints: StampedHistory[Array] = StampedHistory(span_s)  # q_bg
+        self._presence = Presence()
         self._waiting: deque[JointSample | CameraAttitudeSample] = deque()
         self._newest_ns: int | None = None
+        self._handover_ns: int | None = None
         self._counts: Counter[str] = Counter()
+        self._north = GimbalNorth(config.north)
+        self._readings = NorthReadings(config.north, math.radians(config.reported_sigma_deg[0]))
+        self._centred = config.north.centred
 
     @property
     def composition(self) -> str:
@@ -72,27 +85,50 @@ class GimbalComposer:
         ``composed``; of the gimbal samples dropped: ``invalid``, ``repeated``, ``unused`` (of the
         topic that does not drive), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
         of a Miss; ``went_back`` for gimbal stamps that cleared those waiting; ``body_invalid``,
-        ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others.
+        ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others;
+        ``joints_steady`` and ``joints_silent``, how often ``auto`` went over to joints and back;
+        ``north_used``, ``north_refused`` and ``north_reset`` of the readings of the north.
         """
         found = Counter(self._counts)
+        found["north_used"] = self._north.updates
+        found["north_refused"] = self._north.refused
+        found["north_reset"] = self._north.resets
         found["body_invalid"] = self._bodies.invalid
         found["body_went_back"] = self._bodies.went_back
         found["autopilot_went_back"] = self._autopilot.went_back
         return {name: number for name, number in sorted(found.items()) if number}
 
+    @property
+    def north(self) -> NorthBias:
+        """The bias of the gimbal's north, which ``paper`` takes out, at the newest sample."""
+        return NorthBias(self._north.bias_rad, self._north.variance)
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """What the composer says of itself: the counts, and the north where it may be used."""
+        found = {name: str(number) for name, number in self.counts.items()}
+        if self._choice != "encoders":
+            found["north_bias_deg"] = f"{math.degrees(self.north.bias_rad):.3f}"
+            found["north_sigma_deg"] = f"{math.degrees(math.sqrt(self.north.variance)):.3f}"
+        return found
+
     def add_body(self, pose: BodyPose) -> list[CameraPose]:
         """Take a pose of the body."""
-        return self._resolve() if self._bodies.add(pose) else []
+        if not self._bodies.add(pose):
+            return []
+        self._mind_silence(pose.stamp_ns)
+        return self._resolve()
 
     def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
         """Take the autopilot's own attitude (4,), which the composition ``paper`` needs."""
-        if self._by_joints:
+        if self._choice == "encoders":
             return []
         if not usable_attitude(q_nb):
             self._counts["autopilot_invalid"] += 1
             return []
         self._autopilot.put(stamp_ns, q_nb)
-        return self._resolve()
+        waits = self._waiting and isinstance(self._waiting[0], CameraAttitudeSample)
+        return self._resolve() if waits else []
 
     def add_joints(self, sample: JointSample) -> list[CameraPose]:
         """Take the encoders' angles."""
@@ -100,10 +136,10 @@ class GimbalComposer:
         if not all(map(math.isfinite, angles)):
             self._counts["invalid"] += 1
             return []
-        if self._choice == "auto" and not self._by_joints:
-            self._by_joints = True
-            self._counts["unused"] += len(self._waiting)
-            self._waiting.clear()
+        if self._choice == "auto":
+            self._joints.put(sample.stamp_ns, chain(sample)[0])
+            if self._presence.heard(sample.stamp_ns):
+                self._drive_by(joints=True)
         return self._take(sample, drives=self._by_joints)
 
     def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
@@ -111,12 +147,23 @@ class GimbalComposer:
         if not usable_attitude(sample.q_ng):
             self._counts["invalid"] += 1
             return []
+        self._mind_silence(sample.stamp_ns)
         return self._take(sample, drives=not self._by_joints)
+
+    def _mind_silence(self, stamp_ns: int) -> None:
+        if self._choice == "auto" and self._presence.gone(stamp_ns):
+            self._drive_by(joints=False)
+
+    def _drive_by(self, *, joints: bool) -> None:
+        """The other stream drives from here on, with what comes after the newest of this one."""
+        self._by_joints = joints
+        self._counts["joints_steady" if joints else "joints_silent"] += 1
+        self._handover_ns = self._newest_ns
 
     def _take(
         self, sample: JointSample | CameraAttitudeSample, *, drives: bool
     ) -> list[CameraPose]:
-        if not drives:
+        if not drives or self._is_before_handover(sample.stamp_ns):
             self._counts["unused"] += 1
             return []
         if sample.stamp_ns == self._newest_ns:
@@ -129,6 +176,15 @@ class GimbalComposer:
         self._waiting.append(sample)
         return self._resolve()
 
+    def _is_before_handover(self, stamp_ns: int) -> bool:
+        """Whether the stream before has given, or will give, the pose of this time."""
+        if self._handover_ns is None:
+            return False
+        if 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns:
+            return True
+        self._handover_ns = None
+        return False
+
     def _resolve(self) -> list[CameraPose]:
         poses = []
         while self._waiting:
@@ -140,8 +196,20 @@ class GimbalComposer:
                 break
             else:
                 self._counts[composed.reason] += 1
-            self._waiting.popleft()
+            self._read_north(self._waiting.popleft())
         return poses
+
+    def _read_north(self, sample: JointSample | CameraAttitudeSample) -> None:
+        if isinstance(sample, JointSample):
+            return
+        joints = self._joints.around(sample.stamp_ns)
+        if isinstance(joints, Miss) and not self._centred:
+            return
+        autopilot = self._autopilot.around(sample.stamp_ns)
+        if isinstance(autopilot, Miss):
+            return
+        q_bg = None if isinstance(joints, Miss) else slerp(*joints)
+        self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
 
     def _overdue(self, stamp_ns: int) -> bool:
         newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
@@ -156,5 +224,6 @@ class GimbalComposer:
         autopilot = self._autopilot.around(sample.stamp_ns)
         if isinstance(autopilot, Miss):
             return _Lack.of("autopilot", autopilot)
-        pose = from_reported(self._mount, body, slerp(*autopilot), sample)
+        self._north.advance(sample.stamp_ns)
+        pose = from_reported(self._mount, body, slerp(*autopilot), sample, self.north)
         return pose if pose is not None else _Lack("no_heading")

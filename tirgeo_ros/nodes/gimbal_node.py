@@ -17,8 +17,8 @@ from tirgeo_ros.io.messages import (
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.diagnostics import Diagnostics, counts_item, item_name
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
+from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import run
@@ -39,14 +39,8 @@ class GimbalNode(Node):
         self._monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)
-        # What the composition "paper" needs beside odometry; given up when encoders drive.
-        self._for_paper = {}
-        if config.composition != "encoders":
-            for topic, take in (
-                ("gimbal/attitude", self._take_attitude),
-                ("imu/data", self._take_autopilot),
-            ):
-                self._for_paper[topic] = self._listen(topic, take)
+        self._for_paper: dict[str, Any] = {}  # topic to subscription, while it is listened to
+        self._listen_for_paper()
         self._told = ""
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
@@ -77,16 +71,22 @@ class GimbalNode(Node):
         if composition != self._told:
             self.get_logger().info(f"composition: {composition}")
             self._told = composition
-        if composition == "encoders":
-            self._give_up_paper()
+        self._listen_for_paper()
         name = item_name(self, "camera pose")
-        return [counts_item(name, self._composer.counts, f"composition: {composition}")]
+        return [
+            DiagnosticItem(name, OK, f"composition: {composition}", self._composer.diagnostics)
+        ]
 
-    def _give_up_paper(self) -> None:
-        while self._for_paper:
-            topic, subscription = self._for_paper.popitem()
-            self.destroy_subscription(subscription)
-            self._monitor.forget(topic)
+    def _listen_for_paper(self) -> None:
+        """What the composition "paper" needs beside odometry: given up while encoders drive."""
+        if self._composer.composition == "encoders":
+            while self._for_paper:
+                topic, subscription = self._for_paper.popitem()
+                self.destroy_subscription(subscription)
+                self._monitor.forget(topic)
+        elif not self._for_paper:
+            takers = {"gimbal/attitude": self._take_attitude, "imu/data": self._take_autopilot}
+            self._for_paper = {topic: self._listen(topic, take) for topic, take in takers.items()}
 
 
 def main() -> int:

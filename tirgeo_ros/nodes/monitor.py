@@ -24,24 +24,33 @@ class Monitor:
         self._refused: Counter[str] = Counter()
         self._last_s: dict[str, float] = {}
         self._latency_s: dict[str, list[float]] = {}
+        self._forgotten: set[str] = set()
+
+    def listens(self, topic: str) -> None:
+        """An input is listened to, from now on or again."""
+        self._forgotten.discard(topic)
 
     def expects(self, topic: str) -> None:
         """The node cannot do without this input: its silence is a warning."""
         self._expected_s[topic] = time.monotonic()
 
     def forget(self, topic: str) -> None:
-        """An input is no longer listened to."""
-        self._last_s.pop(topic, None)
-        self._expected_s.pop(topic, None)
+        """An input is no longer listened to; what of it is still queued does not count."""
+        self._forgotten.add(topic)
+        for table in (self._last_s, self._expected_s, self._window, self._refused):
+            table.pop(topic, None)
 
     def received(self, topic: str) -> None:
         """A message came."""
+        if topic in self._forgotten:
+            return
         self._window[topic] += 1
         self._last_s[topic] = time.monotonic()
 
     def refused(self, topic: str) -> None:
         """The message that came could not be read."""
-        self._refused[topic] += 1
+        if topic not in self._forgotten:
+            self._refused[topic] += 1
 
     def published(self, topic: str, clock: Clock, stamp_ns: int) -> None:
         """A message went out now that tells of ``stamp_ns``."""

@@ -42,6 +42,7 @@ def subscribe(
 ) -> Subscription:
     """A subscription to a contract topic; a message that cannot be read is counted, not raised."""
     kind = message_class(TOPIC_TYPES[topic])
+    monitor.listens(topic)
 
     def receive(message: Any) -> None:
         monitor.received(topic)

@@ -163,12 +163,12 @@ class Pipeline:
         ]
         composer = self.registration.composer
         composition = f"composition: {composer.composition}"
-        items.append(self._counts("gimbal_node: camera pose", composer.counts, composition))
+        items.append(self._counts("gimbal_node: camera pose", composer.diagnostics, composition))
         if self.overlay is not None:
             items.append(self._counts("overlay_node: overlay", self.overlay.counts, "ok"))
         message = self._messages.diagnostics(log_time_ns, items)
         self._sink.message("/diagnostics", message, log_time_ns)
 
-    def _counts(self, name: str, counts: Mapping[str, int], message: str) -> DiagnosticItem:
+    def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}
         return DiagnosticItem(self._names + name, 0, message, values)

@@ -1,7 +1,8 @@
 """The true camera on its gimbal, and what the encoders and the flight controller say of it.
 
 The gimbal follows the nose with a lag and holds roll and pitch. It holds them not quite: the
-camera wanders by Table 8's amounts, the encoders see it and the flight controller does not.
+camera wanders by Table 8's amounts, the encoders see it and the flight controller does not. The
+north of the reported attitude may be off the autopilot's.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
 from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.scenario_aircraft import GimbalScenario
 from tirgeo_ros.tools.simulate.sensors import Arrival, Autopilot, Epochs
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, local_axes
 
@@ -105,7 +107,14 @@ def _reported(
     nose = pilot.euler_rad(motion, rotation_nb)[:, 2]
     camera = euler_from_matrix(rotation_pg)[:, 2]
     aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + encoder_noise_rad
-    return quat_from_euler(0.0, math.radians(scenario.gimbal.pitch_deg), nose + aside)
+    heading = nose + aside + north_bias_rad(scenario.gimbal, motion.t_s)
+    return quat_from_euler(0.0, math.radians(scenario.gimbal.pitch_deg), heading)
+
+
+def north_bias_rad(gimbal: GimbalScenario, t_s: Array) -> Array:
+    """(N,) reported camera heading less the true one by the autopilot's north."""
+    bias_deg = gimbal.north_bias_deg + gimbal.north_drift_deg_s * t_s
+    return np.radians(bias_deg + gimbal.north_step_deg * (t_s >= gimbal.north_step_s))
 
 
 def _lagging(heading_rad: Array, lag_s: float) -> Array:

@@ -155,6 +155,22 @@ class GimbalScenario:
     )
     error_time_s: float = param(2.5, "their correlation time", unit="s", low=0.2, high=1e3)
     encoder_sigma_deg: float = param(0.02, "noise of a joint angle", unit="deg", low=0, high=10)
+    north_bias_deg: float = param(
+        0.0,
+        "reported camera heading less the true one by the autopilot's north",
+        unit="deg",
+        low=-180,
+        high=180,
+    )
+    north_drift_deg_s: float = param(
+        0.0, "constant rate of that bias", unit="deg/s", low=-1, high=1
+    )
+    north_step_deg: float = param(
+        0.0, "jump of that bias at north_step_s", unit="deg", low=-180, high=180
+    )
+    north_step_s: float = param(
+        0.0, "when it jumps, from the start of the flight", unit="s", low=0, high=7200
+    )
     lever_arm_m: tuple[float, ...] = param(
         (0.08, 0.0, -0.25), "pivot from the IMU (forward, left, up)", unit="m", low=-100, high=100
     )
