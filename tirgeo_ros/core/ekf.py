@@ -83,15 +83,18 @@ class Ekf:
         found, self._resolved = self._resolved, []
         return found
 
-    def add_aiding(self, sample: Aiding) -> Verdict:
-        """Put a measurement in its place; one that the IMU has not reached yet is held."""
+    def add_aiding(self, sample: Aiding, *, stale: bool = False) -> Verdict:
+        """Put a measurement in its place; one that the IMU has not reached yet is held.
+
+        ``stale``: it says what the one before said, so a refusal of it proves nothing.
+        """
         stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
             reason = "older than max_delay_s or the alignment"
             return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
         if stamp_ns > newest_ns + self._keep_ns:
             return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
-        record = Record.of(sample)
+        record = Record.of(sample, stale=stale)
         if record.source is Source.GPS_VELOCITY and self._fusion.spare(sample, self.control):
             return _STANDBY[record.source]  # what comes later cannot make it wanted
         if stamp_ns > newest_ns:
@@ -199,7 +202,10 @@ class Ekf:
         belief = self._mechanisation.followed(carried).belief
         x, y, z = belief.state.gyro_bias_b
         verdict, belief = self._fusion.fuse(
-            record.sample, belief, (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z)
+            record.sample,
+            belief,
+            (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
+            stale=record.stale,
         )
         if record.held and record.verdict is None:
             self._resolved.append(verdict)

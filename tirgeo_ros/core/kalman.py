@@ -30,6 +30,7 @@ class Update(NamedTuple):
     test_ratio: float
     error: Array | None  # (n,)
     covariance: Array | None  # (n, n)
+    predicted: Array  # (m, m) H P H^T, the prediction's own uncertainty
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
@@ -48,7 +49,7 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     limit = chi_square_limit(gate_sigma, len(innovation))
     ratio = float(np.dot(innovation, weighted)) / limit
     if not 0 <= ratio <= 1:
-        return Update(ratio, None, None)
+        return Update(ratio, None, None, predicted)
     if ease:
         noise = noise + ease * predicted
         inverse = _inverse(predicted + noise)
@@ -60,7 +61,7 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     joseph += np.dot(np.dot(gain, noise), gain.T)
     joseph += joseph.T.copy()
     joseph *= 0.5
-    return Update(ratio, np.dot(cross, weighted), joseph)
+    return Update(ratio, np.dot(cross, weighted), joseph, predicted)
 
 
 @functools.lru_cache(maxsize=8)

@@ -22,6 +22,8 @@ _LOST_SAMPLES_S = 0.035
 #: What an aircraft may do unseen in such an interval, beyond what the samples around it say.
 _UNSEEN_RATE_RAD_S = 0.05
 _UNSEEN_FORCE_M_S2 = 0.3
+#: Standard deviation of what is even between nothing and all.
+_DOUBT = 0.58
 
 
 class Mechanisation:
@@ -75,12 +77,21 @@ class Mechanisation:
         return Carried(state, covariance, control)
 
     def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
-        """Less certain by what may have happened between two samples that are far apart."""
+        """Less certain by what may have happened between two samples that are far apart.
+
+        Also, the interval may be none: a clock that was set forward looks the same.
+        """
         state, covariance, control = self.followed(carried)[:3]
-        gap_s = end.step_s
-        rate = 0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S
-        force = 0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2
-        sigmas = rate * gap_s, force * gap_s, 0.5 * force * gap_s * gap_s
+        before, gap_s = start.carried.state, end.step_s
+        change = math.dist(before.velocity_n, state.velocity_n)
+        sigmas = (
+            gap_s * (0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S)
+            + _DOUBT * gap_s * math.hypot(*end.mean_rate_b),
+            gap_s * (0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2)
+            + _DOUBT * change,
+            0.5 * gap_s * gap_s * _UNSEEN_FORCE_M_S2
+            + _DOUBT * gap_s * math.hypot(*state.velocity_n),
+        )
         return Carried(state, _widened(covariance, sigmas), control)
 
 

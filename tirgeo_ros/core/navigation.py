@@ -22,7 +22,7 @@ from tirgeo_ros.core.health import Health
 from tirgeo_ros.core.imu_clock import ImuClock
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.repeats import Repeats
+from tirgeo_ros.core.repeats import Repeats, Same
 from tirgeo_ros.core.samples import (
     FilterState,
     FixStatus,
@@ -182,28 +182,37 @@ class Navigation:
         return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
 
     def _process_imu(self, sample: ImuSample) -> Step:
-        outcome, reason = self._imu_clock.check(sample)
-        if outcome in {Outcome.OUT_OF_ORDER, Outcome.WAITING, Outcome.REPEATED}:
-            return Step(Verdict(Source.IMU, outcome, reason))
-        again = outcome is Outcome.TIME_JUMP or (outcome is Outcome.GAP and self._filtering)
-        if again:
-            self._begin(reason, self._ekf.biases() if self._ekf else None)
+        checked = self._imu_clock.check(sample)
+        if not checked.use:
+            return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
+        begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
+        if begins:
+            self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
         self._aids_since_imu = 0
+        for one in checked.use:
+            outcome, reason = self._take_imu(one)
+        if begins:
+            outcome, reason = checked.outcome, checked.reason
+        solution = self._due_solution(sample.stamp_ns)
+        if outcome is Outcome.USED:
+            return _USED_STEP if solution is None else Step(_IMU_USED, solution)
+        return Step(Verdict(Source.IMU, outcome, reason), solution)
+
+    def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
+        """A sample that goes on from the one before."""
         if self._ekf is not None:
             for verdict in self._ekf.add_imu(sample):
                 self._count(verdict)
             if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
                 self._watch(self._ekf)
-            solution = self._due_solution(sample.stamp_ns)
-            return _USED_STEP if solution is None else Step(_IMU_USED, solution)
+            return Outcome.USED, ""
         if self._filtering:
             self._start(self._aligner.add(sample))
-            outcome = outcome if again else Outcome.WAITING
-        else:
-            self._passthrough.add_imu(sample)
-            if not again and not usable_attitude(sample.autopilot_q_nb):
-                outcome, reason = Outcome.INVALID, "no orientation"
-        return Step(Verdict(Source.IMU, outcome, reason), self._due_solution(sample.stamp_ns))
+            return Outcome.WAITING, ""
+        self._passthrough.add_imu(sample)
+        if usable_attitude(sample.autopilot_q_nb):
+            return Outcome.USED, ""
+        return Outcome.INVALID, "no orientation"
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = source_of(sample)
@@ -216,12 +225,13 @@ class Navigation:
             return Verdict(source, Outcome.UNUSED)
         if isinstance(sample, PositionSample) and source is Source.RTK_POSITION:
             self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
-        if self._repeats.is_repeat(sample):
+        same = self._repeats.compared(sample)
+        if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the value of the one before")
         if not self._filtering:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
-            verdict = self._ekf.add_aiding(sample)
+            verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
         else:
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
             self._start(self._aligner.add(sample))
@@ -278,7 +288,7 @@ class Navigation:
     def _count(self, verdict: Verdict) -> None:
         source, outcome, reason, ratio, _ = verdict
         self._counts[source, outcome] += 1
-        if ratio == ratio:  # noqa: PLR0124: not a NaN
+        if not math.isnan(ratio):
             self._test_ratios[source] = ratio
         if outcome is Outcome.RESET:
             self._resets[source] += 1

@@ -35,14 +35,15 @@ class Record:
     order: tuple[int, int]  # of one instant, always in the same order
     source: Source
     sample: Aiding
+    stale: bool = False  # it says what the one before said
     held: bool = False  # it came before the IMU reached it
     verdict: Verdict | None = None
 
     @classmethod
-    def of(cls, sample: Aiding) -> Record:
+    def of(cls, sample: Aiding, *, stale: bool = False) -> Record:
         """The record of a sample."""
         source = source_of(sample)
-        return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample)
+        return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
 
 
 @dataclass(slots=True, eq=False)

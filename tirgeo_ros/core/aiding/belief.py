@@ -10,6 +10,7 @@ from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import (
     Array,
+    FixStatus,
     HeadingSample,
     Outcome,
     PositionSample,
@@ -45,6 +46,7 @@ class Aid(NamedTuple):
     measurement: Measurement
     invariant: tuple[float, ...]  # the innovation in a form that motion does not change
     slack: float  # by which such innovations of one cause may differ
+    stale: bool = False  # the sample says what the one before said
 
 
 def refused(sample: Aiding, belief: Belief, outcome: Outcome, reason: str) -> Fused:
@@ -52,11 +54,9 @@ def refused(sample: Aiding, belief: Belief, outcome: Outcome, reason: str) -> Fu
     return Fused(Verdict(source_of(sample), outcome, reason), belief)
 
 
-def not_fixed(sample: Aiding, belief: Belief) -> Fused:
-    """The same belief after a sample of a receiver without a good enough fix."""
-    status = sample.status if isinstance(sample, PositionSample) else belief.control.status
-    name = "none" if status is None else status.name.lower()
-    return refused(sample, belief, Outcome.NOT_FIXED, f"status {name}")
+def not_fixed(source: Source, status: FixStatus) -> Verdict:
+    """The verdict on a sample of a receiver without a good enough fix."""
+    return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
 
 
 def source_of(sample: Aiding) -> Source:

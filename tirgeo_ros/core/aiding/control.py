@@ -49,6 +49,7 @@ class Track(NamedTuple):
     since_ns: int = NEVER_NS  # from when on it has been used without a long silence
     ease: int = 0  # steps still to go
     run: Run | None = None
+    mean_rad: float = 0.0  # of the newest innovations of headings, used or not
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Whether it was used within the time-out."""
@@ -57,7 +58,7 @@ class Track(NamedTuple):
     def used(self, now_ns: int, timeout_ns: int) -> Track:
         """The record after a use."""
         begun_ns = self.since_ns if self.recent(now_ns, timeout_ns) else now_ns
-        return Track(now_ns, begun_ns, max(self.ease - 1, 0), None)
+        return Track(now_ns, begun_ns, max(self.ease - 1, 0), None, self.mean_rad)
 
     def refused(self, now_ns: int, innovation: tuple[float, ...], slack: float) -> Track:
         """The record after a refusal; it joins the run where it is within ``slack`` of it."""
@@ -113,10 +114,15 @@ class Control(NamedTuple):
         """The record of a source."""
         return self.tracks[PLACE[source]]
 
-    def with_track(self, source: Source, track: Track) -> Control:
-        """The same with one record changed."""
-        place = PLACE[source]
-        return self._replace(tracks=(*self.tracks[:place], track, *self.tracks[place + 1 :]))
+    def with_track(
+        self, source: Source, track: Track, receivers: Receivers | None = None
+    ) -> Control:
+        """The same with one record changed, and what is known of the receivers."""
+        place, tracks = PLACE[source], self.tracks
+        return self._replace(
+            tracks=(*tracks[:place], track, *tracks[place + 1 :]),
+            receivers=receivers or self.receivers,
+        )
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
         """What the receiver last said of its fix, if it was lately."""

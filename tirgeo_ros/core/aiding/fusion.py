@@ -50,68 +50,84 @@ class Fusion:
         """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
         return self._gps_position.spare(sample, control)
 
-    def fuse(self, sample: Aiding, belief: Belief, angular_rate_b: Vector) -> Fused:
-        """The belief with a sample in it; ``angular_rate_b`` (rad/s) has its bias removed."""
-        if isinstance(sample, HeadingSample):
-            return self._heading(sample, belief)
+    def fuse(
+        self, sample: Aiding, belief: Belief, angular_rate_b: Vector, *, stale: bool = False
+    ) -> Fused:
+        """The belief with a sample in it.
+
+        ``angular_rate_b`` (rad/s) has its bias removed; a ``stale`` sample says what the one
+        before said: its refusal proves nothing against the state.
+        """
         if self.spare(sample, belief.control):
             return refused(sample, belief, Outcome.STANDBY, "RTK is there")
-        if isinstance(sample, VelocitySample):
-            return self._velocity(sample, belief, angular_rate_b)
-        return self._position(sample, belief)
+        if isinstance(sample, HeadingSample):
+            aid, belief = self._heading(sample, belief)
+        elif isinstance(sample, VelocitySample):
+            aid, belief = self._velocity(sample, belief, angular_rate_b)
+        else:
+            aid, belief = self._position(sample, belief)
+        if isinstance(aid, Verdict):
+            return Fused(aid, belief)
+        return self._judged(aid._replace(stale=True) if stale else aid, belief)
 
-    def _position(self, sample: PositionSample, belief: Belief) -> Fused:
+    def _position(self, sample: PositionSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
         if sample.source is Source.GPS_POSITION:
             if sample.status < FixStatus.SINGLE:
-                return not_fixed(sample, belief)
-            return self._judged(self._gps_position.aid(sample, belief), belief)
-        control = belief.control.heard(sample.status, sample.stamp_ns)
-        belief = belief._replace(control=control)
+                return not_fixed(sample.source, sample.status), belief
+            return self._gps_position.aid(sample, belief), belief
+        belief = belief._replace(control=belief.control.heard(sample.status, sample.stamp_ns))
         if sample.status < FixStatus.FLOAT:
-            return not_fixed(sample, belief)
-        return self._judged(*self._rtk_position.aid(sample, belief))
+            return not_fixed(sample.source, sample.status), belief
+        return self._rtk_position.aid(sample, belief)
 
-    def _velocity(self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector) -> Fused:
+    def _velocity(
+        self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector
+    ) -> tuple[Aid | Verdict, Belief]:
         if sample.source is Source.GPS_VELOCITY:
-            return self._judged(self._gps_velocity.aid(sample, belief, angular_rate_b), belief)
+            return self._gps_velocity.aid(sample, belief, angular_rate_b), belief
         status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:
-            return not_fixed(sample, belief)
-        return self._judged(self._rtk_velocity.aid(sample, belief, angular_rate_b), belief)
+            return not_fixed(sample.source, status), belief
+        return self._rtk_velocity.aid(sample, belief, angular_rate_b), belief
 
-    def _heading(self, sample: HeadingSample, belief: Belief) -> Fused:
+    def _heading(self, sample: HeadingSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
         reason = self._headings.obstacle(sample, belief.control)
         if reason:
-            return refused(sample, belief, Outcome.NOT_FIXED, reason)
+            return Verdict(Source.RTK_HEADING, Outcome.NOT_FIXED, reason), belief
         aid = self._headings.aid(sample, belief)
         if aid is None:
             reason = "the antenna baseline stands upright"
-            return refused(sample, belief, Outcome.INVALID, reason)
-        return self._judged(aid, belief)
+            return Verdict(Source.RTK_HEADING, Outcome.INVALID, reason), belief
+        return aid, belief
 
     def _judged(self, aid: Aid, belief: Belief) -> Fused:
-        """The belief with a measurement in it, or without where the gate refuses."""
+        """The belief with a measurement in it, or without where the gates refuse."""
         state, covariance, control = belief
         track = self._eased(aid, control.track(aid.source))
         measurement = aid.measurement
         if track.ease > 1:
             measurement = measurement._replace(ease=track.ease - 1.0)
-        ratio, error, updated = update(covariance, measurement)
-        if error is None or updated is None:
-            track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
-            control = control.with_track(aid.source, track)
-            return self._after_refusal(aid, belief._replace(control=control), ratio)
+        ratio, error, updated, predicted = update(covariance, measurement)
+        reason = "innovation" if error is None else ""
+        if aid.source is Source.RTK_HEADING:
+            track, reason = self._headings.averaged(track, measurement, predicted, reason)
+        if reason or error is None or updated is None:
+            if not aid.stale:
+                track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
+            belief = belief._replace(control=control.with_track(aid.source, track))
+            return self._after_refusal(aid, belief, ratio, reason)
         if self._direct and aid.source is Source.RTK_POSITION:
             error, updated = _position_taken(error, updated, measurement)
-        control = control.with_track(aid.source, track.used(aid.stamp_ns, self._timeout_ns))
-        control = control._replace(receivers=self._learned(control, aid.stamp_ns, error))
+        track = track.used(aid.stamp_ns, self._timeout_ns)
+        learned = self._learned(control, aid.stamp_ns, error)
+        control = control.with_track(aid.source, track, learned)
         belief = Belief(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
-    def _after_refusal(self, aid: Aid, belief: Belief, ratio: float) -> Fused:
-        reset = self._resets.after_refusal(aid, belief)
+    def _after_refusal(self, aid: Aid, belief: Belief, ratio: float, reason: str) -> Fused:
+        reset = None if aid.stale else self._resets.after_refusal(aid, belief)
         if reset is None:
-            return Fused(_verdict(aid, Outcome.GATED, "innovation", ratio), belief)
+            return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
         return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
 
     def _eased(self, aid: Aid, track: Track) -> Track:

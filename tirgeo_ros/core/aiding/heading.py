@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Belief
-from tirgeo_ros.core.aiding.control import Control
+from tirgeo_ros.core.aiding.control import Control, Track
 from tirgeo_ros.core.config import EkfConfig, HeadingConfig
 from tirgeo_ros.core.error_state import HEADING_ERROR, states_of
 from tirgeo_ros.core.frames import flu_from_frd
@@ -18,6 +18,8 @@ from tirgeo_ros.core.strapdown import Rotation, Vector, rotate, rotation_of
 
 #: Below this horizontal share a baseline has no heading worth the name (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
+#: Of the newest innovation in the running mean: the mean is one of about twenty.
+_MEAN_SHARE = 0.1
 
 
 class Baseline(NamedTuple):
@@ -111,6 +113,24 @@ class Headings:
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, slack)
+
+    def averaged(
+        self, track: Track, measurement: Measurement, predicted: Array, reason: str
+    ) -> tuple[Track, str]:
+        """The record with one more innovation in its mean, and why a heading is refused.
+
+        One heading that is off by less than the gate passes; the mean of many that are off by as
+        much is far outside of what the mean of good ones can be.
+        """
+        noise, sigmas = float(measurement.noise[0, 0]), measurement.gate_sigma
+        own = float(predicted[0, 0])
+        largest = sigmas * math.sqrt(own + noise)
+        off = min(max(float(measurement.innovation[0]), -largest), largest)
+        mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
+        scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
+        if not reason and abs(mean) > sigmas * scatter:
+            reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
+        return track._replace(mean_rad=mean), reason
 
     def learned(self, control: Control, stamp_ns: int, error: Array) -> float:
         """The estimated slow error (rad) after an update; it fades with its correlation time."""

@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Belief
-from tirgeo_ros.core.aiding.control import Track
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import (
     ACCEL_BIAS,
@@ -26,6 +25,7 @@ from tirgeo_ros.core.samples import Array, Source
 
 #: A heading that has been agreed with for long is given up after a minute of contradiction.
 _LONGEST_S = 60.0
+_SMALL_LONGEST_S = 10.0
 #: A turn by more comes of a wrong start, which has spoiled what was estimated with it.
 _LARGE_TURN_RAD = math.radians(5.0)
 _TILT_SIGMA_RAD = math.radians(1.0)
@@ -48,7 +48,7 @@ class Resets:
         block = {
             Source.RTK_POSITION: POSITION,
             Source.RTK_VELOCITY: VELOCITY,
-            Source.GPS_POSITION: self._gps_block(belief),
+            Source.GPS_POSITION: GPS_ERROR,  # the state is not changed by a jump of that
             Source.GPS_VELOCITY: VELOCITY,
         }[aid.source]
         return self._set(aid, belief, block)
@@ -60,7 +60,12 @@ class Resets:
             # The longer the two have agreed, the less one contradiction says against the state.
             track = control.track(aid.source)
             agreed_s = (track.used_ns - track.since_ns) * 1e-9
-            return max(heading.reset_after_s, min(agreed_s, _LONGEST_S))
+            measurement = aid.measurement
+            # Off by less than one heading's gate, it may as well be the gyroscopes.
+            gate_rad = measurement.gate_sigma * math.sqrt(measurement.noise[0, 0])
+            small = abs(measurement.innovation[0]) < gate_rad
+            longest_s = _SMALL_LONGEST_S if small else _LONGEST_S
+            return max(heading.reset_after_s, min(agreed_s, longest_s))
         position = control.track(Source.RTK_POSITION)
         if aid.source is not Source.RTK_POSITION and position.recent(
             aid.stamp_ns, self._timeout_ns
@@ -68,10 +73,6 @@ class Resets:
             # Positions that fit say that the velocity does too.
             return rtk.reset_after_s if aid.source is Source.GPS_POSITION else math.inf
         return rtk.reset_after_s
-
-    def _gps_block(self, belief: Belief) -> slice:
-        """What a jump of the ordinary GPS changes: its error, not the state."""
-        return GPS_ERROR
 
     def _set(self, aid: Aid, belief: Belief, block: slice) -> Belief:
         """Three states and their covariance as measured, without ties to the others."""
@@ -89,6 +90,12 @@ class Resets:
             control = control._replace(receivers=receivers)
         else:
             state = feedback(state, error)
+        if block is POSITION:
+            # The ordinary GPS has not moved: its error against the new position has.
+            north, east, down = innovation.tolist()
+            n, e, d = control.receivers.gps_error_n
+            receivers = control.receivers._replace(gps_error_n=(n - north, e - east, d - down))
+            control = control._replace(receivers=receivers)
         size = float(np.linalg.norm(innovation))
         return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
