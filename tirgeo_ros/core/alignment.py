@@ -8,13 +8,12 @@ change). That gives roll and pitch; a heading turns the answer about that vector
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.aiding.heading import azimuth, Baseline
+from tirgeo_ros.core.aiding.heading import azimuth, baseline_b
 from tirgeo_ros.core.attitude import (
     euler_from_quat,
     matrix_from_quat,
@@ -31,8 +30,6 @@ from tirgeo_ros.core.samples import (
     ImuSample,
     NavigationInput,
     PositionSample,
-    Source,
-    FixStatus,
     VelocitySample,
 )
 from tirgeo_ros.core.strapdown import NavState
@@ -55,16 +52,6 @@ class Alignment:
     covariance: Array  # (15, 15)
     imu: tuple[ImuSample, ...]  # the newest sample up to the stamp and all after it
     later: tuple[NavigationInput, ...]  # measurements after the stamp, in order of arrival
-    sources: frozenset[Source] = frozenset(
-        {Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING}
-    )
-    status: FixStatus = FixStatus.FIXED
-
-
-class Biases(NamedTuple):
-    gyro_b: tuple
-    accel_b: tuple
-    covariance: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +68,7 @@ class _Window:
 class Aligner:
     """Collects samples until an attitude can be found; ``reason`` says what is missing."""
 
-    def __init__(self, config: EkfConfig, *, use_heading: bool, prior=None) -> None:
+    def __init__(self, config: EkfConfig, *, use_heading: bool) -> None:
         self._config = config
         self._use_heading = use_heading
         keep_s = config.alignment.duration_s + config.max_delay_s + 1.0
@@ -124,11 +111,7 @@ class Aligner:
             self.reason = "needs imu/data"
             return None
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
-        found = [
-            s
-            for s in self._aiding
-            if isinstance(s, VelocitySample) and s.source is Source.RTK_VELOCITY
-        ]
+        found = [s for s in self._aiding if isinstance(s, VelocitySample)]
         found = [s for s in found if oldest <= s.stamp_ns <= newest]
         duration_ns = round(self._config.alignment.duration_s * 1e9)
         last = max(found, key=lambda s: s.stamp_ns, default=None)
@@ -143,11 +126,7 @@ class Aligner:
         return first, last
 
     def _position_at(self, last: VelocitySample) -> PositionSample | None:
-        found = [
-            s
-            for s in self._aiding
-            if isinstance(s, PositionSample) and s.source is Source.RTK_POSITION and s.status >= 1
-        ]
+        found = [s for s in self._aiding if isinstance(s, PositionSample)]
         best = min(found, key=lambda s: abs(s.stamp_ns - last.stamp_ns), default=None)
         if best is None or abs(best.stamp_ns - last.stamp_ns) > _LARGEST_POSITION_AGE_S * 1e9:
             self.reason = "needs rtk/fix"
@@ -182,7 +161,7 @@ class Aligner:
         """Directions in the end's body frame, and the azimuth of each."""
         if not self._use_heading:
             return self._autopilot_heading()
-        baseline = np.array(Baseline.from_config(self._config.heading).direction_b)
+        baseline = baseline_b(self._config.heading.offset_deg)
         found = [
             s
             for s in self._aiding
