@@ -10,13 +10,14 @@ SOURCES := setup.py setup.cfg scripts/setup.sh scripts/find_python.sh
 READY := $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
+BENCH_READY := $(READY)-bench
 
 # An environment does not survive being moved: its stamp holds where it was made.
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
 	$(if $(filter $(CURDIR),$(shell cat $(stamp))),,$(shell rm -f $(stamp)))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-floor lint types bench clean
+.PHONY: help setup demo test test-floor lint types bench consistency states clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -41,8 +42,14 @@ lint: $(LINT_READY)  ## ruff: rules and format
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
-bench: $(READY)  ## speed of process, overlay and graph
+bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay and graph
 	$(BIN)/python -m tirgeo_ros.tools.bench
+
+consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
+	$(BIN)/python -m tirgeo_ros.tools.consistency
+
+states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
+	$(BIN)/python -m tirgeo_ros.tools.states bags/sample test/data/sample_states.csv
 
 clean:  ## remove what the above made, but for demo/
 	rm -rf $(VENV) $(FLOOR) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
@@ -60,3 +67,8 @@ $(LINT_READY): $(READY)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		--constraint $(VENV)/constraints.txt --editable ".[lint]"
 	@touch $@
+
+$(BENCH_READY): $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint $(VENV)/constraints.txt --editable ".[bench]" && touch $@ \
+		|| echo "pyins could not be installed: the bench goes without it" >&2

@@ -67,6 +67,8 @@ setup(
         ],
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
         "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "setuptools>=64"],
+        # Measured beside the filter by make bench, and used nowhere else.
+        "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones.
         "lint": ["ruff==0.17.*", "mypy==2.4.*"],
     },

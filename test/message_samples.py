@@ -71,6 +71,9 @@ STATUS = NavigationStatus(
     0.0123,
     {("rtk_position", "used"): 12, ("rtk_heading", "gated"): 3},
     {"rtk_position": 0.25, "rtk_heading": 1.75},
+    state_s=3.75,
+    resets={"rtk_position": 2, "rtk_heading": 1},
+    last_reset="position by 3.21 m",
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)

@@ -101,6 +101,25 @@ def test_same_input_same_bytes(whole, cut, options, tmp_path):
     assert (tmp_path / "again.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
 
 
+@pytest.mark.parametrize("size", [1, 7])
+def test_size_of_the_blocks_changes_nothing(whole, cut, options, tmp_path, monkeypatch, size):
+    monkeypatch.setattr("tirgeo_ros.tools.process._BLOCK", size)
+    monkeypatch.setattr("tirgeo_ros.tools.pipeline._BLOCK", size)
+    process(cut, tmp_path / "out.mcap", raw_images=True, **options)
+    assert (tmp_path / "out.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
+
+
+def test_an_output_that_cannot_be_written_stops_the_run(cut, options, tmp_path, monkeypatch):
+    def write(_writer, topic, *_rest):
+        if topic == "/tirgeo/odometry":
+            raise BagError("out.mcap: cannot be written: no space left")
+
+    monkeypatch.setattr(BagWriter, "write", write)
+    with pytest.raises(BagError, match=r"cannot be written: no space left"):
+        process(cut, tmp_path / "out.mcap", images=False, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_outputs_carry_the_log_time_of_an_input(whole, cut):
     inputs = {item.log_time_ns for item in BagReader(cut).messages()}
     outputs = {item.log_time_ns for item in BagReader(whole[0] / "out.mcap").messages()}

@@ -6,7 +6,6 @@ sides of the exposure, the picture carries a plain notice in the lines' place.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,18 +24,12 @@ from tirgeo_ros.core.painting import (
 )
 from tirgeo_ros.core.polylines import Polylines, joined
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
-from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.samples import CameraPose, NavigationStatus
+from tirgeo_ros.core.status_line import status_line, words_of
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import GeoFeature, VectorMap, grounded
 from tirgeo_ros.core.view import View
 
-_RTK_NAMES = {
-    FixStatus.NONE: "none",
-    FixStatus.SINGLE: "single",
-    FixStatus.FLOAT: "float",
-    FixStatus.FIXED: "fixed",
-}
-_CLOCK_STEP_S = 0.02
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
 
 
@@ -130,35 +123,36 @@ class Overlay:
         height, width = pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
-        return "" if self._map else self._not_running() or "no origin"
+        return "" if self._map else self._not_navigating() or "no origin"
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self._poses.newest_ns
         if miss is Miss.TOO_NEW and newest_ns is not None:
-            return self._not_running() or f"pose {(exposure_ns - newest_ns) / 1e9:.1f} s old"
+            return self._not_navigating() or f"pose {(exposure_ns - newest_ns) / 1e9:.1f} s old"
         if miss is Miss.GAP:
-            return self._not_running() or "camera poses are missing"
-        return self._not_running() or "no pose at this frame"
+            return self._not_navigating() or "camera poses are missing"
+        return self._not_navigating() or "no pose at this frame"
 
-    def _not_running(self) -> str:
-        if self._status is None or self._status.state is FilterState.RUNNING:
+    def _not_navigating(self) -> str:
+        """What the estimator says of its silence, if it does not navigate."""
+        if self._status is None or self._status.state.navigating:
             return ""
         reason = f": {self._status.reason}" if self._status.reason else ""
-        return f"{self._status.state.value}{reason}"
+        return f"{words_of(self._status.state)}{reason}"
 
     def _without_map(self, frame: Frame, now_ns: int, obstacle: str) -> OverlayResult:
         self._results["notices"] += 1
         notice = f"NO MAP: {obstacle}"
         image = coloured(frame.pixels)
         paint_notice(image, notice)
-        paint_status(image, self._fields(frame, now_ns))
+        self._paint_status(image, frame, now_ns)
         return OverlayResult(frame.stamp_ns, image, None, notice)
 
     def _with_map(self, frame: Frame, now_ns: int, pose: CameraPose) -> OverlayResult:
         self._results["drawn"] += 1
         image = coloured(frame.pixels)
         self._draw(image, pose)
-        paint_status(image, self._fields(frame, now_ns))
+        self._paint_status(image, frame, now_ns)
         return OverlayResult(frame.stamp_ns, image, pose, "")
 
     def _draw(self, image: Pixels, pose: CameraPose) -> None:
@@ -179,19 +173,6 @@ class Overlay:
         labels = [self._map.labels[feature] for feature in features]
         paint_labels(image, named.points.T[inside], owner, labels)
 
-    def _fields(self, frame: Frame, now_ns: int) -> list[str]:
-        """The status line."""
-        age_s, rate_hz = (now_ns - frame.stamp_ns) / 1e9, self._frames.rate_hz
-        if -_CLOCK_STEP_S < age_s < 0:  # the clock of a bag has not come to the frame yet
-            age_s = 0.0
-        age = f"{age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"{age_s:.0f} s"
-        video = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
-        return [*self._filter_fields(), f"frame age {age}", video]
-
-    def _filter_fields(self) -> list[str]:
-        status = self._status
-        if status is None:
-            return ["no filter status"]
-        sigma_deg = math.degrees(status.heading_sigma_rad)
-        sigma = "-" if math.isnan(sigma_deg) else f"{sigma_deg:.2f} deg"
-        return [status.method, f"RTK {_RTK_NAMES[status.rtk_status]}", f"heading sigma {sigma}"]
+    def _paint_status(self, image: Pixels, frame: Frame, now_ns: int) -> None:
+        age_s = (now_ns - frame.stamp_ns) * 1e-9
+        paint_status(image, status_line(self._status, age_s, self._frames.rate_hz))

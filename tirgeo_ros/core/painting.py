@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.text import Colour, Pixels, Stamp, stamp
+from tirgeo_ros.core.text import LONGEST, Colour, Pixels, Stamp, stamp
 
 LINE_BGR: Colour = (0, 255, 255)  # each 0 or 255
 TEXT_BGR: Colour = (255, 255, 255)
@@ -21,11 +22,24 @@ _HALO = np.ones((3, 3), np.uint8)
 _MARK_PX = 4
 _MARK = _MARK_PX * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # a small open diamond
 _LABEL_PX, _STATUS_PX, _NOTICE_PX = 12, 12, 20
-_SMALLEST_PX = 8
+_SMALL_NOTICE_PX = 12  # on pictures narrower than _WIDE_PX
+_WIDE_PX = 480
 _MOST_LABELS = 40
 _CELL_PX = 8  # labels keep each other out of squares of this size
 _STATUS_HEIGHT_PX = 20
 _STATUS_GAP_PX = 10
+_STATUS_EDGE_PX = 6
+_LEAST_DETAIL = 6  # characters; less of a detail says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A text of the status line."""
+
+    text: str
+    colour: Colour = TEXT_BGR
+    detail: str = ""  # follows the text, cut where the line is too long
+    spare: bool = False  # left out first where the line is too long
 
 
 def coloured(pixels: Pixels) -> Pixels:
@@ -96,21 +110,72 @@ def _place(image: Pixels, taken: BoolArray, text: Stamp, u: float, v: float) -> 
         text.lay(image, left, top)
 
 
-def paint_status(image: Pixels, fields: Sequence[str]) -> None:
+def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
     strip = image[-_STATUS_HEIGHT_PX:]
     strip[:] = cv2.convertScaleAbs(strip, alpha=0.35)
-    left = 6
-    for field in fields:
-        text = stamp(field, _STATUS_PX, TEXT_BGR)
+    left = _STATUS_EDGE_PX
+    for field in fitted(fields, image.shape[1]):
+        text = _written(field)
         text.lay(image, left, image.shape[0] - _STATUS_HEIGHT_PX)
         left += text.size[0] + _STATUS_GAP_PX
 
 
+def fitted(fields: Sequence[Field], width_px: int) -> list[Field]:
+    """As much of the fields as one line of the picture's width takes.
+
+    Spare fields go first, then details are cut, then fields go from the right; the first stays.
+    """
+    kept = list(fields)
+    for spare in [field for field in reversed(fields) if field.spare]:
+        if _excess_px(kept, width_px) > 0:
+            kept.remove(spare)
+    for number, field in enumerate(kept):
+        excess_px = _excess_px(kept, width_px)
+        if excess_px > 0 and field.detail:
+            kept[number] = _cut(field, _written(field).size[0] - excess_px)
+    while len(kept) > 1 and _excess_px(kept, width_px) > 0:
+        kept.pop()
+    return kept
+
+
+def _excess_px(fields: Sequence[Field], width_px: int) -> int:
+    written = sum(_written(field).size[0] for field in fields)
+    return written + _STATUS_GAP_PX * (len(fields) - 1) + 2 * _STATUS_EDGE_PX - width_px
+
+
+def _cut(field: Field, width_px: int) -> Field:
+    """With as much of its detail as fits, or with none."""
+    for length in range(len(field.detail) - 1, _LEAST_DETAIL - 1, -1):
+        shorter = replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
+        if _written(shorter).size[0] <= width_px:
+            return shorter
+    return replace(field, detail="")
+
+
+def _written(field: Field) -> Stamp:
+    return stamp(field.text + field.detail, _STATUS_PX, field.colour)
+
+
 def paint_notice(image: Pixels, notice: str) -> None:
-    """Write a notice across the upper part of the picture, smaller if it would not fit."""
-    text = stamp(notice, _NOTICE_PX, NOTICE_BGR)
-    if text.size[0] > image.shape[1]:
-        size_px = max(_NOTICE_PX * image.shape[1] // text.size[0], _SMALLEST_PX)
-        text = stamp(notice, size_px, NOTICE_BGR)
-    text.lay(image, (image.shape[1] - text.size[0]) // 2, image.shape[0] // 8)
+    """Write a notice across the upper part of the picture, in as many lines as it takes."""
+    width = image.shape[1]
+    size_px = _NOTICE_PX if width >= _WIDE_PX else _SMALL_NOTICE_PX
+    top = image.shape[0] // 8
+    for line in _wrapped(notice, size_px, width):
+        text = stamp(line, size_px, NOTICE_BGR)
+        text.lay(image, (width - text.size[0]) // 2, top)
+        top += text.size[1]
+
+
+def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:
+    """Lines of whole words."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        fits = len(longer) <= LONGEST and stamp(longer, size_px, NOTICE_BGR).size[0] <= width_px
+        if lines[-1] and not fits:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines

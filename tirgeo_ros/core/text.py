@@ -21,7 +21,7 @@ from tirgeo_ros.core.errors import ConfigError
 Pixels = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-_LONGEST = 60  # characters
+LONGEST = 60  # characters
 _CACHED = 1024
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 _PAD = 2
@@ -57,8 +57,8 @@ class Stamp:
 def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
     """A text in a BGR colour with a dark halo. Control characters become spaces."""
     shown = "".join(c if c.isprintable() else " " for c in text)
-    if len(shown) > _LONGEST:
-        shown = shown[: _LONGEST - 1] + "\u2026"
+    if len(shown) > LONGEST:
+        shown = shown[: LONGEST - 1] + "\u2026"
     alpha = coverage(shown, size_px)
     halo = cv2.dilate(alpha, _HALO)
     ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)

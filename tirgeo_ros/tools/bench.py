@@ -13,17 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.core.navigation import Navigation
-from tirgeo_ros.core.samples import ImuSample
 from tirgeo_ros.io.bag import BagReader
-from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.tools.bench_filter import filter_times, long_times
 from tirgeo_ros.tools.bench_overlay import overlay_times
+from tirgeo_ros.tools.bench_pyins import pyins_is_installed
 from tirgeo_ros.tools.graph import GraphSetup, run_graph
 from tirgeo_ros.tools.process import process
-from tirgeo_ros.tools.recording import load_recording
-from tirgeo_ros.tools.registration import navigated
+from tirgeo_ros.tools.progress import Progress
 from tirgeo_ros.tools.resources import find_resource
 from tirgeo_ros.tools.simulate import simulate
 
@@ -45,7 +42,8 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     """Every figure of the flight in ``folder``, one after another; ``work`` takes files."""
     yield _process_speed(folder, work, images=False)
     yield _process_speed(folder, work, images=True)
-    yield _filter_cost(folder)
+    yield from _filter_cost()
+    yield from _filter_hour()
     yield from _overlay_cost()
     if graph:
         yield from _graph_cost(folder, work)
@@ -69,18 +67,25 @@ def _process_speed(folder: Path, work: Path, *, images: bool) -> Figure:
     return Figure(name, max(speeds), "x real time", ">= 6" if images else ">= 30")
 
 
-def _filter_cost(folder: Path) -> Figure:
-    samples = load_recording(folder / "flight.mcap").samples
-    config = load_config(folder / "params.yaml", "ekf_node", EkfConfig)
-    count = sum(isinstance(sample, ImuSample) for sample in samples)
-    costs = []
-    for _ in range(_RUNS):
-        navigation = Navigation(config)
-        begun = time.process_time()
-        for sample in samples:
-            navigated(navigation, sample)
-        costs.append((time.process_time() - begun) / count)
-    return Figure("filter, CPU per IMU sample", min(costs) * 1e6, "us")
+def _filter_cost() -> Iterator[Figure]:
+    own, rival = filter_times()
+    yield Figure("filter, CPU per IMU sample", own.cost_s * 1e6, "us", "<= 60")
+    if rival is not None:
+        yield Figure("pyins on the same flight, per IMU sample", rival.cost_s * 1e6, "us")
+        yield Figure("pyins over filter", rival.cost_s / own.cost_s, "ratio", ">= 20")
+    for name, found in (("filter", own), ("pyins", rival)):
+        if found is not None:
+            yield Figure(f"{name}: worse of roll and pitch, rms", found.tilt_deg, "deg")
+            yield Figure(f"{name}: heading, rms", found.heading_deg, "deg")
+            yield Figure(f"{name}: worst axis of position, rms", found.position_m * 1e2, "cm")
+
+
+def _filter_hour() -> Iterator[Figure]:
+    with Progress("an hour of flight", unit="min") as bar:
+        times = long_times(bar)
+    yield Figure("an hour of flight: filter, first 5 min", times.first_s * 1e6, "us")
+    yield Figure("an hour of flight: last 5 min over first", times.last_s / times.first_s, "ratio")
+    yield Figure("an hour of flight: memory grown since", times.grown_bytes * 2**-20, "MiB")
 
 
 def _overlay_cost() -> list[Figure]:
@@ -123,7 +128,8 @@ def _flight(given: Path | None) -> Iterator[Path]:
 
 def line(figure: Figure) -> str:
     """One line of the table."""
-    return f"{figure.what:<44}{figure.value:>9.2f}  {figure.unit:<12}{figure.wanted}"
+    digits = 2 if figure.value >= 1 else 3
+    return f"{figure.what:<44}{figure.value:>9.{digits}f}  {figure.unit:<12}{figure.wanted}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -145,6 +151,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     if not graph:
         write("graph: left out" + ("\n" if args.no_graph else ": ROS 2 is not installed\n"))
+    if not pyins_is_installed():
+        write("pyins: left out: install with make bench\n")
     return 0
 
 

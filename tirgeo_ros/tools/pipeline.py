@@ -8,7 +8,7 @@ caused it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,9 +24,13 @@ from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.vector_map import GeoFeature
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
-from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration, Sample
+from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+#: Poses that are made into messages together. Work of one kind at a stretch finds its code and
+#: data in the processor's caches: it takes two thirds of the time.
+_BLOCK = 32
+_NOTHING = Registered()
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,7 @@ class Pipeline:
         self._sink = sink
         self._names = names
         self._plane: TangentPlane | None = None
+        self._unsent: list[tuple[Registered, int]] = []  # and log times
         self._diagnosed_ns: int | None = None
 
     def wants(self, topic: str) -> bool:
@@ -77,13 +82,12 @@ class Pipeline:
     def take(self, topic: str, message: Any, log_time_ns: int) -> None:
         """Take a message of a contract topic; one that makes no sense is counted."""
         try:
-            if topic in SAMPLES:
-                self._sample(SAMPLES[topic](message), log_time_ns)
-            else:
-                self._picture(topic, message, log_time_ns)
+            found = self._registered(topic, message, log_time_ns)
         except TirgeoError as error:
             self.unreadable[topic] += 1
             self.unreadable_because[topic] = str(error)
+        else:
+            self._publish(found, log_time_ns)
         self._draw(log_time_ns)
         self._diagnose(log_time_ns)
 
@@ -93,29 +97,54 @@ class Pipeline:
         self._draw(log_time_ns, log_time_ns + wait_ns + 1)
         self._publish_diagnostics(log_time_ns)
 
-    def _sample(self, sample: Sample, log_time_ns: int) -> None:
-        self._publish(self.registration.take(sample), log_time_ns)
+    def _registered(self, topic: str, message: Any, log_time_ns: int) -> Registered:
+        convert_sample = SAMPLES.get(topic)
+        if convert_sample is not None:
+            return self.registration.take(convert_sample(message))
+        self._picture(topic, message, log_time_ns)
+        return _NOTHING
 
     def _publish(self, found: Registered, log_time_ns: int) -> None:
-        if found.solution is not None and found.body is not None:
-            self._new_plane(found.solution.stamp_ns, log_time_ns)
-            odometry = self._messages.odometry(found.solution, found.body)
-            self._sink.message("tirgeo/odometry", odometry, log_time_ns)
-            if self._fix_rate.due(found.solution.stamp_ns):
-                fix = self._messages.fix(found.solution)
-                self._sink.message("tirgeo/fix", fix, log_time_ns)
-        for pose in found.cameras:
-            camera_pose = self._messages.camera_pose(pose)
-            self._sink.message("tirgeo/camera_pose", camera_pose, log_time_ns)
-            if self.overlay is not None:
+        if found.body is not None:
+            self._new_plane(found.body.stamp_ns, log_time_ns)
+        elif not found.cameras:
+            return
+        if self.overlay is not None:
+            for pose in found.cameras:
                 self.overlay.add_pose(pose)
+        self._unsent.append((found, log_time_ns))
+        if len(self._unsent) >= _BLOCK:
+            self._send_poses()
+
+    def _send_poses(self) -> None:
+        unsent, self._unsent = self._unsent, []
+        made = [
+            (topic, message, log_time_ns)
+            for found, log_time_ns in unsent
+            for topic, message in self._pose_messages(found)
+        ]
+        for topic, message, log_time_ns in made:
+            self._sink.message(topic, message, log_time_ns)
+
+    def _pose_messages(self, found: Registered) -> Iterator[tuple[str, Any]]:
+        if found.solution is not None and found.body is not None:
+            yield "tirgeo/odometry", self._messages.odometry(found.solution, found.body)
+            if self._fix_rate.due(found.solution.stamp_ns):
+                yield "tirgeo/fix", self._messages.fix(found.solution)
+        for pose in found.cameras:
+            yield "tirgeo/camera_pose", self._messages.camera_pose(pose)
+
+    def _send(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Give out a message, behind the poses that were there before it."""
+        self._send_poses()
+        self._sink.message(topic, message, log_time_ns)
 
     def _new_plane(self, stamp_ns: int, log_time_ns: int) -> None:
         plane = self.registration.navigation.plane
         if plane is self._plane or plane is None or plane == self._plane:
             return
         self._plane = plane
-        self._sink.message("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
+        self._send("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
         if self.overlay is not None:
             self.overlay.set_plane(plane)
 
@@ -142,10 +171,10 @@ class Pipeline:
         quality = [cv2.IMWRITE_JPEG_QUALITY, self._settings.overlay.jpeg_quality]
         jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
         compressed = self._messages.compressed(result.stamp_ns, jpeg)
-        self._sink.message("tirgeo/overlay/image/compressed", compressed, log_time_ns)
+        self._send("tirgeo/overlay/image/compressed", compressed, log_time_ns)
         if self._settings.raw_images:
             raw = self._messages.image(result.stamp_ns, result.image)
-            self._sink.message("tirgeo/overlay/image", raw, log_time_ns)
+            self._send("tirgeo/overlay/image", raw, log_time_ns)
 
     def _diagnose(self, log_time_ns: int) -> None:
         if self._diagnosed_ns is None:
@@ -167,7 +196,7 @@ class Pipeline:
         if self.overlay is not None:
             items.append(self._counts("overlay_node: overlay", self.overlay.counts, "ok"))
         message = self._messages.diagnostics(log_time_ns, items)
-        self._sink.message("/diagnostics", message, log_time_ns)
+        self._send("/diagnostics", message, log_time_ns)
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}

@@ -11,7 +11,8 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.core.parameter import config_from, values_of
-from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.maps import load_map
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.io.parameter_file import load_config
@@ -31,8 +32,8 @@ from tirgeo_ros.tools.video import VideoFile
 
 PathLike = str | os.PathLike[str]
 
-#: Messages between two calls of the progress report.
-_REPORT_EVERY = 256
+#: Messages that are decoded together, for the reason that they are encoded so (``pipeline``).
+_BLOCK = 32
 
 
 def process(
@@ -135,31 +136,44 @@ class _Run:
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
         """Take every message of the topics (resolved name to contract topic)."""
-        for topic, message, log_time_ns in self._messages(topics, progress):
-            self.pipeline.take(topic, message, log_time_ns)
+        for block in self._blocks(topics, progress):
+            early = [
+                self._decoded(message) if self.pipeline.wants(topics[message.topic]) else None
+                for message in block
+            ]
+            for message, decoded in zip(block, early, strict=True):
+                self._take(topics[message.topic], message, decoded)
         if self.read:
             self.pipeline.finish(self._span_ns[1])
 
-    def _messages(
-        self, topics: dict[str, str], progress: Report
-    ) -> Iterator[tuple[str, object, int]]:
+    def _take(self, topic: str, message: BagMessage, decoded: object | None) -> None:
+        """Take a message; ``decoded`` is None where its block began with no need of it."""
+        if not self.pipeline.wants(topic):
+            return
+        if decoded is None:
+            decoded = self._decoded(message)
+        if decoded is None:
+            self._undecoded[message.topic] += 1
+            return
+        self.read[message.topic] += 1
+        self.pipeline.take(topic, decoded, message.log_time_ns)
+
+    def _decoded(self, message: BagMessage) -> object | None:
+        try:
+            decoded: object = self._cdr.deserialize(message.data, message.typename)
+        except MessageError:
+            return None
+        return decoded
+
+    def _blocks(self, topics: Collection[str], progress: Report) -> Iterator[list[BagMessage]]:
+        messages = self._reader.messages(topics)
         total_s = _seconds(self._reader.span_ns)
-        for number, (name, typename, log_time_ns, _, data) in enumerate(
-            self._reader.messages(topics)
-        ):
-            self._span_ns = (self._span_ns[0] if number else log_time_ns, log_time_ns)
-            if number % _REPORT_EVERY == 0:
-                progress(_seconds(self._span_ns) or 0.0, total_s)
-            topic = topics[name]
-            if not self.pipeline.wants(topic):
-                continue
-            try:
-                message = self._cdr.deserialize(data, typename)
-            except MessageError:
-                self._undecoded[name] += 1
-                continue
-            self.read[name] += 1
-            yield topic, message, log_time_ns
+        begun_ns: int | None = None
+        while block := list(islice(messages, _BLOCK)):
+            begun_ns = block[0].log_time_ns if begun_ns is None else begun_ns
+            self._span_ns = (begun_ns, block[-1].log_time_ns)
+            progress(_seconds(self._span_ns) or 0.0, total_s)
+            yield block
 
     def summary(self, elapsed_s: float) -> dict[str, object]:
         """What was read, made and refused."""

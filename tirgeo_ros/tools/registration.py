@@ -5,9 +5,8 @@ What ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
@@ -39,13 +38,12 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Registered:
+class Registered(NamedTuple):
     """What one sample made possible."""
 
     solution: NavSolution | None = None
     body: BodyPose | None = None
-    cameras: list[CameraPose] = field(default_factory=list)
+    cameras: Sequence[CameraPose] = ()
 
 
 class Registration:

@@ -9,8 +9,9 @@ from typing import Any
 from tirgeo_ros.core.errors import MessageError
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
 
-OK, WARN = 0, 1
-_COUNT, _RATIO = "count", "test_ratio"
+OK, WARN, ERROR = 0, 1, 2
+_LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
+_COUNT, _RATIO, _RESET = "count", "test_ratio", "reset"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,25 +25,28 @@ class DiagnosticItem:
 
 
 def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
-    """The estimator's status; a warning while it does not run."""
-    running = status.state is FilterState.RUNNING
+    """The estimator's status: OK while it is running, an error once it is lost, else a warning."""
     values = {
         "method": status.method,
         "state": status.state.value,
+        "state_time_s": repr(float(status.state_s)),
         "reason": status.reason,
         "rtk_status": status.rtk_status.name.lower(),
         "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
+        "last_reset": status.last_reset,
     }
     values |= {f"{_COUNT}.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
     values |= {f"{_RATIO}.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
+    values |= {f"{_RESET}.{a}": str(n) for a, n in sorted(status.resets.items())}
     message = status.state.value + (f": {status.reason}" if status.reason else "")
-    return DiagnosticItem(name, OK if running else WARN, message, values)
+    return DiagnosticItem(name, _LEVELS.get(status.state, WARN), message, values)
 
 
 def navigation_status(msg: Any) -> NavigationStatus:
     """``diagnostic_msgs/DiagnosticStatus`` of the estimator, the inverse of the encoder's.
 
-    Raises MessageError where it is not one.
+    Time in the state and resets are 0 and none where a recording has no such keys. Raises
+    MessageError where it is no such status.
     """
     values = {item.key: item.value for item in msg.values}
     try:
@@ -61,4 +65,7 @@ def _status(values: dict[str, str]) -> NavigationStatus:
         heading_sigma_rad=math.radians(float(values["heading_sigma_deg"])),
         counts={(k[1], k[2]): int(v) for k, v in parts if k[0] == _COUNT and len(k) == 3},
         test_ratios={k[1]: float(v) for k, v in parts if k[0] == _RATIO and len(k) == 2},
+        state_s=float(values.get("state_time_s", "0")),
+        resets={k[1]: int(v) for k, v in parts if k[0] == _RESET and len(k) == 2},
+        last_reset=values.get("last_reset", ""),
     )

@@ -1,0 +1,101 @@
+"""The words under the picture, for every state of the filter."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tirgeo_ros.core.painting import TEXT_BGR, fitted
+from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.status_line import status_line
+
+
+def status(state=FilterState.RUNNING, reason="", state_s=0.0, sigma_rad=0.002):
+    return NavigationStatus(
+        "ekf_heading", state, reason, FixStatus.FIXED, sigma_rad, {}, {}, state_s
+    )
+
+
+def texts(fields):
+    return [field.text + field.detail for field in fields]
+
+
+def test_running_is_not_worth_a_word():
+    fields = status_line(status(), 0.083, 8.0)
+    assert texts(fields) == [
+        "ekf_heading",
+        "RTK fixed",
+        "heading sigma 0.11 deg",
+        "frame age 83 ms",
+        "video 8.0 Hz",
+    ]
+    assert {field.colour for field in fields} == {TEXT_BGR}
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "state_s", "text"),
+    [
+        (FilterState.DEGRADED, "rtk/heading", 12.4, "degraded 12 s: rtk/heading"),
+        (FilterState.DEAD_RECKONING, "", 3.0, "dead reckoning 3 s"),
+        (FilterState.WAITING, "no rtk/fix", 250.0, "waiting 4 min: no rtk/fix"),
+        (FilterState.ALIGNING, "", 0.0, "aligning 0 s"),
+        (FilterState.LOST, "position sigma 11 m", 99.0, "lost 99 s: position sigma 11 m"),
+    ],
+)
+def test_a_state_that_is_not_running_comes_first_with_time_and_reason(
+    state, reason, state_s, text
+):
+    fields = status_line(status(state, reason, state_s), 0.083, 8.0)
+    assert texts(fields)[:2] == [text, "ekf_heading"]
+    assert fields[0].colour != TEXT_BGR
+
+
+def test_the_colour_goes_with_the_danger():
+    def colour(state):
+        return status_line(status(state), 0.0, 8.0)[0].colour
+
+    by_danger = [
+        {colour(FilterState.RUNNING)},
+        {colour(s) for s in (FilterState.WAITING, FilterState.ALIGNING, FilterState.DEGRADED)},
+        {colour(FilterState.DEAD_RECKONING)},
+        {colour(FilterState.LOST)},
+    ]
+    assert [len(colours) for colours in by_danger] == [1, 1, 1, 1]
+    assert len(set.union(*by_danger)) == 4
+    green = [next(iter(colours))[1] for colours in by_danger]
+    assert green == sorted(green, reverse=True)  # from white over amber and orange to red
+
+
+def test_what_is_not_known_is_not_shown():
+    assert texts(status_line(None, 0.05, 9.0)) == [
+        "no filter status",
+        "frame age 50 ms",
+        "video 9.0 Hz",
+    ]
+    waiting = status(FilterState.WAITING, sigma_rad=math.nan)
+    assert not any("sigma" in text for text in texts(status_line(waiting, 0.0, 9.0)))
+    assert texts(status_line(waiting, 0.0, math.nan))[-1] == "video starts"
+
+
+@pytest.mark.parametrize(
+    ("age_s", "text"),
+    [
+        (0.0831, "frame age 83 ms"),
+        (-0.019, "frame age 0 ms"),  # a bag's clock that has not come to the frame
+        (-0.5, "frame age -500 ms"),
+        (99.0, "frame age 99 s"),
+    ],
+)
+def test_the_age_of_a_frame(age_s, text):
+    assert texts(status_line(status(), age_s, 8.0))[-2] == text
+
+
+@pytest.mark.parametrize("state", list(FilterState))
+def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
+    """640 px: whatever the reason, the words that matter stay."""
+    told = status(state, "rtk/fix, rtk/vel, rtk/heading, gps/fix, gps/vel", 5999.0, 0.17)
+    kept = texts(fitted(status_line(told, 9.999, 60.0), 640))
+    assert "RTK fixed" in kept
+    assert "ekf_heading" in kept
+    assert "heading sigma 9.74 deg" in kept

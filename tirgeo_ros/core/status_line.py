@@ -1,0 +1,71 @@
+"""The words under the picture: what the filter says of itself, and age and rate of the video.
+
+The filter's state is shown, with its time and reason, where it is not ``running``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tirgeo_ros.core.painting import NOTICE_BGR, Field
+from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.text import Colour
+
+_RTK_NAMES = {
+    FixStatus.NONE: "none",
+    FixStatus.SINGLE: "single",
+    FixStatus.FLOAT: "float",
+    FixStatus.FIXED: "fixed",
+}
+_ORANGE_BGR: Colour = (60, 140, 255)
+_RED_BGR: Colour = (90, 90, 255)
+_COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
+_CLOCK_STEP_S = 0.02
+
+
+def words_of(state: FilterState) -> str:
+    """The name of a state as it is shown to a person."""
+    return state.value.replace("_", " ")
+
+
+def status_line(status: NavigationStatus | None, age_s: float, rate_hz: float) -> list[Field]:
+    """The fields, left to right, for a frame of ``age_s``; ``rate_hz`` is nan at the first one."""
+    video = Field(_age(age_s), spare=True), Field(_rate(rate_hz), spare=True)
+    return [*_filter_fields(status), *video]
+
+
+def _filter_fields(status: NavigationStatus | None) -> list[Field]:
+    if status is None:
+        return [Field("no filter status")]
+    return [
+        *_state_fields(status),  # first: it stays where the picture is small
+        Field(status.method),
+        Field(f"RTK {_RTK_NAMES[status.rtk_status]}"),
+        *_heading_fields(math.degrees(status.heading_sigma_rad)),
+    ]
+
+
+def _state_fields(status: NavigationStatus) -> list[Field]:
+    if status.state is FilterState.RUNNING:
+        return []
+    text = f"{words_of(status.state)} {_span(status.state_s)}"
+    detail = f": {status.reason}" if status.reason else ""
+    return [Field(text, _COLOURS.get(status.state, NOTICE_BGR), detail=detail)]
+
+
+def _heading_fields(sigma_deg: float) -> list[Field]:
+    return [] if math.isnan(sigma_deg) else [Field(f"heading sigma {sigma_deg:.2f} deg")]
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def _age(age_s: float) -> str:
+    if -_CLOCK_STEP_S < age_s < 0:  # the clock of a bag has not come to the frame yet
+        age_s = 0.0
+    return f"frame age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"frame age {age_s:.0f} s"
+
+
+def _rate(rate_hz: float) -> str:
+    return "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
