@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.aiding.belief import Belief, floored
@@ -151,6 +151,7 @@ def test_gps_innovation_is_what_its_error_does_not_explain(roll, pitch, yaw):
 
 @with_and_without_heading_error
 @pytest.mark.parametrize("receiver", ["rtk", "gps"])
+@settings(max_examples=40)
 @given(roll=tilts, pitch=tilts, yaw=headings)
 def test_velocity_design(bias_sigma_deg, receiver, roll, pitch, yaw):
     config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
@@ -174,6 +175,7 @@ def test_velocity_design(bias_sigma_deg, receiver, roll, pitch, yaw):
 @pytest.mark.parametrize(
     "baseline_m", [(), (1.0, 0.0, 0.0), (0.3, -0.8, 0.0), (0.6, 0.2, 0.25), (-0.5, 0.1, -0.2)]
 )
+@settings(max_examples=40)
 @given(roll=tilts, pitch=tilts, yaw=headings, offset_deg=st.floats(-180, 180))
 def test_heading_design(bias_sigma_deg, baseline_m, roll, pitch, yaw, offset_deg):
     """Of the azimuth of a baseline in space, whether it lies level in the body or not."""

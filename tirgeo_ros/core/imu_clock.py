@@ -109,7 +109,7 @@ class ImuClock:
         if a[0] != b[0]:
             return True
         c, d = sample.specific_force_b, newest.specific_force_b
-        return a.tolist() != b.tolist() or c.tolist() != d.tolist()
+        return bool(a.tolist() != b.tolist() or c.tolist() != d.tolist())
 
 
 def _jolts(newest: ImuSample, sample: ImuSample) -> bool:

@@ -25,8 +25,8 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     control = Control(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
         control = control.with_track(source, Track(alignment.stamp_ns, alignment.stamp_ns))
-    if Source.RTK_POSITION in alignment.sources:
-        control = control.heard(alignment.status, alignment.stamp_ns)
+    if alignment.rtk_status is not None:
+        control = control.heard(alignment.rtk_status, alignment.stamp_ns)
     if Source.GPS_POSITION in alignment.sources:
         # The GPS's slow error is the position's: truth - estimate is what the GPS is off, negated.
         known = covariance[GPS_ERROR, GPS_ERROR]
