@@ -25,6 +25,8 @@ from tirgeo_ros.core.strapdown import Vector
 from tirgeo_ros.core.timeline import Carried, Epoch, Record, between, put
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
+#: Measurements may be ahead of the IMU by this, however little delay is allowed for.
+_HOLD_NS = 200_000_000
 _NONE: list[Verdict] = []
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
@@ -38,7 +40,8 @@ class _Pause(NamedTuple):
 
     end_ns: int  # of the interval's last epoch
     order: tuple[int, int]  # of the last measurement in the belief
-    applied: int  # measurements of the interval in the belief
+    seen: tuple[int, int]  # order of the last measurement that was looked at
+    applied: int  # measurements of the interval that were looked at
     carried: Carried
 
 
@@ -92,11 +95,9 @@ class Ekf:
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
             reason = "older than max_delay_s or the alignment"
             return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
-        if stamp_ns > newest_ns + self._keep_ns:
+        if stamp_ns > newest_ns + max(self._keep_ns, _HOLD_NS):
             return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
         record = Record.of(sample, stale=stale)
-        if record.source is Source.GPS_VELOCITY and self._fusion.spare(sample, self.control):
-            return _STANDBY[record.source]  # what comes later cannot make it wanted
         if stamp_ns > newest_ns:
             return self._hold(record)
         index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
@@ -112,17 +113,14 @@ class Ekf:
 
     def _revised(self, index: int, record: Record) -> Verdict:
         """The verdict on a measurement in the interval that ends with an epoch."""
-        if self._pause is not None and self._pause.order > record.order:
+        if self._pause is not None and self._pause.seen > record.order:
             self._pause = None
         self._catch_up(index - 1)
-        control = self._epochs[index - 1].carried.control
-        if self._fusion.spare(record.sample, control):
-            # It changes nothing where it stands, so what comes after stays.
-            record.verdict = _STANDBY[record.source]
-            return record.verdict
-        self._done = min(self._done, index - 1)
+        done, self._done = self._done, index - 1
         self._catch_up(index)
         assert record.verdict is not None
+        if record.verdict.outcome is Outcome.STANDBY:
+            self._done = done  # it changes nothing, so what comes after stays
         return record.verdict
 
     def solution(self) -> NavSolution:
@@ -185,20 +183,25 @@ class Ekf:
             return
         pause = self._pause
         if pause is None or pause.end_ns != end.stamp_ns:
-            pause = _Pause(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
+            begin = (start.stamp_ns, 0)
+            pause = _Pause(end.stamp_ns, begin, begin, 0, start.carried)
         carried, now_ns = pause.carried, pause.order[0]
         for record in end.records[pause.applied :]:
-            carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
-            now_ns = record.stamp_ns
-            carried = self._applied(record, carried, between(start, end, now_ns)[1])
-            pause = _Pause(end.stamp_ns, record.order, pause.applied + 1, carried)
+            order = pause.order
+            if self._fusion.spare(record.sample, carried.control):
+                self._tell(record, _STANDBY[record.source])
+            else:
+                carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
+                now_ns, order = record.stamp_ns, record.order
+                carried = self._applied(record, carried, between(start, end, now_ns)[1])
+            pause = _Pause(end.stamp_ns, order, record.order, pause.applied + 1, carried)
         self._pause = pause
-        end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
+        if now_ns == start.stamp_ns:
+            end.carried = self._mechanisation.whole(carried, start, end)
+        else:
+            end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
 
     def _applied(self, record: Record, carried: Carried, rate_b: Vector) -> Carried:
-        if self._fusion.spare(record.sample, carried.control):
-            record.verdict = _STANDBY[record.source]
-            return carried
         belief = self._mechanisation.followed(carried).belief
         x, y, z = belief.state.gyro_bias_b
         verdict, belief = self._fusion.fuse(
@@ -207,10 +210,14 @@ class Ekf:
             (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
             stale=record.stale,
         )
+        self._tell(record, verdict)
+        return Carried(*belief)
+
+    def _tell(self, record: Record, verdict: Verdict) -> None:
+        """Note a verdict; the first on a measurement that was held is given out."""
         if record.held and record.verdict is None:
             self._resolved.append(verdict)
         record.verdict = verdict
-        return Carried(*belief)
 
     def _forget(self) -> None:
         """Drop what no measurement can reach any more.

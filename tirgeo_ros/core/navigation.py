@@ -80,10 +80,11 @@ class Navigation:
         self._delay_ns |= dict.fromkeys(_GPS, round(config.gps.delay_s * 1e9))
         self._health = Health(config)
         self._counts: Counter[tuple[Source, Outcome]] = Counter()
-        self._resets: Counter[Source] = Counter()
+        self._resets: Counter[Source] = Counter()  # of the filters before this one
         self._last_reset = ""
         self._test_ratios: dict[Source, float] = {}
         self._plane = _configured_plane(config)
+        self._ekf: Ekf | None = None
         self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
         self.reset()
 
@@ -95,7 +96,8 @@ class Navigation:
 
     def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
         """Forget the state, but for what is known of the IMU."""
-        self._ekf: Ekf | None = None
+        self._resets, self._last_reset = self._reset_counts()
+        self._ekf = None
         self._why_again, self._lost = why, lost
         use_heading = self._config.method == "ekf_heading"
         self._aligner = Aligner(self._config, use_heading=use_heading, prior=prior)
@@ -149,6 +151,7 @@ class Navigation:
         """Where the estimator stands."""
         state, reason = self._state()
         self._enter(state)
+        resets, last_reset = self._reset_counts()
         return NavigationStatus(
             self._config.method,
             state,
@@ -158,9 +161,18 @@ class Navigation:
             {(a.value, b.value): number for (a, b), number in self._counts.items()},
             {source.value: ratio for source, ratio in self._test_ratios.items()},
             (self._now_ns - self._entered[1]) * 1e-9,
-            {source.value: number for source, number in self._resets.items()},
-            self._last_reset,
+            {source.value: number for source, number in resets.items()},
+            last_reset,
         )
+
+    def _reset_counts(self) -> tuple[Counter[Source], str]:
+        """Of this filter and those before it, and the newest."""
+        if self._ekf is None:
+            return self._resets, self._last_reset
+        control = self._ekf.control
+        counts = Counter({s: n for s, n in zip(AIDS, control.resets, strict=True) if n})
+        last = str(control.last_reset) if control.last_reset else self._last_reset
+        return self._resets + counts, last
 
     def _enter(self, state: FilterState) -> None:
         if state is not self._entered[0] or self._now_ns < self._entered[1]:
@@ -286,13 +298,10 @@ class Navigation:
         return solution
 
     def _count(self, verdict: Verdict) -> None:
-        source, outcome, reason, ratio, _ = verdict
+        source, outcome, _, ratio, _ = verdict
         self._counts[source, outcome] += 1
         if not math.isnan(ratio):
             self._test_ratios[source] = ratio
-        if outcome is Outcome.RESET:
-            self._resets[source] += 1
-            self._last_reset = reason
 
 
 def _configured_plane(config: EkfConfig) -> TangentPlane | None:

@@ -7,12 +7,12 @@ from enum import Enum
 from itertools import pairwise
 
 from tirgeo_ros.core.aiding.belief import Aiding, source_of
-from tirgeo_ros.core.samples import HeadingSample, PositionSample, Source, VelocitySample
+from tirgeo_ros.core.samples import HeadingSample, Source, VelocitySample
 
 #: A receiver that says the same for longer means it (a test bench, an aircraft at rest).
-_LONGEST_INTERVAL_NS = 1_000_000_000
-#: Of the receiver's interval: within it the same value is the same measurement.
-_SHARE = 0.75
+_LONGEST_NS = 900_000_000
+#: Of the receiver's interval: within it the same heading is the same measurement.
+_SHARE = 0.95
 
 
 class Same(Enum):
@@ -26,35 +26,36 @@ class Same(Enum):
 class Repeats:
     """Compares each measurement with the one before of its source.
 
-    A heading in whole degrees says the same twice with good reason, a position hardly ever. How
-    often a receiver measures is therefore learned from its positions' changes.
+    A position or velocity never says the same twice to all digits. A heading in whole degrees
+    does: how often the receiver measures is therefore learned from its positions' changes.
     """
 
     def __init__(self) -> None:
         self._newest: dict[Source, tuple[int, tuple[float, ...]]] = {}
-        self._changes: dict[bool, deque[int]] = {True: deque(maxlen=8), False: deque(maxlen=8)}
+        self._changes_ns: deque[int] = deque(maxlen=8)  # of RTK positions
 
     def compared(self, sample: Aiding) -> Same:
         """What a sample has in common with the one before."""
         source, value = source_of(sample), _value(sample)
-        rtk = source not in {Source.GPS_POSITION, Source.GPS_VELOCITY}
         known = self._newest.get(source)
         same = Same.NOTHING
         if known is not None and known[1] == value:
             apart_ns = abs(sample.stamp_ns - known[0])
-            if 0 < apart_ns < _SHARE * self._interval_ns(rtk=rtk):
+            heading = isinstance(sample, HeadingSample)
+            if 0 < apart_ns < (self._interval_ns() if heading else _LONGEST_NS):
                 return Same.MEASUREMENT
             same = Same.VALUE
-        elif isinstance(sample, PositionSample):
-            self._changes[rtk].append(sample.stamp_ns)
+        elif source is Source.RTK_POSITION:
+            self._changes_ns.append(sample.stamp_ns)
         self._newest[source] = sample.stamp_ns, value
         return same
 
-    def _interval_ns(self, *, rtk: bool) -> int:
-        """The shortest time between the newest changes of a receiver's position."""
-        stamps = sorted(self._changes[rtk])
-        steps = [b - a for a, b in pairwise(stamps) if b > a]
-        return min([*steps, _LONGEST_INTERVAL_NS])
+    def _interval_ns(self) -> float:
+        """Within this after a heading, the same heading is no new one."""
+        stamps = sorted(self._changes_ns)
+        steps = sorted(b - a for a, b in pairwise(stamps))
+        usual_ns = steps[len(steps) // 2] if steps else _LONGEST_NS
+        return min(_SHARE * usual_ns, _LONGEST_NS)
 
 
 def _value(sample: Aiding) -> tuple[float, ...]:

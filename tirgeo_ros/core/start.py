@@ -24,9 +24,9 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
         covariance[HEADING_ERROR, HEADING_ERROR] = math.radians(config.heading.bias_sigma_deg) ** 2
     control = Control(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
-        control = control.with_track(source, Track(alignment.stamp_ns, alignment.stamp_ns))
+        control = control.with_track(source, Track(alignment.stamp_ns))
     if alignment.rtk_status is not None:
-        control = control.heard(alignment.rtk_status, alignment.stamp_ns)
+        control = control.heard(alignment.rtk_status, alignment.stamp_ns, 0)
     if Source.GPS_POSITION in alignment.sources:
         # The GPS's slow error is the position's: truth - estimate is what the GPS is off, negated.
         known = covariance[GPS_ERROR, GPS_ERROR]

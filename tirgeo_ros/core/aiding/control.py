@@ -46,7 +46,7 @@ class Track(NamedTuple):
     """One aid's record."""
 
     used_ns: int = NEVER_NS
-    since_ns: int = NEVER_NS  # from when on it has been used without a long silence
+    agreed_ns: int = 0  # for how long it has been used, without silences and refusals
     ease: int = 0  # steps still to go
     run: Run | None = None
     mean_rad: float = 0.0  # of the newest innovations of headings, used or not
@@ -57,8 +57,10 @@ class Track(NamedTuple):
 
     def used(self, now_ns: int, timeout_ns: int) -> Track:
         """The record after a use."""
-        begun_ns = self.since_ns if self.recent(now_ns, timeout_ns) else now_ns
-        return Track(now_ns, begun_ns, max(self.ease - 1, 0), None, self.mean_rad)
+        agreed_ns = self.agreed_ns
+        if self.run is None and self.recent(now_ns, timeout_ns):
+            agreed_ns += now_ns - self.used_ns
+        return Track(now_ns, agreed_ns, max(self.ease - 1, 0), None, self.mean_rad)
 
     def refused(self, now_ns: int, innovation: tuple[float, ...], slack: float) -> Track:
         """The record after a refusal; it joins the run where it is within ``slack`` of it."""
@@ -128,9 +130,10 @@ class Control(NamedTuple):
         """What the receiver last said of its fix, if it was lately."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
-    def heard(self, status: FixStatus, now_ns: int) -> Control:
+    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> Control:
         """The receiver has told its status."""
-        fixed, was_fixed = status is FixStatus.FIXED, self.status is FixStatus.FIXED
+        fixed = status is FixStatus.FIXED
+        was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
         told = self._replace(status=status, status_ns=now_ns, fixed_since_ns=begun_ns)
         if not fixed or was_fixed or self.status is None:
@@ -147,7 +150,7 @@ class Control(NamedTuple):
         stamps = self.reset_ns
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
             stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
-        return self.with_track(source, Track(now_ns, now_ns))._replace(
+        return self.with_track(source, Track(now_ns))._replace(
             resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
         )
 

@@ -75,10 +75,13 @@ class Fusion:
             if sample.status < FixStatus.SINGLE:
                 return not_fixed(sample.source, sample.status), belief
             return self._gps_position.aid(sample, belief), belief
-        belief = belief._replace(control=belief.control.heard(sample.status, sample.stamp_ns))
+        belief = belief._replace(control=self._heard(sample, belief.control))
         if sample.status < FixStatus.FLOAT:
             return not_fixed(sample.source, sample.status), belief
         return self._rtk_position.aid(sample, belief)
+
+    def _heard(self, sample: PositionSample, control: Control) -> Control:
+        return control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
 
     def _velocity(
         self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector

@@ -53,7 +53,8 @@ class GpsPosition:
 
     def aid(self, sample: PositionSample, belief: Belief) -> Aid:
         """The measurement of a position with its slow error in it."""
-        state, error = belief.state, belief.control.receivers.gps_error_n
+        state = belief.state
+        error = self._error_at(belief.control, sample.stamp_ns)
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
         innovation = innovation_n(state, sample, added(lever_n, error))
         design = position_design(self._states, lever_n, gps=True)
@@ -65,9 +66,13 @@ class GpsPosition:
         return Aid(sample.source, sample.stamp_ns, measurement, invariant, _SLACK_M)
 
     def learned(self, control: Control, stamp_ns: int, error: Array) -> Vector:
-        """The estimated error (NED m) after an update; it fades with its correlation time."""
+        """The estimated error (NED m) after an update."""
+        x, y, z = error[GPS_ERROR].tolist()
+        return added(self._error_at(control, stamp_ns), (x, y, z))
+
+    def _error_at(self, control: Control, stamp_ns: int) -> Vector:
+        """The estimated error fades with its correlation time."""
         passed_s = (stamp_ns - control.receivers.stamp_ns) * 1e-9
         fade = math.exp(-passed_s / self._gps.position_time_s)
         north, east, down = control.receivers.gps_error_n
-        x, y, z = error[GPS_ERROR].tolist()
-        return north * fade + x, east * fade + y, down * fade + z
+        return north * fade, east * fade, down * fade

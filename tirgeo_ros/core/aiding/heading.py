@@ -11,6 +11,7 @@ from tirgeo_ros.core.aiding.belief import Aid, Belief
 from tirgeo_ros.core.aiding.control import Control, Track
 from tirgeo_ros.core.config import EkfConfig, HeadingConfig
 from tirgeo_ros.core.error_state import HEADING_ERROR, states_of
+from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, HeadingSample, Source
@@ -36,6 +37,12 @@ class Baseline(NamedTuple):
             return cls((math.cos(offset_rad), math.sin(offset_rad), 0.0), 0.0)
         x, y, z = flu_from_frd(np.array(config.baseline_m)).tolist()
         length = math.hypot(x, y, z)
+        if not math.hypot(x, y) > _LEAST_HORIZONTAL * length:
+            given = list(config.baseline_m)
+            raise ConfigError(
+                f"parameter heading.baseline_m: {given} has no horizontal part to take a heading "
+                "from: give the second antenna's place from the first (forward, left, up)"
+            )
         return cls((x / length, y / length, z / length), offset_rad - math.atan2(y, x))
 
 
@@ -100,7 +107,7 @@ class Headings:
 
     def aid(self, sample: HeadingSample, belief: Belief) -> Aid | None:
         """The measurement, or None where the baseline stands upright."""
-        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
+        reported = sample.heading_rad - self._error_at(belief.control, sample.stamp_ns)
         rotation = rotation_of(belief.state.q_nb)
         innovation, u = heading_innovation(rotation, reported, self._baseline)
         design = heading_design(self._states, u)
@@ -133,9 +140,15 @@ class Headings:
         return track._replace(mean_rad=mean), reason
 
     def learned(self, control: Control, stamp_ns: int, error: Array) -> float:
-        """The estimated slow error (rad) after an update; it fades with its correlation time."""
+        """The estimated slow error (rad) after an update."""
+        if self._states <= HEADING_ERROR:
+            return 0.0
+        return self._error_at(control, stamp_ns) + float(error[HEADING_ERROR])
+
+    def _error_at(self, control: Control, stamp_ns: int) -> float:
+        """The estimated slow error fades with its correlation time."""
         if self._states <= HEADING_ERROR:
             return 0.0
         passed_s = (stamp_ns - control.receivers.stamp_ns) * 1e-9
         fade = math.exp(-passed_s / self._heading.bias_time_s)
-        return control.receivers.heading_error_rad * fade + float(error[HEADING_ERROR])
+        return control.receivers.heading_error_rad * fade

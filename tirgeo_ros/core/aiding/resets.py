@@ -17,6 +17,7 @@ from tirgeo_ros.core.error_state import (
     ATTITUDE,
     GPS_ERROR,
     GYRO_BIAS,
+    HEADING_ERROR,
     POSITION,
     VELOCITY,
     feedback,
@@ -59,7 +60,7 @@ class Resets:
         if aid.source is Source.RTK_HEADING:
             # The longer the two have agreed, the less one contradiction says against the state.
             track = control.track(aid.source)
-            agreed_s = (track.used_ns - track.since_ns) * 1e-9
+            agreed_s = track.agreed_ns * 1e-9
             measurement = aid.measurement
             # Off by less than one heading's gate, it may as well be the gyroscopes.
             gate_rad = measurement.gate_sigma * math.sqrt(measurement.noise[0, 0])
@@ -83,7 +84,9 @@ class Resets:
         error[block] = innovation
         covariance[block, block] = noise
         if block is GPS_ERROR:
-            covariance[block, block] += covariance[POSITION, POSITION]
+            # Position and error together are as measured: what one is off, the other is, negated.
+            covariance[block, :] -= covariance[POSITION, :]
+            covariance[:, block] -= covariance[:, POSITION]
             north, east, down = innovation.tolist()
             n, e, d = control.receivers.gps_error_n
             receivers = control.receivers._replace(gps_error_n=(n + north, e + east, d + down))
@@ -105,6 +108,9 @@ class Resets:
         turn = float(aid.measurement.innovation[0])
         covariance = _untied(covariance, slice(2, 3))
         covariance[2, 2] = aid.measurement.noise[0, 0]
+        if len(covariance) > HEADING_ERROR:  # the heading and its error together are as measured
+            covariance[2, :] -= covariance[HEADING_ERROR, :]
+            covariance[:, 2] -= covariance[:, HEADING_ERROR]
         error = np.zeros(len(covariance))
         error[2] = turn
         if abs(turn) > _LARGE_TURN_RAD:
