@@ -78,26 +78,34 @@ def quat_from_matrix(matrix: Array) -> Array:
 def canonical(q: Array) -> Array:
     """The same rotation with unit norm and w >= 0."""
     q = np.asarray(q, float)
-    if q.ndim == 1:  # the same without array calls
-        w, x, y, z = q.tolist()
-        norm = math.copysign(math.sqrt(w * w + x * x + y * y + z * z), w)
-        return np.array([w, x, y, z]) / norm
+    if q.ndim == 1:
+        return _canonical(q.tolist())
     norms = np.copysign(np.sqrt((q * q).sum(-1, keepdims=True)), q[..., :1])
     return np.asarray(q / norms)
+
+
+def _canonical(q: list[float]) -> Array:
+    """``canonical`` of one quaternion, with fewer array calls."""
+    return np.array(q) / math.copysign(math.sqrt(_dot(q, q)), q[0])
 
 
 def quat_multiply(p: Array, q: Array) -> Array:
     """Hamilton product: ``R(p q) = R(p) R(q)``; (..., 4)."""
     p, q = np.asarray(p, float), np.asarray(q, float)
-    p0, p1, p2, p3 = _parts(p)
-    q0, q1, q2, q3 = _parts(q)
-    product = (
+    product = hamilton(_parts(p), _parts(q))
+    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
+
+
+def hamilton(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
+    """The entries of ``quat_multiply`` of w, x, y, z: floats, or arrays that fit each other."""
+    p0, p1, p2, p3 = p
+    q0, q1, q2, q3 = q
+    return (
         p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
         p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
         p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
         p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
     )
-    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
 
 
 def quat_conjugate(q: Array) -> Array:
@@ -183,12 +191,16 @@ def rotation_z(angle_rad: npt.ArrayLike) -> Array:
 def slerp(q0: Array, q1: Array, fraction: float) -> Array:
     """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
     start, end = q0.tolist(), q1.tolist()
-    cosine = sum(a * b for a, b in zip(start, end, strict=True))
+    cosine = _dot(start, end)
     sign = math.copysign(1.0, cosine)
     across = [sign * (b - cosine * a) for a, b in zip(start, end, strict=True)]
-    sine = math.sqrt(sum(part * part for part in across))
+    sine = math.sqrt(_dot(across, across))
     angle = math.atan2(sine, abs(cosine))
     # below 1e-8 sin(f a) / sin(a) is f to the last digit
     scale = math.sin(fraction * angle) / sine if sine > 1e-8 else fraction
     keep = math.cos(fraction * angle)
-    return canonical(np.array([keep * a + scale * b for a, b in zip(start, across, strict=True)]))
+    return _canonical([keep * a + scale * b for a, b in zip(start, across, strict=True)])
+
+
+def _dot(p: list[float], q: list[float]) -> float:
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import quat_conjugate, quat_multiply
+from tirgeo_ros.core.attitude import hamilton
 from tirgeo_ros.core.samples import Array, BodyPose, NavSolution
 
 SEMI_MAJOR_AXIS_M = 6378137.0
@@ -93,17 +93,20 @@ def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
     """``R_en`` (3, 3): local north, east, down to earth-fixed; Groves 2.150, transposed."""
     sl, cl = math.sin(latitude_rad), math.cos(latitude_rad)
     so, co = math.sin(longitude_rad), math.cos(longitude_rad)
-    return np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
+    flat = (-sl * co, -so, -cl * co, -sl * so, co, -cl * so, cl, 0.0, -sl)
+    return np.array(flat).reshape(3, 3)
 
 
-def quat_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
-    """``q_en`` (4,) of ``rotation_ecef_from_ned``.
+def quat_ecef_from_ned(
+    latitude_rad: float, longitude_rad: float
+) -> tuple[float, float, float, float]:
+    """``q_en`` (w, x, y, z) of ``rotation_ecef_from_ned``.
 
     It turns by the longitude about z, then by -(90 deg + latitude) about y.
     """
     so, co = math.sin(longitude_rad / 2), math.cos(longitude_rad / 2)
     sl, cl = math.sin(latitude_rad / 2 + math.pi / 4), math.cos(latitude_rad / 2 + math.pi / 4)
-    return np.array([co * cl, so * sl, -co * sl, so * cl])
+    return co * cl, so * sl, -co * sl, so * cl
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ class TangentPlane:
     height_m: float
     _origin_e: Array = field(init=False, repr=False, compare=False)
     _rotation_en: Array = field(init=False, repr=False, compare=False)
-    _q_ne: Array = field(init=False, repr=False, compare=False)
+    _q_ne: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Compute the origin and the axes in the earth-fixed frame once."""
@@ -123,8 +126,8 @@ class TangentPlane:
         object.__setattr__(self, "_origin_e", origin)
         rotation = rotation_ecef_from_ned(self.latitude_rad, self.longitude_rad)
         object.__setattr__(self, "_rotation_en", rotation)
-        q_en = quat_ecef_from_ned(self.latitude_rad, self.longitude_rad)
-        object.__setattr__(self, "_q_ne", quat_conjugate(q_en))
+        w, x, y, z = quat_ecef_from_ned(self.latitude_rad, self.longitude_rad)
+        object.__setattr__(self, "_q_ne", (w, -x, -y, -z))
 
     def ned_from_geodetic(
         self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
@@ -147,11 +150,12 @@ class TangentPlane:
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
-        q_ln = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude, longitude))
+        q_ln = hamilton(self._q_ne, quat_ecef_from_ned(latitude, longitude))
         place_e = _ecef(latitude, longitude, solution.height_m)
+        from_origin_e = [a - b for a, b in zip(place_e, self._origin_e.tolist(), strict=True)]
         return BodyPose(
             solution.stamp_ns,
-            np.dot(np.subtract(place_e, self._origin_e), self._rotation_en),
-            quat_multiply(q_ln, solution.q_nb),
+            np.dot(np.array(from_origin_e), self._rotation_en),
+            np.array(hamilton(q_ln, solution.q_nb.tolist())),
             np.dot(np.dot(both, solution.pose_covariance), both.T),
         )

@@ -130,8 +130,7 @@ class PoseHistory(Generic[P]):
 
     def add(self, pose: P) -> bool:
         """Take a pose; False, and counted, if it is not finite or turned by no unit quaternion."""
-        finite = _finite(pose.position_n) and _finite(pose.covariance)
-        if not (finite and _is_unit(attitude_of(pose))):
+        if not _is_sound(pose):
             self.invalid += 1
             return False
         self._history.put(pose.stamp_ns, pose)
@@ -151,13 +150,14 @@ def attitude_of(pose: BodyPose | CameraPose) -> Array:
     return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
 
 
-def _is_unit(q: Array) -> bool:
-    """Within what messages and sums leave of the unit length; false for NaN and infinity."""
-    return abs(float(np.vdot(q, q)) - 1) < 1e-3
-
-
-def _finite(array: Array) -> bool:
-    return math.isfinite(np.vdot(array, array))
+def _is_sound(pose: BodyPose | CameraPose) -> bool:
+    """Finite, and turned by a quaternion of unit length within what messages and sums leave."""
+    w, x, y, z = attitude_of(pose).tolist()
+    if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # nor is it for NaN and infinity
+        return False
+    # a sum, and one of squares, is finite only where every number in it is
+    squares = np.vdot(pose.covariance, pose.covariance)
+    return math.isfinite(sum(pose.position_n.tolist())) and math.isfinite(squares)
 
 
 def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:

@@ -47,6 +47,10 @@ from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
 
 #: Errors count from here on: the filter has learned its biases.
 SETTLED_S = 20.0
+_FIRST_HEADING_DEG = 20.0
+#: Headings are reported in whole degrees. Their noise depends on where between two of them the
+#: heading stands, so flights begin at places that cover a degree evenly.
+_GOLDEN = 0.5 * (math.sqrt(5) - 1)
 _END_NS = 100_000_000
 _JUDGED = (Outcome.USED, Outcome.GATED)
 _SOURCES = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
@@ -114,6 +118,7 @@ def fly_case(case: Case, **values: object) -> Flown:
         scenario_from(
             {
                 "route.shape": case.shape,
+                "route.heading_deg": _FIRST_HEADING_DEG + case.seed * _GOLDEN % 1.0,
                 "imu.rate_hz": case.imu_rate_hz,
                 "duration_s": case.duration_s,
             }

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.attitude import (
+    euler_from_quat,
     matrix_from_quat,
     quat_from_matrix,
     quat_multiply,
     rotvec_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.geodesy import (
     EARTH_RATE_RAD_S,
@@ -20,6 +22,8 @@ from tirgeo_ros.core.geodesy import (
     gravity_down,
     rotation_ecef_from_ned,
 )
+from tirgeo_ros.core.samples import HeadingSample, Source
+from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.trajectory import Trajectory
 
@@ -72,9 +76,23 @@ def integrate(trajectory, duration_s, step_s):
     )
 
 
-@pytest.mark.parametrize("shape", ["lawnmower", "hover", "figure_eight"])
-def test_integrating_the_perfect_imu_gives_the_trajectory_back(shape):
-    scenario = scenario_from({"route.shape": shape, "duration_s": 40.0})
+@pytest.mark.parametrize(
+    ("shape", "site"),
+    [
+        ("lawnmower", (39.85, 116.70, 11.5)),
+        ("hover", (39.85, 116.70, 11.5)),
+        ("figure_eight", (39.85, 116.70, 11.5)),
+        ("figure_eight", (-45.0, 170.5, 300.0)),
+        ("lawnmower", (-17.0, 179.9999, 5.0)),  # over the antimeridian
+        ("lawnmower", (80.0, 20.0, 100.0)),
+        ("lawnmower", (-89.0, 20.0, 2800.0)),
+        ("figure_eight", (31.5, 35.5, -400.0)),
+    ],
+)
+def test_integrating_the_perfect_imu_gives_the_trajectory_back(shape, site):
+    names = ("site.latitude_deg", "site.longitude_deg", "site.ground_height_m")
+    values = {"route.shape": shape, "duration_s": 40.0, **dict(zip(names, site, strict=True))}
+    scenario = scenario_from(values)
     position, velocity, attitude = integrate(Trajectory(scenario, 7), 40.0, 0.02)
     # Truncation of order four at 0.02 s is below a micrometre per second of manoeuvre, rounding
     # of earth-fixed coordinates (6e6 m) 1e-9 m a step; Coriolis left out would be decimetres.
@@ -128,3 +146,33 @@ def test_heading_is_unwrapped_course_of_a_straight_leg():
     course = math.atan2(motion.velocity_p[0, 1], motion.velocity_p[0, 0])
     assert math.degrees(motion.heading_rad[0]) == pytest.approx(60.0, abs=1e-9)
     assert math.degrees(course) == pytest.approx(60.0, abs=3.0)  # slips of 0.1 m/s in 3 m/s
+
+
+def test_what_the_receiver_says_is_true_beside_the_antimeridian_and_the_pole():
+    """Without noise: longitudes within 180 degrees, headings from true north at the aircraft."""
+    values = {
+        "site.latitude_deg": 89.0,
+        "site.longitude_deg": 179.9999,  # 2 m west of the antimeridian
+        "duration_s": 20.0,
+        "route.heading_deg": 90.0,
+        "imu.rate_hz": 50.0,
+        "rtk.position_sigma_m": (0.0, 0.0, 0.0),
+        "rtk.lever_arm_m": (0.0, 0.0, 0.0),
+        "heading.sigma_deg": 0.0,
+        "heading.step_deg": 0.0,
+    }
+    flown = fly(scenario_from(values))
+    truth = {stamp: k for k, stamp in enumerate(flown.truth.stamp_ns)}
+    fixes = [s for _, s in flown.samples if getattr(s, "source", None) is Source.RTK_POSITION]
+    assert max(s.longitude_rad for s in fixes) <= math.pi
+    assert min(s.longitude_rad for s in fixes) < -3.14
+    for fix in fixes:
+        k = truth[fix.stamp_ns]
+        apart = wrap_pi(fix.longitude_rad - flown.truth.longitude_rad[k])
+        assert apart == pytest.approx(0.0, abs=1e-14)
+        assert fix.latitude_rad == pytest.approx(flown.truth.latitude_rad[k], abs=1e-15)
+    headings = [s for _, s in flown.samples if isinstance(s, HeadingSample)]
+    for sample in headings:
+        true = euler_from_quat(flown.truth.q_nb[truth[sample.stamp_ns]])[2]
+        # 42 m east there, meridians have turned by 0.02 deg.
+        assert wrap_pi(sample.heading_rad - true) == pytest.approx(0.0, abs=1e-12)

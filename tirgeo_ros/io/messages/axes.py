@@ -53,4 +53,6 @@ def covariance_turned_world(covariance: Array, size: int) -> Array:
     ``size`` is 3 or 6. Takes any shape of ``size * size`` numbers.
     """
     source, sign = _WORLD[size]
-    return np.asarray(np.asarray(covariance).take(source) * sign)
+    turned: Array = np.asarray(covariance).take(source)
+    turned *= sign
+    return turned

@@ -264,6 +264,13 @@ def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:
 def _velocity_covariance(solution: NavSolution, axes_n: tuple[Vector, Vector, Vector]) -> Array:
     """(3, 3) of the velocity along body axes; along ``a`` it errs by ``a . (dv + [v x] phi)``."""
     velocity_n = tuple(solution.velocity_n.tolist())
-    partials = np.array([cross(axis, velocity_n) + axis for axis in axes_n])
+    forward, left, up = axes_n
+    rows = (
+        *(cross(forward, velocity_n) + forward),
+        *(cross(left, velocity_n) + left),
+        *(cross(up, velocity_n) + up),
+    )
+    partials = np.array(rows).reshape(3, 6)
     # np.dot rather than @: the same product at half the price for matrices this small.
-    return np.asarray(np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T))
+    turned: Array = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
+    return turned

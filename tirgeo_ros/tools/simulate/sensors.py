@@ -14,6 +14,7 @@ import numpy as np
 from tirgeo_ros.core.attitude import (
     euler_from_matrix,
     quat_from_euler,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.geodesy import radii_of_curvature
@@ -122,13 +123,18 @@ def imu_samples(
     draws = white * rng.standard_normal((2, *force.shape))
     rate = rate + bias.gyro_b + draws[0] * np.array(noise.angle_random_walk)
     force = force + bias.accel_b + draws[1] * np.array(noise.velocity_random_walk)
-    lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
-    rotation_nb = local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb
+    rotation_nb = _rotation_nb(trajectory, motion)
     q_nb = quat_from_euler(*pilot.euler_rad(motion, rotation_nb).T)
     return [
         (stamp, ImuSample(stamp, f, w, q))
         for stamp, f, w, q in zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
     ]
+
+
+def _rotation_nb(trajectory: Trajectory, motion: Motion) -> Array:
+    """(N, 3, 3) body to north, east, down at the aircraft; near a pole the site's differ."""
+    lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
+    return np.asarray(local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb)
 
 
 def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
@@ -149,7 +155,7 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
         (Source.RTK_POSITION, Source.RTK_VELOCITY),
         FixStatus.FIXED,
     )
-    headings = _headings(scenario, seed, motion, epochs)
+    headings = _headings(scenario, seed, _rotation_nb(trajectory, motion), epochs)
     return [
         (sample.stamp_ns + delay_ns, sample)
         for epoch in zip(*fixes, headings, strict=True)
@@ -158,14 +164,14 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
 
 
 def _headings(
-    scenario: Scenario, seed: int, motion: Motion, epochs: Epochs
+    scenario: Scenario, seed: int, rotation_nb: Array, epochs: Epochs
 ) -> list[HeadingSample]:
     """White noise, then whole steps, of the direction in which the baseline points."""
     config = scenario.heading
     offset = math.radians(config.offset_deg)
     baseline_b = np.array([math.cos(offset), math.sin(offset), 0.0])
-    baseline_p = motion.rotation_pb @ baseline_b
-    heading_deg = np.degrees(np.arctan2(baseline_p[:, 1], baseline_p[:, 0]))
+    baseline_n = rotation_nb @ baseline_b
+    heading_deg = np.degrees(np.arctan2(baseline_n[:, 1], baseline_n[:, 0]))
     noise = generator(seed, "rtk heading").standard_normal(len(heading_deg))
     heading_deg = heading_deg + config.sigma_deg * noise
     if config.step_deg > 0:
@@ -241,6 +247,6 @@ def _shifted(lat: Array, lon: Array, height: Array, error_n: Array) -> tuple[Arr
     meridian, transverse = radii_of_curvature(float(lat[0]))
     return (
         lat + error_n[:, 0] / (meridian + height),
-        lon + error_n[:, 1] / ((transverse + height) * np.cos(lat)),
+        wrap_pi(lon + error_n[:, 1] / ((transverse + height) * np.cos(lat))),
         height - error_n[:, 2],
     )
