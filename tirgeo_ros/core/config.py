@@ -147,7 +147,7 @@ class HeadingConfig:
         0.6, "smallest standard deviation believed of a heading", unit="deg", low=1e-3, high=180
     )
     gate_sigma: float = param(
-        5.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
+        4.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )
     baseline_m: tuple[float, ...] = param(
         (),

@@ -7,10 +7,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import CovariancePropagation
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.strapdown import Vector, propagate
+from tirgeo_ros.core.error_state import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    CovariancePropagation,
+)
+from tirgeo_ros.core.strapdown import Vector, propagate, rotate, rotation_of
 from tirgeo_ros.core.timeline import Carried, Epoch, between
 
 #: The state is never carried further than this in one step.
@@ -20,8 +26,8 @@ _COVARIANCE_STEP_S = 0.0395
 #: An interval longer than that of the slowest IMU, with jitter, has lost samples.
 _LOST_SAMPLES_S = 0.035
 #: What an aircraft may do unseen in such an interval, beyond what the samples around it say.
-_UNSEEN_RATE_RAD_S = 0.05
-_UNSEEN_FORCE_M_S2 = 0.3
+_UNSEEN_RATE_RAD_S = 0.03
+_UNSEEN_FORCE_M_S2 = 0.2
 #: Standard deviation of what is even between nothing and all.
 _DOUBT = 0.58
 
@@ -79,25 +85,20 @@ class Mechanisation:
     def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
         """Less certain by what may have happened between two samples that are far apart.
 
-        Also, the interval may be none: a clock that was set forward looks the same.
+        Also, the interval may be none: a clock that was set forward looks the same. Whether the
+        motion across it took place is then as uncertain as anything between nothing and all.
         """
         state, covariance, control = self.followed(carried)[:3]
-        before, gap_s = start.carried.state, end.step_s
-        change = math.dist(before.velocity_n, state.velocity_n)
-        sigmas = (
-            gap_s * (0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S)
-            + _DOUBT * gap_s * math.hypot(*end.mean_rate_b),
-            gap_s * (0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2)
-            + _DOUBT * change,
-            0.5 * gap_s * gap_s * _UNSEEN_FORCE_M_S2
-            + _DOUBT * gap_s * math.hypot(*state.velocity_n),
-        )
-        return Carried(state, _widened(covariance, sigmas), control)
-
-
-def _widened(covariance: Array, sigmas: tuple[float, float, float]) -> Array:
-    """With more variance in each axis of attitude, velocity and position."""
-    covariance = covariance.copy()
-    for place in range(9):
-        covariance[place, place] += sigmas[place // 3] ** 2
-    return covariance
+        covariance, before, gap_s = covariance.copy(), start.carried.state, end.step_s
+        rate = 0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S
+        force = 0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2
+        turn = rotate(rotation_of(state.q_nb), end.mean_rate_b)
+        change = np.subtract(state.velocity_n, before.velocity_n)
+        for block, sigma, motion in (
+            (ATTITUDE, rate * gap_s, gap_s * np.array(turn)),
+            (VELOCITY, force * gap_s, change),
+            (POSITION, 0.5 * force * gap_s * gap_s, gap_s * np.array(state.velocity_n)),
+        ):
+            doubt = _DOUBT**2 * np.outer(motion, motion)
+            covariance[block, block] += sigma * sigma * np.eye(3) + doubt
+        return Carried(state, covariance, control)

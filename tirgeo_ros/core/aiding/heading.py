@@ -21,6 +21,7 @@ from tirgeo_ros.core.strapdown import Rotation, Vector, rotate, rotation_of
 _LEAST_HORIZONTAL = 0.25
 #: Of the newest innovation in the running mean: the mean is one of about twenty.
 _MEAN_SHARE = 0.1
+_MEAN_GATE_SIGMA = 5.0
 
 
 class Baseline(NamedTuple):
@@ -129,13 +130,12 @@ class Headings:
         One heading that is off by less than the gate passes; the mean of many that are off by as
         much is far outside of what the mean of good ones can be.
         """
-        noise, sigmas = float(measurement.noise[0, 0]), measurement.gate_sigma
-        own = float(predicted[0, 0])
-        largest = sigmas * math.sqrt(own + noise)
+        noise, own = float(measurement.noise[0, 0]), float(predicted[0, 0])
+        largest = measurement.gate_sigma * math.sqrt(own + noise)
         off = min(max(float(measurement.innovation[0]), -largest), largest)
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
-        if not reason and abs(mean) > sigmas * scatter:
+        if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
             reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
         return track._replace(mean_rad=mean), reason
 
