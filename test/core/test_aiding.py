@@ -20,6 +20,7 @@ from tirgeo_ros.core.aiding.velocity import Velocities
 from tirgeo_ros.core.attitude import quat_from_euler
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, feedback, states_of
+from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import (
@@ -58,10 +59,10 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
 
 def belief_of(state: NavState, states: int = 18, covariance=None) -> Belief:
     """RTK fixed and its position, velocity and heading used just now, for long."""
-    control = Control(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0)
-    control = control.heard(FixStatus.FIXED, NOW_NS)
+    control = Control(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
+    control = control.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
     for source in (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING):
-        control = control.with_track(source, Track(NOW_NS, 0))
+        control = control.with_track(source, Track(NOW_NS, NOW_NS))
     return Belief(state, np.eye(states) if covariance is None else covariance, control)
 
 
@@ -248,6 +249,13 @@ def test_baseline_of_the_parameters():
     length = math.sqrt(1 + 0.25 + 0.0625)
     assert found.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
     assert found.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
+
+
+@pytest.mark.parametrize("baseline_m", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.1, 0.0, -1.0)])
+def test_baseline_without_a_horizontal_part_is_refused(baseline_m):
+    config = config_of(heading__baseline_m=baseline_m)
+    with pytest.raises(ConfigError, match=r"heading\.baseline_m: .* no horizontal part"):
+        Baseline.from_config(config.heading)
 
 
 def test_upright_baseline_has_no_heading():

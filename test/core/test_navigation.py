@@ -421,24 +421,24 @@ def test_resets_that_do_not_help_end_in_lost_and_a_new_start():
 def test_time_in_a_state():
     flown = flight(duration_s=DURATION_S)
     navigation = Navigation(config_for(flown))
+    newest_ns = 0
     for sample in navigation_samples(flown):
         begun = navigation.status().state is FilterState.RUNNING
         navigation.process(sample)
+        newest_ns = sample.stamp_ns if isinstance(sample, ImuSample) else newest_ns
         status = navigation.status()
         if status.state is FilterState.RUNNING and not begun:
-            begun_ns = sample.stamp_ns
-            assert status.state_s == pytest.approx(0.0, abs=0.02)  # samples are 10 ms apart
+            begun_ns = newest_ns
+            assert status.state_s == 0.0
     passed_s = (flown.truth.stamp_ns[-1] - begun_ns) * 1e-9
-    assert status.state_s == pytest.approx(passed_s, abs=0.02)
+    assert status.state_s == pytest.approx(passed_s, abs=1e-6)
 
 
 def test_stamps_at_arrival_with_their_delay_are_stamps_of_measurement():
     """All stamped 80 ms late, and delay_s of that: the same solutions to the last bit."""
     flown = flight(duration_s=DURATION_S)
     delayed = [
-        replace(s, stamp_ns=s.stamp_ns + 80_000_000)
-        if not isinstance(s, ImuSample)
-        else s
+        replace(s, stamp_ns=s.stamp_ns + 80_000_000) if not isinstance(s, ImuSample) else s
         for s in navigation_samples(flown)
     ]
     timely = solutions(flown, config_for(flown))
