@@ -38,6 +38,10 @@ def ns(seconds: float) -> int:
     return 1000 * SECOND_NS + round(seconds * SECOND_NS)
 
 
+def heard(control: Control, t_s: float, status=FixStatus.FIXED) -> Control:
+    return control.heard(status, ns(t_s), TIMEOUT_NS)
+
+
 # One aid's record
 
 
@@ -192,9 +196,7 @@ def test_headings_go_on_where_they_were_used_lately():
     belief = belief._replace(control=belief.control.heard(FixStatus.FLOAT, ns(5.1), TIMEOUT_NS))
     stopped = fused(config, belief, heading(5.2))
     assert stopped.verdict.reason == "rtk/fix is not fixed"
-    belief = stopped.belief._replace(
-        control=stopped.belief.control.heard(FixStatus.FIXED, ns(5.3), TIMEOUT_NS)
-    )
+    belief = stopped.belief._replace(control=heard(stopped.belief.control, 5.3))
     assert fused(config, belief, heading(5.4)).verdict.used
 
 
@@ -224,9 +226,7 @@ def agreed(config, seconds: float) -> Belief:
     """A belief that headings of zero have confirmed for so long, five times a second."""
     belief = fixed_belief(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
-        belief = belief._replace(
-            control=belief.control.heard(FixStatus.FIXED, ns(0.2 * k), TIMEOUT_NS)
-        )
+        belief = belief._replace(control=heard(belief.control, 0.2 * k))
         found = fused(config, belief, heading(0.2 * k))
         assert found.verdict.used
         belief = with_sigma(found.belief)
@@ -242,9 +242,7 @@ def given_up_after(config, belief: Belief, start_s: float, degrees: float, limit
     """Seconds of contradiction until the state is set, or None."""
     for k in range(round(limit_s * 5) + 1):
         t_s = start_s + 0.2 * k
-        belief = belief._replace(
-            control=belief.control.heard(FixStatus.FIXED, ns(t_s), TIMEOUT_NS)
-        )
+        belief = belief._replace(control=heard(belief.control, t_s))
         found = fused(config, belief, heading(t_s, degrees))
         if found.verdict.outcome is Outcome.RESET:
             return 0.2 * k
@@ -275,9 +273,7 @@ def test_contradictions_that_do_not_agree_prove_nothing():
     belief = agreed(config, 10.0)
     for k in range(500):
         t_s = 10.2 + 0.2 * k
-        belief = belief._replace(
-            control=belief.control.heard(FixStatus.FIXED, ns(t_s), TIMEOUT_NS)
-        )
+        belief = belief._replace(control=heard(belief.control, t_s))
         found = fused(config, belief, heading(t_s, 60.0 + (37.0 * k) % 240.0))
         assert found.verdict.outcome is Outcome.GATED
         belief = found.belief
@@ -290,9 +286,7 @@ def test_one_chance_agreement_does_not_spend_the_trust():
     belief = agreed(config, 60.0)
     for k in range(25):  # the mean of the innovations is far away for a while
         t_s = 60.2 + 0.2 * k
-        belief = belief._replace(
-            control=belief.control.heard(FixStatus.FIXED, ns(t_s), TIMEOUT_NS)
-        )
+        belief = belief._replace(control=heard(belief.control, t_s))
         belief = fused(config, belief, heading(t_s, 90.0 if k < 10 else 0.0)).belief
         if belief.control.track(Source.RTK_HEADING).run is None and k > 10:
             break

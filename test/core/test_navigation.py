@@ -400,11 +400,11 @@ def test_resets_that_do_not_help_end_in_lost_and_a_new_start():
     start_ns = flown.truth.stamp_ns[0]
     navigation = Navigation(config_for(flown))
     seen = []
-    for sample in navigation_samples(flown):
-        t_s = (sample.stamp_ns - start_ns) * 1e-9
-        if getattr(sample, "source", None) is Source.RTK_POSITION and 4.0 < t_s < 12.0:
+    for given in navigation_samples(flown):
+        t_s, sample = (given.stamp_ns - start_ns) * 1e-9, given
+        if getattr(given, "source", None) is Source.RTK_POSITION and 4.0 < t_s < 12.0:
             side = -1 if int(t_s / 2.4) % 2 else 1
-            sample = replace(sample, height_m=sample.height_m + side * 20.0)  # noqa: PLW2901: its stand-in
+            sample = replace(given, height_m=given.height_m + side * 20.0)
         step = navigation.process(sample)
         state = navigation.status().state
         if not seen or seen[-1] is not state:
