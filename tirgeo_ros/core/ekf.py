@@ -40,8 +40,7 @@ class _Pause(NamedTuple):
 
     end_ns: int  # of the interval's last epoch
     order: tuple[int, int]  # of the last measurement in the belief
-    seen: tuple[int, int]  # order of the last measurement that was looked at
-    applied: int  # measurements of the interval that were looked at
+    applied: int  # measurements of the interval up to that one
     carried: Carried
 
 
@@ -113,15 +112,27 @@ class Ekf:
 
     def _revised(self, index: int, record: Record) -> Verdict:
         """The verdict on a measurement in the interval that ends with an epoch."""
-        if self._pause is not None and self._pause.seen > record.order:
+        if self._pause is not None and self._pause.order > record.order:
             self._pause = None
         self._catch_up(index - 1)
-        done, self._done = self._done, index - 1
+        control = self._control_before(index, record)
+        if control is not None and self._fusion.spare(record.sample, control):
+            record.verdict = _STANDBY[record.source]
+            return record.verdict  # it changes nothing, so what comes after stays
+        self._done = min(self._done, index - 1)
         self._catch_up(index)
         assert record.verdict is not None
-        if record.verdict.outcome is Outcome.STANDBY:
-            self._done = done  # it changes nothing, so what comes after stays
         return record.verdict
+
+    def _control_before(self, index: int, record: Record) -> Control | None:
+        """What the aids have done up to a record in an interval; None if it is not at hand."""
+        end, pause = self._epochs[index], self._pause
+        before = [r for r in end.records if r.order < record.order and r.applied]
+        if not before:
+            return self._epochs[index - 1].carried.control
+        if pause is not None and pause.order == before[-1].order:
+            return pause.carried.control
+        return None
 
     def solution(self) -> NavSolution:
         """The state at the newest IMU sample.
@@ -132,14 +143,16 @@ class Ekf:
         epoch = self._epochs[-1]
         state, covariance = epoch.carried[:2]
         rate_b, bias = epoch.rate_b, state.gyro_bias_b
+        turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
+        vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
         return NavSolution(
             epoch.stamp_ns,
             state.latitude_rad,
             state.longitude_rad,
             state.height_m,
-            np.array(state.velocity_n),
-            np.array(state.q_nb),
-            np.array((rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2])),
+            vectors[:3],
+            vectors[3:7],
+            vectors[7:],
             self._rate_variance_b(covariance),
             covariance.take(self._solution_entries),
         )
@@ -183,18 +196,16 @@ class Ekf:
             return
         pause = self._pause
         if pause is None or pause.end_ns != end.stamp_ns:
-            begin = (start.stamp_ns, 0)
-            pause = _Pause(end.stamp_ns, begin, begin, 0, start.carried)
+            pause = _Pause(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
         carried, now_ns = pause.carried, pause.order[0]
-        for record in end.records[pause.applied :]:
-            order = pause.order
+        for number, record in enumerate(end.records[pause.applied :], pause.applied + 1):
             if self._fusion.spare(record.sample, carried.control):
                 self._tell(record, _STANDBY[record.source])
-            else:
-                carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
-                now_ns, order = record.stamp_ns, record.order
-                carried = self._applied(record, carried, between(start, end, now_ns)[1])
-            pause = _Pause(end.stamp_ns, order, record.order, pause.applied + 1, carried)
+                continue
+            carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
+            now_ns = record.stamp_ns
+            carried = self._applied(record, carried, between(start, end, now_ns)[1])
+            pause = _Pause(end.stamp_ns, record.order, number, carried)
         self._pause = pause
         if now_ns == start.stamp_ns:
             end.carried = self._mechanisation.whole(carried, start, end)

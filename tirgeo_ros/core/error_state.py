@@ -216,7 +216,7 @@ def feedback(state: NavState, error: Array) -> NavState:
     v, c = state.velocity_n, state.correction_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
-        normalised(multiply(quaternion_of(*e[0:3]), state.q_nb)),
+        normalised(multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
         (v[0] + e[3], v[1] + e[4], v[2] + e[5]),
         latitude,
         state.longitude_rad + east / ((transverse + state.height_m) * cosine),

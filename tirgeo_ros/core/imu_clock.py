@@ -40,29 +40,31 @@ class ImuClock:
 
     def __init__(self, max_gap_s: float) -> None:
         self._max_gap_ns = round(max_gap_s * 1e9)
-        self._newest: ImuSample | None = None
+        self.newest_ns: int | None = None  # of the samples that were for use
+        self._force_b: list[float] = []
+        self._rate_b: list[float] = []
         self._held: ImuSample | None = None  # newest of the samples that did not go on
         self._odd_number = 0
         self._changed_ns = 0
         self._repeated = 0
         self._alive = 0
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Stamp of the newest sample that was for use."""
-        return None if self._newest is None else self._newest.stamp_ns
-
     def check(self, sample: ImuSample) -> Checked:
         """What to make of the next sample to come; its numbers must be finite."""
-        newest = self._newest
-        if newest is None:
-            return self._read(Checked(Outcome.USED, "", (sample,)))
-        ahead_ns = sample.stamp_ns - newest.stamp_ns
-        if abs(ahead_ns) <= self._max_gap_ns and _jolts(newest, sample):
+        newest_ns = self.newest_ns
+        force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
+        if newest_ns is None:
+            return self._read(Checked(Outcome.USED, "", (sample,)), force_b, rate_b)
+        ahead_ns = sample.stamp_ns - newest_ns
+        if abs(ahead_ns) <= self._max_gap_ns and (
+            math.dist(force_b, self._force_b) > _SPIKE_M_S2
+            or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
+        ):
             return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
-        if 0 < ahead_ns <= _HOLD_NS:
-            return self._read(Checked(Outcome.USED, "", (sample,)))
-        return self._odd(sample, newest.stamp_ns, ahead_ns)
+        checked = Checked(Outcome.USED, "", (sample,))
+        if not 0 < ahead_ns <= _HOLD_NS:
+            checked = self._odd(sample, newest_ns, ahead_ns)
+        return self._read(checked, force_b, rate_b) if checked.use else checked
 
     def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
         """A sample that does not follow the newest closely."""
@@ -77,44 +79,26 @@ class ImuClock:
                 reason = f"{ahead_s:.3f} s after the one before: the next decides"
                 return Checked(Outcome.WAITING, reason)
             if both[0].stamp_ns - newest_ns <= self._max_gap_ns:
-                return self._read(Checked(Outcome.USED, "", both))
+                return Checked(Outcome.USED, "", both)
             reason = f"no imu/data for {ahead_s:.3f} s"
-            return self._read(Checked(Outcome.GAP, reason, both, begins=True))
+            return Checked(Outcome.GAP, reason, both, begins=True)
         enough = 2 if -ahead_ns > _CLOCK_JUMP_NS else _BACK_NUMBER
         if -ahead_ns > self._max_gap_ns and self._odd_number >= enough:
             reason = f"imu/data went back by {-ahead_s:.3f} s"
-            return self._read(Checked(Outcome.TIME_JUMP, reason, both, begins=True))
+            return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
         return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
 
-    def _read(self, checked: Checked) -> Checked:
+    def _read(self, checked: Checked, force_b: list[float], rate_b: list[float]) -> Checked:
         """The same, unless a sensor whose readings used to change says the same for long."""
-        sample = checked.use[-1]
-        if self._changed(sample):
-            self._changed_ns, self._repeated = sample.stamp_ns, 0
-            self._alive = min(self._alive + 1, _ALIVE_NUMBER)
+        stamp_ns = checked.use[-1].stamp_ns
+        if force_b != self._force_b or rate_b != self._rate_b:
+            self._changed_ns, self._repeated = stamp_ns, 0
+            self._alive += 1
         else:
             self._repeated += 1
-            long = sample.stamp_ns - self._changed_ns >= _FROZEN_NS
+            long = stamp_ns - self._changed_ns >= _FROZEN_NS
             if self._alive >= _ALIVE_NUMBER and self._repeated >= _FROZEN_NUMBER and long:
                 return Checked(Outcome.REPEATED, "imu/data says the same again and again")
-        self._newest, self._held, self._odd_number = sample, None, 0
+        self.newest_ns, self._force_b, self._rate_b = stamp_ns, force_b, rate_b
+        self._held, self._odd_number = None, 0
         return checked
-
-    def _changed(self, sample: ImuSample) -> bool:
-        """Whether the readings differ from the newest's; one that does saves the others."""
-        newest = self._newest
-        if newest is None:
-            return True
-        a, b = sample.angular_rate_b, newest.angular_rate_b
-        if a[0] != b[0]:
-            return True
-        c, d = sample.specific_force_b, newest.specific_force_b
-        return bool(a.tolist() != b.tolist() or c.tolist() != d.tolist())
-
-
-def _jolts(newest: ImuSample, sample: ImuSample) -> bool:
-    a, b = sample.specific_force_b.tolist(), newest.specific_force_b.tolist()
-    if math.dist(a, b) > _SPIKE_M_S2:
-        return True
-    a, b = sample.angular_rate_b.tolist(), newest.angular_rate_b.tolist()
-    return math.dist(a, b) > _SPIKE_RAD_S

@@ -54,14 +54,10 @@ def update(covariance: Array, measurement: Measurement) -> Update:
         noise = noise + ease * predicted
         inverse = _inverse(predicted + noise)
         weighted = np.dot(inverse, innovation)
-    gain = np.dot(cross, inverse)
-    keep = np.dot(gain, design)
-    np.subtract(_identity(len(covariance)), keep, out=keep)
-    joseph = np.dot(np.dot(keep, covariance), keep.T)
-    joseph += np.dot(np.dot(gain, noise), gain.T)
-    joseph += joseph.T.copy()
-    joseph *= 0.5
-    return Update(ratio, np.dot(cross, weighted), joseph, predicted)
+    reduced = covariance - np.dot(np.dot(cross, inverse), cross.T)
+    reduced += reduced.T.copy()
+    reduced *= 0.5
+    return Update(ratio, np.dot(cross, weighted), reduced, predicted)
 
 
 @functools.lru_cache(maxsize=8)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.aiding.belief import Aiding, Belief, source_of
 from tirgeo_ros.core.aiding.control import PLACE, Control
-from tirgeo_ros.core.samples import Array, ImuSample, Source, Verdict
+from tirgeo_ros.core.samples import Array, ImuSample, Outcome, Source, Verdict
 from tirgeo_ros.core.strapdown import NavState, Rates, Vector
 
 
@@ -38,6 +38,11 @@ class Record:
     stale: bool = False  # it says what the one before said
     held: bool = False  # it came before the IMU reached it
     verdict: Verdict | None = None
+
+    @property
+    def applied(self) -> bool:
+        """Whether it has entered the belief, or tried to."""
+        return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
     @classmethod
     def of(cls, sample: Aiding, *, stale: bool = False) -> Record:
