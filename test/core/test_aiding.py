@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.aiding.fusion import Fusion, floored
-from tirgeo_ros.core.aiding.heading import azimuth, baseline_b, heading_measurement
-from tirgeo_ros.core.aiding.position import innovation_n, position_measurement
-from tirgeo_ros.core.aiding.velocity import velocity_measurement
+from tirgeo_ros.core.aiding.belief import Belief, floored
+from tirgeo_ros.core.aiding.control import Control, Receivers, Track
+from tirgeo_ros.core.aiding.fusion import Fusion
+from tirgeo_ros.core.aiding.gps import GpsPosition
+from tirgeo_ros.core.aiding.heading import Baseline, Headings
+from tirgeo_ros.core.aiding.position import RtkPosition, innovation_n
+from tirgeo_ros.core.aiding.velocity import Velocities
 from tirgeo_ros.core.attitude import quat_from_euler
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import STATES, feedback
+from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, feedback, states_of
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import (
@@ -26,15 +30,25 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import NavState, matrix, rotation_of
+from tirgeo_ros.core.strapdown import NavState, matrix, rotate, rotation_of
 
 LEVER_B = np.array([0.3, -0.4, -0.5])
+ARMS = {"rtk.lever_arm_m": (0.3, 0.4, 0.5), "gps.lever_arm_m": (0.3, 0.4, 0.5)}
 RATE_B = np.array([0.2, -0.1, 0.5])
+NOW_NS = 5_000_000_000
 #: Half steps: second-order terms of the models are lever (1 m) times step squared.
-STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
+STEPS = np.array(
+    [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4]
+)
 
 tilts = st.floats(-0.6, 0.6)
 headings = st.floats(-math.pi, math.pi)
+with_and_without_heading_error = pytest.mark.parametrize("bias_sigma_deg", [0.0, 2.0])
+
+
+def config_of(**values) -> EkfConfig:
+    given_ = {key.replace("__", "."): value for key, value in values.items()}
+    return config_from(EkfConfig, ARMS | given_)
 
 
 def state_of(roll: float, pitch: float, yaw: float) -> NavState:
@@ -42,112 +56,210 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
     return NavState(q, (3.0, -1.0, 0.2), 0.695, 2.04, 31.5, *[(0.0,) * 3] * 3)
 
 
-def position_of(state: NavState, shift_n: np.ndarray) -> PositionSample:
-    """The antenna's true place for a state, moved by a few metres."""
-    plane = TangentPlane(state.latitude_rad, state.longitude_rad, state.height_m)
-    place = matrix(rotation_of(state.q_nb)) @ LEVER_B + shift_n
-    lat, lon, height = (float(x) for x in plane.geodetic_from_ned(place))
-    return PositionSample(0, Source.RTK_POSITION, FixStatus.FIXED, lat, lon, height, np.eye(3))
+def belief_of(state: NavState, states: int = 18, covariance=None) -> Belief:
+    """RTK fixed and its position, velocity and heading used just now, for long."""
+    control = Control(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0)
+    control = control.heard(FixStatus.FIXED, NOW_NS)
+    for source in (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING):
+        control = control.with_track(source, Track(NOW_NS, 0))
+    return Belief(state, np.eye(states) if covariance is None else covariance, control)
 
 
-def differences(innovation, state: NavState) -> np.ndarray:
+def moved(belief: Belief, error: np.ndarray) -> Belief:
+    """The belief with an error of all its states put in, the receivers' too."""
+    north, east, down = belief.control.receivers.gps_error_n
+    x, y, z = error[GPS_ERROR]
+    heading = belief.control.receivers.heading_error_rad
+    if len(error) > HEADING_ERROR:
+        heading += error[HEADING_ERROR]
+    receivers = Receivers(NOW_NS, (north + x, east + y, down + z), heading)
+    control = belief.control._replace(receivers=receivers)
+    return Belief(feedback(belief.state, error), belief.covariance, control)
+
+
+def differences(innovation, belief: Belief) -> np.ndarray:
     """d(innovation)/d(error) by central differences: what H must be with the opposite sign."""
     columns = []
-    for index in range(STATES):
-        error = np.zeros(STATES)
+    states = len(belief.covariance)
+    for index in range(states):
+        error = np.zeros(states)
         error[index] = STEPS[index]
-        plus, minus = innovation(feedback(state, error)), innovation(feedback(state, -error))
+        plus, minus = innovation(moved(belief, error)), innovation(moved(belief, -error))
         columns.append((plus - minus) / (2 * STEPS[index]))
     return np.stack(columns, -1)
 
 
-@given(tilts, tilts, headings)
-def test_position_design(roll, pitch, yaw):
-    state = state_of(roll, pitch, yaw)
-    sample = position_of(state, np.array([1.0, 2.0, -3.0]))
-    innovation = innovation_n(state, sample, LEVER_B)
-    design = position_measurement(state, innovation, np.eye(3), LEVER_B, 5.0).design
-    numeric = differences(lambda s: innovation_n(s, sample, LEVER_B), state)
+def position_of(state: NavState, shift_n: np.ndarray, source=Source.RTK_POSITION):
+    """The antenna's true place for a state, moved by a few metres."""
+    plane = TangentPlane(state.latitude_rad, state.longitude_rad, state.height_m)
+    place = matrix(rotation_of(state.q_nb)) @ LEVER_B + shift_n
+    lat, lon, height = (float(x) for x in plane.geodetic_from_ned(place))
+    return PositionSample(NOW_NS, source, FixStatus.FIXED, lat, lon, height, np.eye(3))
+
+
+# Designs
+
+
+@with_and_without_heading_error
+@given(roll=tilts, pitch=tilts, yaw=headings)
+def test_position_design(bias_sigma_deg, roll, pitch, yaw):
+    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+    belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
+    sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]))
+    made = RtkPosition(config)
+    design = made.aid(sample, belief)[0].measurement.design
+    numeric = differences(lambda b: made.aid(sample, b)[0].measurement.innovation, belief)
     # Rounding of 1.4e-9 m over the step of 1e-4 rad gives 1e-5; metres to radians second order
     # in (3 m + 1 m) / 6.4e6 m.
     assert design == pytest.approx(-numeric, abs=3e-5)
+
+
+@with_and_without_heading_error
+@given(roll=tilts, pitch=tilts, yaw=headings)
+def test_gps_position_design(bias_sigma_deg, roll, pitch, yaw):
+    """As RTK's, with the slow error of the receiver in it."""
+    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+    error = np.zeros(states_of(config))
+    error[GPS_ERROR] = 0.5, -0.7, 2.0
+    belief = moved(belief_of(state_of(roll, pitch, yaw), states_of(config)), error)
+    sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]), Source.GPS_POSITION)
+    made = GpsPosition(config)
+    design = made.aid(sample, belief).measurement.design
+    numeric = differences(lambda b: made.aid(sample, b).measurement.innovation, belief)
+    assert design == pytest.approx(-numeric, abs=3e-5)  # as above
 
 
 @given(tilts, tilts, headings)
 def test_position_innovation_is_the_shift(roll, pitch, yaw):
     state = state_of(roll, pitch, yaw)
     shift = np.array([1.0, 2.0, -3.0])
+    lever_n = rotate(rotation_of(state.q_nb), tuple(LEVER_B))
     # Curvature over 4 m: 16 / (2 x 6.4e6) = 1.3e-6 m.
-    found = innovation_n(state, position_of(state, shift), LEVER_B)
+    found = innovation_n(state, position_of(state, shift), lever_n)
     assert found == pytest.approx(shift, abs=2e-6)
 
 
 @given(tilts, tilts, headings)
-def test_velocity_design(roll, pitch, yaw):
-    state = state_of(roll, pitch, yaw)
-    measured = np.array([3.1, -0.9, 0.1])
+def test_gps_innovation_is_what_its_error_does_not_explain(roll, pitch, yaw):
+    belief = belief_of(state_of(roll, pitch, yaw))
+    error = np.zeros(18)
+    error[GPS_ERROR] = 0.5, -0.7, 2.0
+    sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]), Source.GPS_POSITION)
+    found = GpsPosition(config_of()).aid(sample, moved(belief, error)).measurement.innovation
+    assert found == pytest.approx([0.5, 2.7, -5.0], abs=2e-6)
 
-    def innovation(s: NavState) -> np.ndarray:
-        rate = RATE_B - np.array(s.gyro_bias_b)  # RATE_B is the reading, the state's bias zero
-        swing_n = matrix(rotation_of(s.q_nb)) @ np.cross(rate, LEVER_B)
-        return measured - (np.array(s.velocity_n) + swing_n)
 
-    made = velocity_measurement(state, measured, np.eye(3), RATE_B, LEVER_B, 5.0)
-    assert made.innovation == pytest.approx(innovation(state), abs=1e-12)
+@with_and_without_heading_error
+@pytest.mark.parametrize("receiver", ["rtk", "gps"])
+@settings(max_examples=40)
+@given(roll=tilts, pitch=tilts, yaw=headings)
+def test_velocity_design(bias_sigma_deg, receiver, roll, pitch, yaw):
+    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+    source = Source.RTK_VELOCITY if receiver == "rtk" else Source.GPS_VELOCITY
+    belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
+    sample = VelocitySample(NOW_NS, source, np.array([3.1, -0.9, 0.1]), np.eye(3))
+    made = Velocities(states_of(config), getattr(config, receiver))
+
+    def innovation(b: Belief) -> np.ndarray:
+        rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
+        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B)
+        return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
+
+    found = made.aid(sample, belief, tuple(RATE_B)).measurement
+    assert found.innovation == pytest.approx(innovation(belief), abs=1e-12)
     # Second order: lever x rate x step squared is 1e-8 / 2e-4.
-    assert made.design == pytest.approx(-differences(innovation, state), abs=1e-4)
+    assert found.design == pytest.approx(-differences(innovation, belief), abs=1e-4)
 
 
-@given(tilts, tilts, headings, st.floats(-180, 180))
-def test_heading_design(roll, pitch, yaw, offset_deg):
-    state = state_of(roll, pitch, yaw)
-    baseline = baseline_b(offset_deg)
-    made = heading_measurement(state, yaw, 1e-4, baseline, 5.0)
-    assert made is not None  # 0.6 rad of roll and pitch leave a baseline mostly horizontal
+@with_and_without_heading_error
+@pytest.mark.parametrize(
+    "baseline_m", [(), (1.0, 0.0, 0.0), (0.3, -0.8, 0.0), (0.6, 0.2, 0.25), (-0.5, 0.1, -0.2)]
+)
+@settings(max_examples=40)
+@given(roll=tilts, pitch=tilts, yaw=headings, offset_deg=st.floats(-180, 180))
+def test_heading_design(bias_sigma_deg, baseline_m, roll, pitch, yaw, offset_deg):
+    """Of the azimuth of a baseline in space, whether it lies level in the body or not."""
+    config = config_of(
+        heading__bias_sigma_deg=bias_sigma_deg,
+        heading__baseline_m=baseline_m,
+        heading__offset_deg=offset_deg,
+    )
+    offset = math.radians(offset_deg)
+    forward, left, up = baseline_m or (math.cos(offset), -math.sin(offset), 0.0)
+    baseline_b = np.array([forward, -left, -up])
+    belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
 
-    def innovation(s: NavState) -> np.ndarray:
-        turned = azimuth(matrix(rotation_of(s.q_nb)) @ baseline)
-        return np.array([math.remainder(made.innovation[0] + start - turned, 2 * math.pi)])
+    def reported(b: Belief) -> float:
+        """What a perfect receiver says: the baseline's azimuth, turned as it is set up."""
+        north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
+        level = math.atan2(baseline_b[1], baseline_b[0])
+        error = b.control.receivers.heading_error_rad
+        return math.atan2(east, north) + offset - level + error
 
-    start = azimuth(matrix(rotation_of(state.q_nb)) @ baseline)
+    made = Headings(config)
+    measured = reported(belief) + 0.3
+    found = made.aid(HeadingSample(NOW_NS, measured, 1e-4), belief)
+    assert found is not None  # 0.6 rad of roll and pitch leave a baseline mostly horizontal
+
+    def innovation(b: Belief) -> np.ndarray:
+        return np.array([math.remainder(measured - reported(b), 2 * math.pi)])
+
+    assert found.measurement.innovation == pytest.approx([0.3], abs=1e-12)
     # Third order in 1e-4 rad, and rounding 1e-16 over it.
-    assert made.design == pytest.approx(-differences(innovation, state), abs=1e-6)
+    numeric = differences(innovation, belief)
+    assert found.measurement.design == pytest.approx(-numeric, abs=1e-6)
+
+
+def heading_aid(state, heading_rad, variance=1.0, **values):
+    config = config_of(**values)
+    belief = belief_of(state, states_of(config))
+    return Headings(config).aid(HeadingSample(NOW_NS, heading_rad, variance), belief)
 
 
 @given(tilts, headings)
 def test_heading_row_of_a_baseline_along_the_nose(pitch, yaw):
     """The row that the errata of Eq. 9 give."""
-    made = heading_measurement(state_of(0.3, pitch, yaw), 0.0, 1.0, baseline_b(0.0), 5.0)
+    made = heading_aid(state_of(0.3, pitch, yaw), 0.0)
     expected = [math.tan(pitch) * math.cos(yaw), math.tan(pitch) * math.sin(yaw), 1.0]
     assert made is not None
-    assert made.design[0, :3] == pytest.approx(expected, abs=1e-12)
+    assert made.measurement.design[0, :3] == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_heading_innovation_wraps(turns):
     measured = math.radians(-179.0) + turns * 2 * math.pi
-    made = heading_measurement(
-        state_of(0, 0, math.radians(179.0)), measured, 1.0, baseline_b(0), 5
-    )
+    made = heading_aid(state_of(0, 0, math.radians(179.0)), measured)
     assert made is not None
-    assert made.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
+    assert made.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
 
 
 def test_level_offset_is_added_to_the_nose():
     """A level aircraft: the reported direction is nose plus offset, clockwise."""
     state = state_of(0.0, 0.0, math.radians(30.0))
-    made = heading_measurement(state, math.radians(120.0), 1.0, baseline_b(90.0), 5.0)
+    made = heading_aid(state, math.radians(120.0), heading__offset_deg=90.0)
     assert made is not None
-    assert made.innovation[0] == pytest.approx(0.0, abs=1e-12)
+    assert made.measurement.innovation[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_baseline_of_the_parameters():
+    """Second antenna behind, to the left and higher; the receiver is set to report the nose."""
+    config = config_of(heading__baseline_m=(-1.0, 0.5, 0.25))
+    found = Baseline.from_config(config.heading)
+    length = math.sqrt(1 + 0.25 + 0.0625)
+    assert found.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
+    assert found.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
 
 
 def test_upright_baseline_has_no_heading():
     state = state_of(0.0, math.radians(85.0), 0.0)
-    assert heading_measurement(state, 0.0, 1.0, baseline_b(0.0), 5.0) is None
-    sample = HeadingSample(0, 0.0, 1e-4)
-    fused = Fusion(EkfConfig()).fuse(sample, state, np.eye(STATES), np.zeros(3), [])
+    assert heading_aid(state, 0.0) is None
+    belief = belief_of(state)
+    fused = Fusion(EkfConfig()).fuse(HeadingSample(NOW_NS, 0.0, 1e-4), belief, (0.0,) * 3)
     assert fused.verdict.outcome is Outcome.INVALID
-    assert fused.state is state
+    assert fused.belief is belief
+
+
+# Noise
 
 
 @pytest.mark.parametrize(
@@ -167,50 +279,112 @@ def test_floor_keeps_correlation():
     assert np.array_equal(floored(covariance, 0.01), covariance)
 
 
-def fused_position(config: dict, shift: np.ndarray, window: list[np.ndarray]):
+@given(st.lists(st.floats(1e-6, 1.0), min_size=3, max_size=3), st.floats(-0.99, 0.99))
+def test_floor_only_adds(variances, correlation):
+    covariance = np.diag(variances)
+    covariance[0, 1] = covariance[1, 0] = correlation * math.sqrt(variances[0] * variances[1])
+    found = floored(covariance, 0.1)
+    assert (np.diag(found) >= 0.01 * (1 - 1e-12)).all()
+    assert np.linalg.eigvalsh(found - covariance)[0] >= -1e-15
+
+
+# Fusion
+
+
+def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
     state = state_of(0.0, 0.0, 0.0)
-    fusion = Fusion(config_from(EkfConfig, {"rtk.lever_arm_m": (0.3, 0.4, 0.5), **config}))
+    belief = belief_of(state, covariance=0.01 * np.eye(18))
+    belief = belief._replace(control=belief.control._replace(offsets_n=offsets))
     sample = position_of(state, shift)
-    window = [*window, fusion.offset_n(state, sample)]
-    return state, fusion.fuse(sample, state, 0.01 * np.eye(STATES), np.zeros(3), window)
+    return belief, Fusion(config_of(**config)).fuse(sample, belief, (0.0,) * 3)
+
+
+def left_of(belief: Belief, shift: np.ndarray, attitude: NavState) -> np.ndarray:
+    """What the shifted position leaves, with the attitude of another state."""
+    lever_n = rotate(rotation_of(attitude.q_nb), tuple(LEVER_B))
+    return np.array(innovation_n(belief.state, position_of(attitude, shift), lever_n))
 
 
 def test_direct_position_is_the_rtk_position():
     """Section 3.3: after the cycle the antenna stands where RTK says, whatever the gain."""
     shift = np.array([0.1, -0.2, 0.3])
-    state, fused = fused_position({"position_update": "rtk_direct"}, shift, [])
-    moved = innovation_n(fused.state, position_of(state, shift), LEVER_B)
-    rotation_moved = innovation_n(
-        fused.state._replace(q_nb=state.q_nb), position_of(state, shift), LEVER_B
-    )
+    before, fused = fused_position({"position_update": "rtk_direct"}, shift)
     assert fused.verdict.used
-    assert rotation_moved == pytest.approx(np.zeros(3), abs=2e-6)
-    assert np.abs(moved).max() < 0.1  # the lever arm turned with the attitude that was kept
+    assert left_of(fused.belief, shift, before.state) == pytest.approx(np.zeros(3), abs=2e-6)
+    turned = rotate(rotation_of(fused.belief.state.q_nb), tuple(LEVER_B))
+    moved_m = innovation_n(fused.belief.state, position_of(before.state, shift), turned)
+    assert np.abs(moved_m).max() < 0.1  # the lever arm turned with the attitude that was kept
 
 
 def test_median_filter_ignores_one_jump():
     """Window of three: the middle of two good offsets and the jump is a good one."""
-    good = [np.array([0.01, 0.0, -0.01]), np.array([-0.01, 0.01, 0.0])]
-    _, fused = fused_position({"rtk.median_window": 3}, np.array([0.0, 5.0, 0.0]), good)
+    good = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0))
+    shift = np.array([0.0, 5.0, 0.0])
+    _, fused = fused_position({"rtk__median_window": 3}, shift, good)
     assert fused.verdict.used
     assert fused.verdict.innovation == pytest.approx((0.0, 0.01, 0.0), abs=2e-6)
+    assert fused.belief.control.offsets_n[:2] == good
+    assert fused.belief.control.offsets_n[2] == pytest.approx(shift, abs=2e-6)
+
+
+def test_median_window_has_its_length():
+    good = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0), (0.0, 0.0, 0.0))
+    _, fused = fused_position({"rtk__median_window": 3}, np.zeros(3), good)
+    assert len(fused.belief.control.offsets_n) == 3
+    assert fused.belief.control.offsets_n[:2] == good[1:]
 
 
 def test_gate_refuses_a_jump_and_leaves_the_state():
-    state, fused = fused_position({}, np.array([0.0, 8.0, 0.0]), [])  # 8 sigma
+    before, fused = fused_position({}, np.array([0.0, 8.0, 0.0]))  # 8 sigma
     assert fused.verdict.outcome is Outcome.GATED
     assert fused.verdict.test_ratio > 1
-    assert fused.state is state
+    assert fused.belief.state is before.state
+    assert fused.belief.covariance is before.covariance
 
 
 def test_velocity_enters_with_its_floor():
     state = state_of(0.0, 0.0, 0.0)
-    sample = VelocitySample(0, Source.RTK_VELOCITY, np.array([3.5, -1.0, 0.2]), np.zeros((3, 3)))
-    covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(9)])
-    fused = Fusion(EkfConfig()).fuse(sample, state, covariance, np.zeros(3), [])
+    sample = VelocitySample(
+        NOW_NS, Source.RTK_VELOCITY, np.array([3.5, -1.0, 0.2]), np.zeros((3, 3))
+    )
+    covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(12)])
+    fusion = Fusion(EkfConfig())
+    fused = fusion.fuse(sample, belief_of(state, covariance=covariance), (0.0,) * 3)
     # Variance 0.02^2 against the floor 0.02^2: half of the 0.5 m/s, but that is 17 sigma: refused.
     assert fused.verdict.outcome is Outcome.GATED
-    fused = Fusion(EkfConfig()).fuse(
-        sample, state._replace(velocity_n=(3.45, -1.0, 0.2)), covariance, np.zeros(3), []
-    )
-    assert fused.state.velocity_n[0] == pytest.approx(3.475, abs=1e-9)
+    near = state._replace(velocity_n=(3.45, -1.0, 0.2))
+    fused = fusion.fuse(sample, belief_of(near, covariance=covariance), (0.0,) * 3)
+    assert fused.belief.state.velocity_n[0] == pytest.approx(3.475, abs=1e-9)
+
+
+def test_gps_error_takes_what_the_state_does_not():
+    """Where the position is known, a GPS position says what the receiver is off."""
+    covariance = np.diag(np.r_[np.zeros(6), np.full(3, 1e-4), np.zeros(6), np.full(3, 4.0)])
+    belief = belief_of(state_of(0.0, 0.0, 0.0), covariance=covariance)
+    config = config_of(gps__position_noise_m=0.05)
+    sample = position_of(belief.state, np.array([1.0, -2.0, 3.0]), Source.GPS_POSITION)
+    sample = replace(sample, covariance_n=np.zeros((3, 3)))
+    fused = Fusion(config).fuse(sample, belief, (0.0,) * 3)
+    assert fused.verdict.used
+    # Shares of the innovation: 4 and 1e-4 of 4 + 1e-4 + 0.05^2.
+    total = 4 + 1e-4 + 0.05**2
+    learned = np.array([1.0, -2.0, 3.0]) * 4 / total
+    assert fused.belief.control.receivers.gps_error_n == pytest.approx(learned, abs=2e-6)
+    shift = np.subtract(fused.belief.state.correction_n, belief.state.correction_n)
+    assert shift == pytest.approx(np.array([1.0, -2.0, 3.0]) * 1e-4 / total, abs=2e-9)
+
+
+def test_heading_error_is_learned_only_where_there_is_such_a_state():
+    for sigma_deg, states in ((0.0, 18), (2.0, 19)):
+        config = config_of(heading__bias_sigma_deg=sigma_deg)
+        assert states_of(config) == states
+        covariance = np.zeros((states, states))
+        covariance[2, 2] = math.radians(1.0) ** 2
+        if states == 19:
+            covariance[18, 18] = math.radians(2.0) ** 2
+        belief = belief_of(state_of(0.0, 0.0, 0.0), covariance=covariance)
+        sample = HeadingSample(NOW_NS, math.radians(3.0), math.radians(0.6) ** 2)
+        fused = Fusion(config).fuse(sample, belief, (0.0,) * 3)
+        found = math.degrees(fused.belief.control.receivers.heading_error_rad)
+        expected = 3.0 * 4 / (4 + 1 + 0.36) if states == 19 else 0.0
+        assert found == pytest.approx(expected, abs=1e-9)

@@ -17,18 +17,26 @@ from tirgeo_ros.core.attitude import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.config import ImuConfig
+from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.error_state import (
+    GPS_ERROR,
+    HEADING_ERROR,
     STATES,
     CovariancePropagation,
     dynamics,
     feedback,
+    noise_density,
+    states_of,
 )
 from tirgeo_ros.core.geodesy import radii_of_curvature
+from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.strapdown import NavState, propagate
 
 IMU = ImuConfig()
+CONFIG = EkfConfig()
+WITH_HEADING_ERROR = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
 #: Steps of the differences: small against the curvature of the model, large against rounding.
+FORCE = (0.0, 0.0, -9.8)
 BIASES = ((1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03))
 STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [10.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
 
@@ -127,32 +135,52 @@ def test_biases_accumulate():
     assert twice.accel_bias_b[2] == pytest.approx(state.accel_bias_b[2] + 2e-2, abs=1e-15)
 
 
-def test_gauss_markov_bias_keeps_its_standard_deviation():
+@pytest.mark.parametrize("config", [CONFIG, WITH_HEADING_ERROR])
+def test_gauss_markov_errors_keep_their_standard_deviation(config):
     """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
-    covariance = np.zeros((STATES, STATES))
-    s = np.array(IMU.accel_bias_instability)
-    covariance[12:, 12:] = np.diag(s**2)
-    covariance[9:12, 9:12] = np.diag(np.array(IMU.gyro_bias_instability) ** 2)
+    states = states_of(config)
+    sigmas = np.zeros(states)
+    sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
+    sigmas[GPS_ERROR] = config.gps.position_sigma_m
+    sigmas[HEADING_ERROR:] = math.radians(config.heading.bias_sigma_deg)
+    covariance = np.diag(sigmas**2)
     state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
-    propagation = CovariancePropagation(IMU)
-    _, rates = propagate(state, (0.0, 0.0, -9.8), (0.0,) * 3, 0.01)
+    propagation = CovariancePropagation(config)
+    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.01)
     for _ in range(2000):  # 20 s: one correlation time of the fastest axis
-        covariance = propagation.step(covariance, state, rates, 0.01)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
     # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.
-    assert np.diag(covariance)[12:] == pytest.approx(s**2, rel=1e-3)
-    assert np.diag(covariance)[9:12] == pytest.approx(
-        np.array(IMU.gyro_bias_instability) ** 2, rel=1e-3
-    )
+    assert np.diag(covariance)[9:] == pytest.approx(sigmas[9:] ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("place", "time_s"), [(GPS_ERROR.start, 45.0), (GPS_ERROR.start + 2, 45.0), (18, 600.0)]
+)
+def test_receivers_errors_lose_what_was_learned(place, time_s):
+    """From certain, the variance of a Gauss-Markov error is s^2 (1 - exp(-2 t / tau))."""
+    config = WITH_HEADING_ERROR
+    sigma = math.radians(2.0) if place == 18 else config.gps.position_sigma_m[place - 15]
+    covariance = np.zeros((19, 19))
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    propagation = CovariancePropagation(config)
+    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.04)
+    for _ in range(1000):
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    expected = sigma**2 * (1 - math.exp(-2 * 40.0 / time_s))
+    assert covariance[place, place] == pytest.approx(expected, rel=2e-3)  # dt / tau
+    # Nothing ties a receiver's error to the others until a measurement does.
+    others = np.delete(covariance[place], place)
+    assert not others.any()
 
 
 def test_random_walks_grow_as_named():
     """After one second at rest the attitude variance is the angle random walk squared."""
     state = state_of(0.7, 0.0, 0.0, 0.5, (0.0, 0.0, 0.0))
-    covariance = np.zeros((STATES, STATES))
-    propagation = CovariancePropagation(IMU)
+    covariance = np.zeros((18, 18))
+    propagation = CovariancePropagation(CONFIG)
     for _ in range(100):
-        _, rates = propagate(state, (0.0, 0.0, -9.8), (0.0,) * 3, 0.01)
-        covariance = propagation.step(covariance, state, rates, 0.01)
+        _, rates = propagate(state, FORCE, (0.0,) * 3, 0.01)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
     rotation = matrix_from_quat(np.array(state.q_nb))
     expected = rotation @ np.diag(np.array(IMU.angle_random_walk) ** 2) @ rotation.T
     # Earth rate turns the axes into each other by 7.3e-5 rad in that second; the gyroscope
@@ -161,19 +189,70 @@ def test_random_walks_grow_as_named():
     assert covariance[:3, :3] == pytest.approx(expected, abs=bound)
 
 
+def test_step_is_the_transition_of_the_dynamics():
+    """P to F P F' of I + F dt + (F dt)^2 / 2, with the random walks turned to n."""
+    state = state_of(0.7, 0.3, -0.2, 1.0, (5.0, -3.0, 0.5))
+    _, rates = propagate(state, (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 0.04)
+    rng = np.random.default_rng(4)
+    scales = np.r_[STEPS, np.ones(3)]
+    root = rng.normal(size=(18, 18)) * scales[:, None]
+    before = root @ root.T
+    f = np.zeros((18, 18))
+    f[:15, :15] = dynamics(state, rates, IMU)
+    f[15:, 15:] = -np.eye(3) / CONFIG.gps.position_time_s
+    phi = np.eye(18) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
+    noise = np.zeros((18, 18))
+    rotation = matrix_from_quat(np.array(state.q_nb))
+    density = noise_density(IMU)
+    noise[:3, :3] = rotation @ np.diag(density[:3]) @ rotation.T
+    noise[3:6, 3:6] = rotation @ np.diag(density[3:6]) @ rotation.T
+    noise[9:15, 9:15] = np.diag(density[9:])
+    gps = np.square(CONFIG.gps.position_sigma_m) * 2 / CONFIG.gps.position_time_s
+    noise[15:, 15:] = np.diag(gps)
+    expected = phi @ before @ phi.T + 0.04 * noise
+    step = CovariancePropagation(CONFIG).step
+    found = step(before, state, rates, rates.specific_force_n, 0.04)
+    scaled = np.outer(scales, scales)
+    # The states' sizes out of the way, entries are below 1e3 and round by 1e-16 times a few sums.
+    np.testing.assert_allclose(found / scaled, expected / scaled, rtol=0, atol=1e-10)
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_covariance_stays_symmetric_and_positive(seed):
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(STATES, STATES)) * STEPS
+    scales = np.r_[STEPS, np.ones(3), 1e-4]
+    root = rng.normal(size=(19, 19)) * scales
     covariance = root @ root.T
     state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
+    propagation = CovariancePropagation(WITH_HEADING_ERROR)
     for _ in range(20):
         after, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.02)
-        covariance = CovariancePropagation(IMU).step(covariance, state, rates, 0.02)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.02)
         state = after
     assert np.array_equal(covariance, covariance.T)
-    scaled = covariance / np.outer(STEPS, STEPS)
+    scaled = covariance / np.outer(scales, scales)
     assert np.linalg.eigvalsh(scaled).min() > -1e-9 * np.linalg.eigvalsh(scaled).max()
+
+
+def test_propagation_gives_what_it_gave_whatever_came_between():
+    """Its workspace carries nothing from one call to the next."""
+    state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
+    other = state_of(-0.9, -0.4, 0.3, -2.0, (-8.0, 5.0, 1.0))
+    _, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.04)
+    _, other_rates = propagate(other, (-2.0, 3.0, -12.0), (1.2, 0.7, 0.9), 0.04)
+    propagation, covariance = CovariancePropagation(CONFIG), np.eye(18)
+    first = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    kept = first.copy()
+    propagation.step(covariance, other, other_rates, other_rates.specific_force_n, 0.01)
+    again = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    assert np.array_equal(again, kept)
+    assert np.array_equal(first, kept)  # nor is what was given out written over
+    assert np.array_equal(covariance, np.eye(18))
+
+
+def test_states_as_the_parameters_ask():
+    assert states_of(CONFIG) == 18
+    assert states_of(WITH_HEADING_ERROR) == 19
 
 
 def test_attitude_error_is_truth_from_estimate():

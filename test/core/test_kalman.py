@@ -83,6 +83,37 @@ def test_ratio_is_the_squared_distance_over_the_limit(seed, size, gate_sigma):
     assert (found.error is None) == (found.test_ratio > 1)
 
 
+@given(seeds, sizes, st.floats(0.1, 10))
+def test_ease_is_more_noise_behind_the_same_gate(seed, size, ease):
+    """Noise larger by k H P H': of what is asked for, 1 / (k + 1) at the most."""
+    covariance, plain = problem(seed, size)
+    predicted = plain.design @ covariance @ plain.design.T
+    eased = update(covariance, plain._replace(ease=ease))
+    expected = update(covariance, plain._replace(noise=plain.noise + ease * predicted))
+    assert eased.test_ratio == update(covariance, plain).test_ratio
+    np.testing.assert_allclose(eased.error, expected.error, atol=1e-12)
+    np.testing.assert_allclose(eased.covariance, expected.covariance, atol=1e-12)
+    exact = plain._replace(noise=1e-12 * np.eye(size), ease=ease)
+    moved = plain.design @ update(covariance, exact).error
+    # The condition of H P H' is below 1e4; noise is 1e-12 of it.
+    np.testing.assert_allclose(moved, plain.innovation / (ease + 1), rtol=1e-6, atol=1e-6)
+
+
+def test_five_eased_updates_are_five_equal_steps():
+    """An exact measurement that is asked for again and again: a fifth, a quarter, ... all."""
+    covariance, place = np.eye(15), 0.0
+    places = []
+    for ease in (4.0, 3.0, 2.0, 1.0, 0.0):
+        innovation = np.array([1.0 - place])
+        noise = np.array([[1e-12]])
+        found = update(covariance, Measurement(innovation, np.eye(15)[:1], noise, 1e6, ease))
+        place += found.error[0]
+        covariance = found.covariance
+        places.append(place)
+    # With P in the gain 1 / (k + 1) and 1e-12 of noise.
+    assert places == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0], abs=1e-10)
+
+
 @pytest.mark.parametrize(("off", "accepted"), [(-1e-9, True), (1e-9, False)])
 def test_gate_is_at_its_sigma(off, accepted):
     design = np.eye(15)[:1]

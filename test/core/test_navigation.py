@@ -71,14 +71,15 @@ def test_what_is_no_number_changes_nothing(number):
     sample = broken_samples()[number]
     flown, navigation = fed()
     later = replace(sample, stamp_ns=flown.truth.stamp_ns[-1] + 10_000_000)
-    before = navigation._ekf.state()
+    before = navigation._ekf.belief()
     step = navigation.process(later)
     assert step.verdict.outcome is Outcome.INVALID
     assert step.verdict.reason
     assert step.solution is None
-    after = navigation._ekf.state()
-    assert after[0] == before[0]
-    assert np.array_equal(after[1], before[1])
+    after = navigation._ekf.belief()
+    assert after.state == before.state
+    assert after.control == before.control
+    assert np.array_equal(after.covariance, before.covariance)
 
 
 def test_every_imu_sample_is_counted_once():
@@ -105,7 +106,14 @@ def test_states_and_reasons():
     status = navigation.status()
     assert status.reason == ""
     assert 0 < math.degrees(status.heading_sigma_rad) < 1
-    assert set(status.test_ratios) == {"rtk_position", "rtk_velocity", "rtk_heading"}
+    assert set(status.test_ratios) == {
+        "rtk_position",
+        "rtk_velocity",
+        "rtk_heading",
+        "gps_position",  # looked at once a second while RTK is there
+    }
+    assert status.resets == {}
+    assert status.last_reset == ""
 
 
 def test_heading_only_while_fixed():
@@ -113,25 +121,52 @@ def test_heading_only_while_fixed():
     fix = newest(flown, PositionSample, Source.RTK_POSITION)
     heading = newest(flown, HeadingSample)
     newest_ns = flown.truth.stamp_ns[-1]
-    navigation.process(replace(fix, stamp_ns=newest_ns - 20_000_000, status=FixStatus.FLOAT))
-    step = navigation.process(replace(heading, stamp_ns=newest_ns - 10_000_000))
-    assert step.verdict.outcome is Outcome.NOT_FIXED
+    floating = replace(
+        fix, stamp_ns=newest_ns - 20_000_000, status=FixStatus.FLOAT, height_m=fix.height_m + 0.1
+    )
+    assert navigation.process(floating).verdict.outcome is Outcome.USED
+    later = replace(
+        heading, stamp_ns=newest_ns - 10_000_000, heading_rad=heading.heading_rad + 1e-3
+    )
+    verdict = navigation.process(later).verdict
+    assert (verdict.outcome, verdict.reason) == (Outcome.NOT_FIXED, "rtk/fix is not fixed")
     assert navigation.status().rtk_status is FixStatus.FLOAT
 
 
-def test_position_without_fix_is_not_used():
+@pytest.mark.parametrize("status", [FixStatus.NONE, FixStatus.SINGLE])
+def test_position_without_fix_is_not_used(status):
     flown, navigation = fed()
     fix = newest(flown, PositionSample, Source.RTK_POSITION)
-    bad = replace(fix, stamp_ns=flown.truth.stamp_ns[-1], status=FixStatus.NONE)
-    assert navigation.process(bad).verdict.outcome is Outcome.NOT_FIXED
+    bad = replace(
+        fix, stamp_ns=flown.truth.stamp_ns[-1], status=status, height_m=fix.height_m + 0.1
+    )
+    verdict = navigation.process(bad).verdict
+    name = status.name.lower()
+    assert (verdict.outcome, verdict.reason) == (Outcome.NOT_FIXED, f"status {name}")
+
+
+def imu_after(imu, seconds, rate_hz=100.0):
+    """A live IMU that goes on: every sample a little different."""
+    steps = range(1, round(seconds * rate_hz) + 1)
+    return [
+        replace(
+            imu,
+            stamp_ns=imu.stamp_ns + round(step * 1e9 / rate_hz),
+            angular_rate_b=imu.angular_rate_b + 1e-5 * (step % 7),
+        )
+        for step in steps
+    ]
 
 
 def test_silent_receiver_has_no_status():
     flown, navigation = fed()
     assert navigation.rtk_status is FixStatus.FIXED
-    imu = newest(flown, ImuSample)
-    for step in range(1, 250):
-        navigation.process(replace(imu, stamp_ns=imu.stamp_ns + step * 10_000_000))
+    samples = imu_after(newest(flown, ImuSample), 2.5)
+    for sample in samples[:150]:
+        navigation.process(sample)
+    assert navigation.rtk_status is FixStatus.FIXED
+    for sample in samples[150:]:
+        navigation.process(sample)
     assert navigation.rtk_status is FixStatus.NONE
 
 
@@ -200,8 +235,8 @@ def test_origin_must_be_on_earth():
     [
         ("raw", {"rtk_position", "rtk_velocity", "rtk_heading"}),
         ("rtk", {"gps_position", "gps_velocity", "rtk_heading"}),
-        ("ekf", {"gps_position", "gps_velocity", "rtk_heading"}),
-        ("ekf_heading", {"gps_position", "gps_velocity"}),
+        ("ekf", {"rtk_heading"}),
+        ("ekf_heading", set()),
     ],
 )
 def test_each_method_uses_its_sources(method, unused):
@@ -267,14 +302,14 @@ def odometry_error(flown, navigation, samples):
 
 @pytest.mark.parametrize("kind", ["position", "heading"])
 def test_a_wrong_start_is_noticed_and_mended(kind):
-    """The alignment's fixes 50 m off, or its headings 90 deg: gated later, so begun anew."""
-    flown = flight(duration_s=DURATION_S)
+    """The alignment's fixes 50 m off, or its headings 90 deg: refused later, so reset."""
+    flown = flight(duration_s=20.0)
     start_ns = flown.truth.stamp_ns[0]
 
     def spoilt(sample):
         if sample.stamp_ns > start_ns + 1_300_000_000:
             return sample
-        if kind == "position" and isinstance(sample, PositionSample):
+        if kind == "position" and getattr(sample, "source", None) is Source.RTK_POSITION:
             return replace(sample, height_m=sample.height_m + 50.0)
         if kind == "heading" and isinstance(sample, HeadingSample):
             return replace(sample, heading_rad=sample.heading_rad + math.pi / 2)
@@ -282,42 +317,94 @@ def test_a_wrong_start_is_noticed_and_mended(kind):
 
     navigation = Navigation(config_for(flown))
     samples = [spoilt(s) for s in navigation_samples(flown)]
-    found = odometry_error(flown, navigation, samples).after(DURATION_S - 2)
-    counts = navigation.status().counts
-    assert sum(number for (_, outcome), number in counts.items() if outcome == "restart") >= 1
-    assert np.degrees(rms(found.rpy)).max() < 1.0  # a fresh alignment: five headings of 0.49 deg
+    found = odometry_error(flown, navigation, samples).after(18.0)
+    status = navigation.status()
+    assert status.state is FilterState.RUNNING
+    # One reset of that state, and the filter goes on. (A start that waits its doubt out has none.)
+    mended = sum(status.resets.values()) + status.counts.get(("imu", "restart"), 0)
+    assert mended <= 1
+    if mended:
+        assert status.last_reset.startswith(kind)
+    assert np.degrees(rms(found.rpy)).max() < 1.0  # as after an alignment with 0.49 deg headings
     assert rms(found.state[:, :3]).max() < 0.1
 
 
-def test_short_refusals_do_not_start_again():
-    """Two seconds of refusals are needed; one second of wrong headings is ridden out."""
-    flown = flight(duration_s=DURATION_S)
+def spoilt_between(flown, kind, first_s, last_s, **changes):
+    """All samples; those of a kind (a type, a source) in between with attributes changed."""
     start_ns = flown.truth.stamp_ns[0]
-    samples = [
-        replace(s, heading_rad=s.heading_rad + 1.0)
-        if isinstance(s, HeadingSample) and 4.0 < (s.stamp_ns - start_ns) * 1e-9 < 5.0
+
+    def is_meant(sample):
+        if kind is HeadingSample or kind is ImuSample:
+            return isinstance(sample, kind)
+        return getattr(sample, "source", None) is kind
+
+    return [
+        replace(s, **{name: change(getattr(s, name)) for name, change in changes.items()})
+        if is_meant(s) and first_s < (s.stamp_ns - start_ns) * 1e-9 < last_s
         else s
         for s in navigation_samples(flown)
     ]
+
+
+def test_one_jumping_position_is_ignored():
+    flown = flight(duration_s=DURATION_S)
+    samples = spoilt_between(
+        flown, Source.RTK_POSITION, 5.0, 5.3, height_m=lambda height_m: height_m + 3.0
+    )
+    navigation = Navigation(config_for(flown))
+    late = odometry_error(flown, navigation, samples).after(5.0)
+    status = navigation.status()
+    assert status.counts["rtk_position", "gated"] == 1
+    assert status.resets == {}
+    assert np.abs(late.state[:, 2]).max() < 0.1  # five sigma of the 2 cm
+
+
+def test_a_position_that_stays_away_is_followed_after_a_counted_reset():
+    """3 m down for good from 5 s on: refused for reset_after_s, then taken."""
+    flown = flight(duration_s=12.0)
+    samples = spoilt_between(
+        flown, Source.RTK_POSITION, 5.0, 99.0, height_m=lambda height_m: height_m + 3.0
+    )
+    navigation = Navigation(config_for(flown))
+    found = odometry_error(flown, navigation, samples)
+    status = navigation.status()
+    assert status.resets == {"rtk_position": 1}
+    assert status.counts["rtk_position", "reset"] == 1
+    assert status.last_reset.startswith("position moved by 3.")
+    # 2 s of refusals at 5 Hz: the first at 5.2, the eleventh resets.
+    assert status.counts["rtk_position", "gated"] == 10
+    before = found.after(6.0).state[:100, 2]
+    after = found.after(7.5).state[:, 2]
+    assert np.abs(before).max() < 0.3  # the state has held against 3 m
+    assert after == pytest.approx(3.0, abs=0.1)  # and then stands where RTK says
+
+
+def test_short_refusals_do_not_reset():
+    """A second of wrong headings is ridden out."""
+    flown = flight(duration_s=DURATION_S)
+    samples = spoilt_between(
+        flown, HeadingSample, 4.0, 5.0, heading_rad=lambda heading_rad: heading_rad + 1.0
+    )
     navigation = Navigation(config_for(flown))
     found = odometry_error(flown, navigation, samples).after(5.5)
-    counts = navigation.status().counts
-    assert counts["rtk_heading", "gated"] >= 4
-    assert ("rtk_heading", "restart") not in counts
+    status = navigation.status()
+    assert status.counts["rtk_heading", "gated"] >= 4
+    assert status.resets == {}
+    assert ("rtk_heading", "restart") not in status.counts
     assert np.degrees(rms(found.rpy)).max() < 0.5
 
 
 def test_stamps_at_arrival_with_their_delay_are_stamps_of_measurement():
-    """RTK stamped 80 ms late and rtk.delay_s of that: the same solutions to the last bit."""
+    """All stamped 80 ms late, and delay_s of that: the same solutions to the last bit."""
     flown = flight(duration_s=DURATION_S)
     delayed = [
         replace(s, stamp_ns=s.stamp_ns + 80_000_000)
-        if not isinstance(s, ImuSample) and "gps" not in str(getattr(s, "source", ""))
+        if not isinstance(s, ImuSample)
         else s
         for s in navigation_samples(flown)
     ]
     timely = solutions(flown, config_for(flown))
-    late = solutions(flown, config_for(flown, rtk__delay_s=0.08), delayed)
+    late = solutions(flown, config_for(flown, rtk__delay_s=0.08, gps__delay_s=0.08), delayed)
     assert len(late) == len(timely) > 0
     for a, b in zip(timely, late, strict=True):
         assert (a.stamp_ns, a.height_m, a.latitude_rad) == (b.stamp_ns, b.height_m, b.latitude_rad)

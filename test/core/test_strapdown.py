@@ -170,9 +170,12 @@ def test_biases_are_taken_from_the_readings(force_b, rate_b, accel_bias, gyro_bi
 
 def test_rates_of_a_state():
     state = state_at(0.7, 2.0, 100.0, (30.0, -20.0, 5.0), (0.3, 0.2, 0.1))
-    rates = strapdown.rates_of(state, (1.0, 2.0, 3.0))
+    # At no turn of the body the force is the reading; over no time nothing moves meanwhile.
+    _, rates = propagate(state, (1.0, 2.0, 3.0), ZERO, 1e-9)
     meridian, transverse = radii_of_curvature(0.7)
     assert (rates.meridian_m, rates.transverse_m) == (meridian + 100, transverse + 100)
+    assert rates.gravity_m_s2 == gravity_down(0.7, 100.0)
+    assert rates.rotation_nb == rotation_of(state.q_nb)
     # Along the earth's axis, which stands 0.7 rad above north.
     axis = np.array([math.cos(0.7), 0, -math.sin(0.7)])
     np.testing.assert_allclose(rates.earth_rate_n, EARTH_RATE_RAD_S * axis, rtol=1e-15)

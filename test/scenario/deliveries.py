@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from flights import NAVIGATION_SAMPLES
 
-from tirgeo_ros.core.aiding.fusion import source_of
+from tirgeo_ros.core.aiding.belief import source_of
 from tirgeo_ros.core.samples import ImuSample, NavigationInput, Source
 from tirgeo_ros.tools.simulate.flight import Flight
 

@@ -61,7 +61,7 @@ def run(flown: Flight, fed: Deliveries, **values: object) -> Run:
         if solution is not None:
             assert isinstance(delivery.sample, ImuSample), "published with something else"
             stamp_ns = solution.stamp_ns - delivery.clock_ns
-            published.append(replace(solution, stamp_ns=stamp_ns))
+            published.append(solution._replace(stamp_ns=stamp_ns))
         if number % 10 == 0 or isinstance(delivery.sample, PositionSample):
             state = navigation.status().state
             if not changes or changes[-1][1] is not state:

@@ -35,6 +35,7 @@ from tirgeo_ros.core.geodesy import TangentPlane, gravity_down
 from tirgeo_ros.core.inertial_window import Biases, integrate
 from tirgeo_ros.core.samples import (
     Array,
+    FixStatus,
     HeadingSample,
     ImuSample,
     NavigationInput,
@@ -66,6 +67,8 @@ class Alignment:
     covariance: Array  # (15, 15)
     imu: tuple[ImuSample, ...]  # the newest sample up to the stamp and all after it
     later: tuple[NavigationInput, ...]  # measurements after the stamp, in order of arrival
+    sources: frozenset[Source]  # of the measurements in it
+    rtk_status: FixStatus | None  # of the newest RTK position up to the stamp
 
 
 class _Plan(NamedTuple):
@@ -202,7 +205,10 @@ class Aligner:
         found = checked(found, seen)
         if hint_nb is not None:
             self._compare(found, hint_nb)
-        return self._start(last, plane, found)
+        sources = {positions[-1].source, *(s.source for s in velocities)}
+        if plan.antennas:
+            sources.add(Source.RTK_HEADING)
+        return self._start(last, plane, found, frozenset(sources))
 
     def _motion(
         self, plan: _Plan, length_s: float
@@ -250,7 +256,9 @@ class Aligner:
             if self._still_doubted(what):
                 raise DoubtError(text)
 
-    def _start(self, stamp_ns: int, plane: TangentPlane, found: Fit) -> Alignment:
+    def _start(
+        self, stamp_ns: int, plane: TangentPlane, found: Fit, sources: frozenset[Source]
+    ) -> Alignment:
         latitude, longitude, height = plane.geodetic_from_ned(found.position_n)
         gyro_b, accel_b = found.biases[:3].tolist(), found.biases[3:].tolist()
         state = NavState(
@@ -263,7 +271,9 @@ class Aligner:
             tuple(accel_b),
             (0.0, 0.0, 0.0),
         )
-        return Alignment(stamp_ns, state, found.covariance, *self._samples.rest(stamp_ns))
+        rest = self._samples.rest(stamp_ns)
+        rtk_status = self._samples.rtk_status(stamp_ns)
+        return Alignment(stamp_ns, state, found.covariance, *rest, sources, rtk_status)
 
 
 def _plane_at(sample: PositionSample) -> TangentPlane:

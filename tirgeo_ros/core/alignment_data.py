@@ -11,9 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tirgeo_ros.core.aiding.belief import floored
+from tirgeo_ros.core.aiding.heading import Baseline
 from tirgeo_ros.core.attitude import matrix_from_quat, wrap_pi
 from tirgeo_ros.core.config import AutopilotConfig, EkfConfig, HeadingConfig
-from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.inertial_window import Window
 from tirgeo_ros.core.samples import (
@@ -75,7 +76,7 @@ def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, A
         return white, sigma, config.gps.position_time_s
     floor = config.rtk.position_sigma_floor_m
     if sample.status is FixStatus.FIXED:
-        return _floored(sample.covariance_n, floor), np.zeros(3), np.inf
+        return floored(sample.covariance_n, floor), np.zeros(3), np.inf
     # Receivers differ in how much of a float solution's error is new each time: half is taken.
     halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
     return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
@@ -90,26 +91,9 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observati
         Kind.VELOCITY,
         sample.velocity_n,
         source.lever_arm_b,
-        _floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
+        floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
         np.zeros(3),
     )
-
-
-def _floored(covariance: Array, sigma: float) -> Array:
-    """(3, 3) believed no better than ``sigma`` on any axis; absent variances are the floor."""
-    variances = np.diag(covariance)
-    if np.any(variances <= 0):
-        return np.diag(np.maximum(variances, sigma**2))
-    return np.asarray(covariance + np.diag(np.maximum(sigma**2 - variances, 0.0)))
-
-
-def baseline_direction_b(heading: HeadingConfig) -> Array:
-    """(3,) unit vector whose azimuth ``rtk/heading`` reports, FRD."""
-    if heading.baseline_m:
-        baseline = flu_from_frd(np.array(heading.baseline_m))
-        return np.asarray(baseline / np.linalg.norm(baseline))
-    angle = np.radians(heading.offset_deg)
-    return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
 def heading_observations(
@@ -121,7 +105,7 @@ def heading_observations(
     noise, or a turn) the rounding errors average away but for ``exp(-2 pi^2 s^2)`` of that
     (Widrow and Kollar, Quantization Noise, chapter 5); of readings that stay the same, nothing.
     """
-    direction = baseline_direction_b(heading)
+    baseline = Baseline.from_config(heading)
     floor = np.radians(heading.sigma_floor_deg) ** 2
     shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
     return [
@@ -129,8 +113,8 @@ def heading_observations(
             s.stamp_ns,
             "rtk/heading",
             Kind.AZIMUTH,
-            np.array([s.heading_rad]),
-            direction,
+            np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
+            np.array(baseline.direction_b),
             np.array([[max(s.variance_rad2, floor)]]),
             shared,
         )

@@ -66,7 +66,9 @@ class AlignmentSamples:
             self._first_ns = self._changed_ns = sample.stamp_ns
         elif not _same_reading(self._imu[-1], sample):
             self._changed_ns = sample.stamp_ns
-        self.frozen = sample.stamp_ns - self._changed_ns > self._gap_ns
+        # The same from the first sample on is a bench without noise; a live sensor has changed.
+        lived = self._changed_ns > self._first_ns
+        self.frozen = lived and sample.stamp_ns - self._changed_ns > self._gap_ns
         gap = self._imu and sample.stamp_ns - self._imu[-1].stamp_ns > self._gap_ns
         if gap or self.frozen:
             self._imu.clear()
@@ -79,6 +81,12 @@ class AlignmentSamples:
         if not found or found[-1].status < least:
             return []
         return [s for s in found if s.status >= least]
+
+    def rtk_status(self, stamp_ns: int) -> FixStatus | None:
+        """What the newest RTK position up to a stamp said of its fix."""
+        found = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
+        told = [s.status for s in found if s.stamp_ns <= stamp_ns]
+        return told[-1] if told else None
 
     def velocities(self, source: Source) -> list[VelocitySample]:
         """Those of a source, by stamp."""

@@ -265,7 +265,7 @@ class TrustConfig:
     """When an aid counts as missing, and when the state is not to be trusted any more."""
 
     aid_timeout_s: float = param(
-        1.0, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
+        1.5, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
     )
     lost_position_sigma_m: float = param(
         10.0, "the position is lost beyond this standard deviation", unit="m", low=0.1, high=1e4

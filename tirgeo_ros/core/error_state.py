@@ -1,17 +1,20 @@
-"""The 15 error states, their dynamics and their feedback.
+"""The error states, their dynamics and their feedback.
 
 All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 
-====  =========================  =====
-0-2   attitude ``phi_n``         rad
-3-5   velocity                   m/s
-6-8   position north, east, down m
-9-11  gyroscope bias             rad/s
-12-14 accelerometer bias         m/s2
-====  =========================  =====
+=====  =========================  =====
+0-2    attitude ``phi_n``         rad
+3-5    velocity                   m/s
+6-8    position north, east, down m
+9-11   gyroscope bias             rad/s
+12-14  accelerometer bias         m/s2
+15-17  error of the ordinary GPS  m
+18     error of the headings      rad, only where the parameters ask for it
+=====  =========================  =====
 
 With ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the
-matrix below; it is Groves, 2nd ed., section 14.2.4, in metres and with the opposite sign of error.
+matrix of the first 15; it is Groves, 2nd ed., section 14.2.4, in metres and with the opposite sign
+of error. The last two are first-order Gauss-Markov errors of a receiver, as the biases are.
 """
 
 from __future__ import annotations
@@ -21,121 +24,104 @@ from typing import cast
 
 import numpy as np
 
-from tirgeo_ros.core.config import ImuConfig
-from tirgeo_ros.core.geodesy import gravity_down, radii_of_curvature
+from tirgeo_ros.core.config import EkfConfig, ImuConfig
+from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strapdown import (
     NavState,
     Rates,
     Rotation,
+    Vector,
     multiply,
     normalised,
     quaternion_of,
 )
 
-STATES = 15
+STATES = 15  # of the navigation itself
 ATTITUDE = slice(0, 3)
 VELOCITY = slice(3, 6)
 POSITION = slice(6, 9)
 GYRO_BIAS = slice(9, 12)
 ACCEL_BIAS = slice(12, 15)
-_IDENTITY = np.eye(STATES)
+GPS_ERROR = slice(15, 18)
+HEADING_ERROR = 18
+
+
+def states_of(config: EkfConfig) -> int:
+    """Number of error states that the parameters ask for."""
+    return HEADING_ERROR + (config.heading.bias_sigma_deg > 0)
 
 
 def dynamics(state: NavState, rates: Rates, imu: ImuConfig) -> Array:
     """``F`` (15, 15), 1/s: the time derivative of the error states is ``F`` times them."""
     f = np.zeros((STATES, STATES))
-    _write_decay(f, imu)
-    _write_dynamics(_flat(f), state, rates)
+    times_s = np.array([*imu.gyro_bias_time_s, *imu.accel_bias_time_s])
+    f[range(9, STATES), range(9, STATES)] = -1 / times_s
+    _write_dynamics(flat_memory(f), STATES, state, rates, rates.specific_force_n)
     return f
 
 
-def _flat(square: Array) -> memoryview[float]:
+def flat_memory(square: Array) -> memoryview[float]:
     """The memory of a matrix, row after row: takes scalars at a tenth of an array block's cost."""
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
-def _write_decay(f: Array, imu: ImuConfig) -> None:
-    """The part of ``F`` that never changes: the biases' decay."""
-    times_s = np.array([*imu.gyro_bias_time_s, *imu.accel_bias_time_s])
-    f[range(9, STATES), range(9, STATES)] = -1 / times_s
+def _write_dynamics(
+    f: memoryview[float], n: int, state: NavState, rates: Rates, force_n: Vector
+) -> None:
+    """The part of ``F`` that changes, into the flat memory of rows of ``n``.
 
-
-def _write_dynamics(f: memoryview[float], state: NavState, rates: Rates) -> None:
-    """The part of ``F`` that changes, row after row into its flat memory.
-
-    Index ``15 i + j`` is row i, column j.
+    ``a``, ``v`` and ``p`` are where the rows of attitude, velocity and position begin.
     """
-    _write_rotation(f, rates.rotation_nb)
-    _write_attitude(f, state, rates)
-    _write_velocity(f, state, rates)
-    _write_position(f, state, rates)
-
-
-def _write_rotation(f: memoryview[float], r: Rotation) -> None:
-    """-R_nb: gyroscope bias into attitude, accelerometer bias into velocity."""
-    f[9], f[10], f[11] = f[57], f[58], f[59] = -r[0], -r[1], -r[2]
-    f[24], f[25], f[26] = f[72], f[73], f[74] = -r[3], -r[4], -r[5]
-    f[39], f[40], f[41] = f[87], f[88], f[89] = -r[6], -r[7], -r[8]
-
-
-def _write_attitude(f: memoryview[float], state: NavState, rates: Rates) -> None:
-    """-[w_in x] on attitude; minus the frame's rate by velocity and by position."""
-    north, east, _ = state.velocity_n
-    meridian, transverse = rates.meridian_m, rates.transverse_m
-    earth, transport = rates.earth_rate_n, rates.transport_rate_n
-    x, y, z = earth[0] + transport[0], transport[1], earth[2] + transport[2]
-    f[1], f[2] = z, -y
-    f[15], f[17] = -z, x
-    f[30], f[31] = y, -x
-    tangent, square = _tangent(state)
-    f[4], f[18], f[34] = -1 / transverse, 1 / meridian, tangent / transverse
-    f[8] = -east / transverse**2
-    f[23] = north / meridian**2
-    f[38] = east * tangent / transverse**2
-    f[6] = -earth[2] / meridian
-    f[36] = east * square / (transverse * meridian) + earth[0] / meridian
-
-
-def _write_velocity(f: memoryview[float], state: NavState, rates: Rates) -> None:
-    """-[f x] on attitude, Coriolis and transport terms, gravity's gradient in height."""
-    fx, fy, fz = rates.specific_force_n
-    f[46], f[47] = fz, -fy
-    f[60], f[62] = -fz, fx
-    f[75], f[76] = fy, -fx
+    a0, a1, a2, v0, v1, v2 = 0, n, 2 * n, 3 * n, 4 * n, 5 * n
+    p0, p1, p2 = 6 * n, 7 * n, 8 * n
     north, east, down = state.velocity_n
-    meridian, transverse = rates.meridian_m, rates.transverse_m
-    earth, transport = rates.earth_rate_n, rates.transport_rate_n
-    x, y, z = 2 * earth[0] + transport[0], transport[1], 2 * earth[2] + transport[2]
-    tangent, square = _tangent(state)
-    f[48], f[49], f[50] = down / meridian, z - east * tangent / transverse, -y
-    f[63], f[64], f[65] = -z, (down + north * tangent) / transverse, x
-    f[78], f[79] = y - north / meridian, -x - east / transverse
-    # [v x] times the frame rates' partials by position
-    nx = 2 * earth[2] / meridian
-    nz = -(east * square / transverse + 2 * earth[0]) / meridian
-    f[51], f[66], f[81] = east * nz, down * nx - north * nz, -east * nx
-    dx, dy, dz = east / transverse**2, -north / meridian**2, -east * tangent / transverse**2
-    gravity = gravity_down(state.latitude_rad, state.height_m)
-    f[53], f[68] = east * dz - down * dy, down * dx - north * dz
-    f[83] = north * dy - east * dx + 2 * gravity / math.sqrt(meridian * transverse)
-
-
-def _write_position(f: memoryview[float], state: NavState, rates: Rates) -> None:
-    """Velocity into position, and the turning and shrinking of the metres' axes."""
-    north, east, down = state.velocity_n
+    rotation, _, (earth_n, _, earth_d), over, meridian, transverse, gravity = rates
+    over_n, over_e, over_d = over
+    fn, fe, fd = force_n
     tangent = math.tan(state.latitude_rad)
-    f[93] = f[109] = f[125] = 1.0
-    f[96], f[98] = -down / rates.meridian_m, north / rates.meridian_m
-    f[111] = east * tangent / rates.meridian_m
-    f[112] = -down / rates.transverse_m - north * tangent / rates.meridian_m
-    f[113] = east / rates.transverse_m
-
-
-def _tangent(state: NavState) -> tuple[float, float]:
-    """Tangent of the latitude, and one over its squared cosine."""
-    tangent = math.tan(state.latitude_rad)
-    return tangent, 1 + tangent * tangent
+    square = 1 + tangent * tangent
+    # Gyroscope bias into attitude, accelerometer bias into velocity: -R_nb.
+    r0, r1, r2, r3, r4, r5, r6, r7, r8 = rotation
+    f[a0 + 9] = f[v0 + 12] = -r0
+    f[a0 + 10] = f[v0 + 13] = -r1
+    f[a0 + 11] = f[v0 + 14] = -r2
+    f[a1 + 9] = f[v1 + 12] = -r3
+    f[a1 + 10] = f[v1 + 13] = -r4
+    f[a1 + 11] = f[v1 + 14] = -r5
+    f[a2 + 9] = f[v2 + 12] = -r6
+    f[a2 + 10] = f[v2 + 13] = -r7
+    f[a2 + 11] = f[v2 + 14] = -r8
+    # Attitude: -[w_in x]; minus the frame's rate by velocity and by position.
+    wn, wd = earth_n + over_n, earth_d + over_d
+    f[a0 + 1], f[a0 + 2] = wd, -over_e
+    f[a1], f[a1 + 2] = -wd, wn
+    f[a2], f[a2 + 1] = over_e, -wn
+    f[a0 + 4], f[a1 + 3], f[a2 + 4] = -1 / transverse, 1 / meridian, tangent / transverse
+    dn, de, dd = over_n / transverse, over_e / meridian, over_d / transverse
+    f[a0 + 8], f[a1 + 8], f[a2 + 8] = -dn, -de, -dd
+    f[a0 + 6] = -earth_d / meridian
+    by_latitude = over_n * square / meridian + earth_n / meridian
+    f[a2 + 6] = by_latitude
+    # Velocity: -[f x] on attitude, Coriolis and transport terms, gravity's gradient in height.
+    f[v0 + 1], f[v0 + 2] = fd, -fe
+    f[v1], f[v1 + 2] = -fd, fn
+    f[v2], f[v2 + 1] = fe, -fn
+    cn, ce, cd = 2 * earth_n + over_n, over_e, 2 * earth_d + over_d
+    f[v0 + 3], f[v0 + 4], f[v0 + 5] = down / meridian, cd - over_n * tangent, -ce
+    f[v1 + 3], f[v1 + 4], f[v1 + 5] = -cd, (down + north * tangent) / transverse, cn
+    f[v2 + 3], f[v2 + 4] = ce - north / meridian, -cn - over_n
+    # [v x] times the frame rates' partials by position.
+    sn, sd = 2 * earth_d / meridian, -by_latitude - earth_n / meridian
+    f[v0 + 6], f[v1 + 6], f[v2 + 6] = east * sd, down * sn - north * sd, -east * sn
+    f[v0 + 8], f[v1 + 8] = east * dd - down * de, down * dn - north * dd
+    f[v2 + 8] = north * de - east * dn + 2 * gravity / math.sqrt(meridian * transverse)
+    # Position: velocity, and the turning and shrinking of the metres' axes.
+    f[p0 + 3] = f[p1 + 4] = f[p2 + 5] = 1.0
+    f[p0 + 6], f[p0 + 8] = -down / meridian, -over_e
+    f[p1 + 6] = east * tangent / meridian
+    f[p1 + 7] = -down / transverse - north * tangent / meridian
+    f[p1 + 8] = over_n
 
 
 def noise_density(imu: ImuConfig) -> Array:
@@ -151,53 +137,73 @@ def noise_density(imu: ImuConfig) -> Array:
 
 
 class CovariancePropagation:
-    """Carries the covariance; keeps the workspace of that, which runs at every IMU sample."""
+    """Carries the covariance; keeps the workspace of that, which runs many times a second."""
 
-    def __init__(self, imu: ImuConfig) -> None:
-        self._density = noise_density(imu).tolist()
-        self._f, self._q, self._a, self._transition, self._half = np.zeros((5, STATES, STATES))
-        _write_decay(self._f, imu)
-        self._flat_f, self._flat_q = _flat(self._f), _flat(self._q)
+    def __init__(self, config: EkfConfig) -> None:
+        states = states_of(config)
+        self._states = states
+        self._identity = np.eye(states)
+        self._f, self._q, self._a, self._transition, self._half = np.zeros((5, states, states))
+        self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
+        imu, gps, heading = config.imu, config.gps, config.heading
+        receivers = [(s, gps.position_time_s) for s in gps.position_sigma_m]
+        receivers.append((math.radians(heading.bias_sigma_deg), heading.bias_time_s))
+        sigmas, times_s = np.array(receivers[: states - STATES]).T
+        decay = [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *times_s]
+        self._f[range(9, states), range(9, states)] = -1 / np.array(decay)
+        density = noise_density(imu)
+        self._walks: list[float] = density[:6].tolist()
+        # The driving noise of all that decays, as the diagonal of a matrix for one second.
+        self._driving = np.diag(
+            np.concatenate([np.zeros(9), density[9:], 2 * sigmas**2 / times_s])
+        )
 
-    def step(self, covariance: Array, state: NavState, rates: Rates, step_s: float) -> Array:
-        """(15, 15) covariance after a step: second-order transition, noise turned to ``n``."""
-        _write_dynamics(self._flat_f, state, rates)
-        self._write_noise(rates.rotation_nb, step_s)
-        transition = self._transition
-        np.multiply(self._f, step_s, out=self._a)
-        np.dot(self._a, self._a, out=transition)
+    def step(
+        self, covariance: Array, state: NavState, rates: Rates, force_n: Vector, step_s: float
+    ) -> Array:
+        """(n, n) covariance after a step: second-order transition, noise turned to ``n``.
+
+        ``force_n`` (m/s2) is the mean specific force of the step, ``state`` and ``rates`` of an
+        instant within it.
+        """
+        _write_dynamics(self._flat_f, self._states, state, rates, force_n)
+        transition, a = self._transition, self._a
+        np.multiply(self._f, step_s, out=a)
+        np.dot(a, a, out=transition)
         transition *= 0.5
-        transition += self._a
-        transition += _IDENTITY
+        transition += a
+        transition += self._identity
         np.dot(transition, covariance, out=self._half)
         out = np.dot(self._half, transition.T)
-        out += self._q
-        out = out + out.T
+        out += self._noise(rates.rotation_nb, step_s)
+        out += out.T.copy()
         out *= 0.5
         return np.asarray(out)
 
-    def _write_noise(self, rotation: Rotation, step_s: float) -> None:
-        """Random walks turned to ``n``, and the biases' driving noise, over a step."""
-        q, density = self._flat_q, self._density
-        _write_turned(q, 0, rotation, density[0:3], step_s)
-        _write_turned(q, 48, rotation, density[3:6], step_s)
-        for i in range(9, STATES):
-            q[16 * i] = density[i] * step_s
+    def _noise(self, rotation: Rotation, step_s: float) -> Array:
+        """Random walks turned to ``n``, and the driving noise of the rest, over a step."""
+        np.multiply(self._driving, step_s, out=self._q)
+        q, n, walks = self._flat_q, self._states, self._walks
+        _write_turned(q, 0, n, rotation, walks[0:3], step_s)
+        _write_turned(q, 3 * n + 3, n, rotation, walks[3:6], step_s)
+        return self._q
 
 
 def _write_turned(
-    q: memoryview[float], at: int, r: Rotation, density: list[float], step_s: float
+    q: memoryview[float], at: int, n: int, r: Rotation, density: list[float], step_s: float
 ) -> None:
     """``R diag(density) R^T step_s`` into the 3 x 3 block that begins at flat index ``at``."""
     a, b, c = density[0] * step_s, density[1] * step_s, density[2] * step_s
-    ra, rb, rc = r[0] * a, r[1] * b, r[2] * c
-    q[at] = ra * r[0] + rb * r[1] + rc * r[2]
-    q[at + 1] = q[at + 15] = ra * r[3] + rb * r[4] + rc * r[5]
-    q[at + 2] = q[at + 30] = ra * r[6] + rb * r[7] + rc * r[8]
-    ra, rb, rc = r[3] * a, r[4] * b, r[5] * c
-    q[at + 16] = ra * r[3] + rb * r[4] + rc * r[5]
-    q[at + 17] = q[at + 31] = ra * r[6] + rb * r[7] + rc * r[8]
-    q[at + 32] = r[6] * r[6] * a + r[7] * r[7] * b + r[8] * r[8] * c
+    r0, r1, r2, r3, r4, r5, r6, r7, r8 = r
+    ra, rb, rc = r0 * a, r1 * b, r2 * c
+    second, third = at + n, at + 2 * n
+    q[at] = ra * r0 + rb * r1 + rc * r2
+    q[at + 1] = q[second] = ra * r3 + rb * r4 + rc * r5
+    q[at + 2] = q[third] = ra * r6 + rb * r7 + rc * r8
+    ra, rb, rc = r3 * a, r4 * b, r5 * c
+    q[second + 1] = ra * r3 + rb * r4 + rc * r5
+    q[second + 2] = q[third + 1] = ra * r6 + rb * r7 + rc * r8
+    q[third + 2] = r6 * r6 * a + r7 * r7 * b + r8 * r8 * c
 
 
 def feedback(state: NavState, error: Array) -> NavState:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,43 +14,76 @@ from tirgeo_ros.core.samples import Array
 _RAREST_SIGMA = 30.0
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement:
+class Measurement(NamedTuple):
     """A measurement as the filter sees it: ``innovation = design @ error + noise``."""
 
     innovation: Array  # (m,) measured minus predicted
-    design: Array  # (m, 15) H, for error states truth minus estimate
+    design: Array  # (m, n) H, for error states truth minus estimate
     noise: Array  # (m, m) R
     gate_sigma: float
+    ease: float = 0.0  # see ``update``
 
 
-@dataclass(frozen=True, slots=True)
-class Update:
+class Update(NamedTuple):
     """What an update gives; ``error`` and ``covariance`` are None where the gate refused."""
 
     test_ratio: float
-    error: Array | None  # (15,)
-    covariance: Array | None  # (15, 15)
+    error: Array | None  # (n,)
+    covariance: Array | None  # (n, n)
+    predicted: Array  # (m, m) H P H^T, the prediction's own uncertainty
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
     """One update in Joseph's form; refused where the test ratio is not in 0 to 1.
 
     A ratio that is negative or not a number comes of a noise that is no covariance.
+
+    ``ease`` k lets the measurement correct by 1 / (k + 1) of what it asks for at most: its noise
+    is taken k times the prediction's uncertainty larger. The gate is that of the plain noise.
     """
-    design, noise = measurement.design, measurement.noise
+    innovation, design, noise, gate_sigma, ease = measurement
     cross = np.dot(covariance, design.T)
-    spread = np.dot(design, cross) + noise
-    inverse = 1 / spread if len(spread) == 1 else np.linalg.inv(spread)
-    weighted = np.dot(inverse, measurement.innovation)
-    distance = float(np.dot(measurement.innovation, weighted))
-    ratio = distance / chi_square_limit(measurement.gate_sigma, len(measurement.innovation))
+    predicted = np.dot(design, cross)
+    inverse = _inverse(predicted + noise)
+    weighted = np.dot(inverse, innovation)
+    limit = chi_square_limit(gate_sigma, len(innovation))
+    ratio = float(np.dot(innovation, weighted)) / limit
     if not 0 <= ratio <= 1:
-        return Update(ratio, None, None)
+        return Update(ratio, None, None, predicted)
+    if ease:
+        noise = noise + ease * predicted
+        inverse = _inverse(predicted + noise)
+        weighted = np.dot(inverse, innovation)
     gain = np.dot(cross, inverse)
-    keep = np.eye(len(covariance)) - np.dot(gain, design)
-    joseph = np.dot(np.dot(keep, covariance), keep.T) + np.dot(np.dot(gain, noise), gain.T)
-    return Update(ratio, np.dot(cross, weighted), 0.5 * (joseph + joseph.T))
+    keep = np.dot(gain, design)
+    np.subtract(_identity(len(covariance)), keep, out=keep)
+    joseph = np.dot(np.dot(keep, covariance), keep.T)
+    joseph += np.dot(np.dot(gain, noise), gain.T)
+    joseph += joseph.T.copy()
+    joseph *= 0.5
+    return Update(ratio, np.dot(cross, weighted), joseph, predicted)
+
+
+@functools.lru_cache(maxsize=8)
+def _identity(size: int) -> Array:
+    return np.eye(size)
+
+
+def _inverse(spread: Array) -> Array:
+    """Of a symmetric matrix (m, m), m = 1 or 3 by hand: a tenth of the general one's cost."""
+    if len(spread) == 1:
+        return np.asarray(1 / spread)
+    if len(spread) != 3:
+        return np.asarray(np.linalg.inv(spread), float)
+    (a, b, c), (_, d, e), (_, _, f) = spread.tolist()
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = a * x + b * y + c * z
+    if scale == 0.0:
+        return np.full((3, 3), math.nan)
+    scale = 1 / scale
+    x, y, z = x * scale, y * scale, z * scale
+    p, q, r = (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
+    return np.array(((x, y, z), (y, p, q), (z, q, r)))
 
 
 @functools.lru_cache(maxsize=64)

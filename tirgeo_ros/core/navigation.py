@@ -8,21 +8,24 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
-from tirgeo_ros.core.aiding.fusion import Aiding, source_of
-from tirgeo_ros.core.alignment import Aligner, Alignment
+from tirgeo_ros.core.aiding.belief import Aiding, source_of
+from tirgeo_ros.core.aiding.control import AIDS
+from tirgeo_ros.core.alignment import Aligner, Alignment, Biases
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.ekf import Ekf
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.health import Health
+from tirgeo_ros.core.imu_clock import ImuClock
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.refusals import RefusalWatch
+from tirgeo_ros.core.repeats import Repeats, Same
 from tirgeo_ros.core.samples import (
     FilterState,
     FixStatus,
-    HeadingSample,
     ImuSample,
     NavigationInput,
     NavigationStatus,
@@ -34,10 +37,12 @@ from tirgeo_ros.core.samples import (
 )
 from tirgeo_ros.core.validity import LARGEST_HEIGHT_M, fault_of, usable_attitude
 
-#: An IMU stamp that goes back further is another clock or another run of a bag, not disorder.
-_CLOCK_JUMP_NS = 1_000_000_000
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
+#: The estimator's state is looked at so often.
+_WATCH_NS = 100_000_000
+#: So many aiding samples without one of the IMU, over the time-out of an aid: the IMU is silent.
+_AIDS_IN_SILENCE = 5
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
@@ -45,17 +50,19 @@ _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (Source.IMU, *_GPS),
     "rtk": _RTK,
-    "ekf": _RTK,
-    "ekf_heading": (*_RTK, Source.RTK_HEADING),
+    "ekf": (*_RTK, *_GPS),
+    "ekf_heading": (*_RTK, Source.RTK_HEADING, *_GPS),
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """What one sample led to; ``solution`` is there when it is due to be published."""
 
     verdict: Verdict
     solution: NavSolution | None = None
+
+
+_USED_STEP = Step(_IMU_USED)
 
 
 class Navigation:
@@ -67,26 +74,42 @@ class Navigation:
     def __init__(self, config: EkfConfig) -> None:
         self._config = config
         self._filtering = config.method in {"ekf", "ekf_heading"}
-        self._use_heading = config.method == "ekf_heading"
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
-        self._rtk_delay_ns = round(config.rtk.delay_s * 1e9)
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._test_ratios: dict[str, float] = {}
+        self._delay_ns = dict.fromkeys(AIDS, round(config.rtk.delay_s * 1e9))
+        self._delay_ns |= dict.fromkeys(_GPS, round(config.gps.delay_s * 1e9))
+        self._health = Health(config)
+        self._counts: Counter[tuple[Source, Outcome]] = Counter()
+        self._resets: Counter[Source] = Counter()  # of the filters before this one
+        self._last_reset = ""
+        self._test_ratios: dict[Source, float] = {}
         self._plane = _configured_plane(config)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Forget the state; the map's origin and the counts stay."""
         self._ekf: Ekf | None = None
-        self._aligner = Aligner(self._config, use_heading=self._use_heading)
+        self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again from alignment. The origin of ``map`` stays where it is."""
+        self._imu_clock = ImuClock(self._config.max_imu_gap_s)
+        self._entered = (FilterState.WAITING, 0)
+        self._begin("", None)
+
+    def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
+        """Forget the state, but for what is known of the IMU."""
+        self._resets, self._last_reset = self._reset_counts()
+        self._ekf = None
+        self._why_again, self._lost = why, lost
+        use_heading = self._config.method == "ekf_heading"
+        self._aligner = Aligner(self._config, use_heading=use_heading, prior=prior)
         self._passthrough = Passthrough(self._config, self._position_source)
-        self._refusals = RefusalWatch()
-        self._imu_ns: int | None = None
+        self._repeats = Repeats()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._heading_sigma_rad = math.nan
         self._rtk_status = FixStatus.NONE
         self._rtk_status_ns = 0
+        self._newest_aid_ns = 0
+        self._aids_since_imu = 0
+        self._watched_ns = 0
 
     @property
     def plane(self) -> TangentPlane | None:
@@ -96,12 +119,20 @@ class Navigation:
     @property
     def rtk_status(self) -> FixStatus:
         """What the RTK receiver last said of its fix; NONE once it is silent."""
-        silent = (self._imu_ns or 0) - self._rtk_status_ns > _STATUS_AGE_NS
+        silent = self._now_ns - self._rtk_status_ns > _STATUS_AGE_NS
         return FixStatus.NONE if silent else self._rtk_status
 
-    def reset(self) -> None:
-        """Start again from alignment. The origin of ``map`` stays where it is."""
-        self._begin()
+    @property
+    def _now_ns(self) -> int:
+        """The newest time that is known: the IMU's, or that of its aids while it is silent."""
+        imu_ns = self._imu_clock.newest_ns or 0
+        return max(imu_ns, self._newest_aid_ns) if self._imu_is_silent else imu_ns
+
+    @property
+    def _imu_is_silent(self) -> bool:
+        timeout_ns = self._config.trust.aid_timeout_s * 1e9
+        silence_ns = self._newest_aid_ns - (self._imu_clock.newest_ns or 0)
+        return self._aids_since_imu >= _AIDS_IN_SILENCE and silence_ns > timeout_ns
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample. Whatever is in it, the state stays finite."""
@@ -112,141 +143,165 @@ class Navigation:
         elif isinstance(sample, ImuSample):
             step = self._process_imu(sample)
         else:
-            step = self._process_aiding(sample)
+            step = Step(self._process_aiding(sample))
         self._count(step.verdict)
         return step
 
     def status(self) -> NavigationStatus:
         """Where the estimator stands."""
         state, reason = self._state()
-        running = state is FilterState.RUNNING
+        self._enter(state)
+        resets, last_reset = self._reset_counts()
         return NavigationStatus(
             self._config.method,
             state,
             reason,
             self.rtk_status,
-            self._heading_sigma_rad if running else math.nan,
-            dict(self._counts),
-            dict(self._test_ratios),
+            self._heading_sigma_rad if state.navigating else math.nan,
+            {(a.value, b.value): number for (a, b), number in self._counts.items()},
+            {source.value: ratio for source, ratio in self._test_ratios.items()},
+            (self._now_ns - self._entered[1]) * 1e-9,
+            {source.value: number for source, number in resets.items()},
+            last_reset,
         )
 
+    def _reset_counts(self) -> tuple[Counter[Source], str]:
+        """Of this filter and those before it, and the newest."""
+        if self._ekf is None:
+            return self._resets, self._last_reset
+        control = self._ekf.control
+        counts = Counter({s: n for s, n in zip(AIDS, control.resets, strict=True) if n})
+        last = str(control.last_reset) if control.last_reset else self._last_reset
+        return self._resets + counts, last
+
+    def _enter(self, state: FilterState) -> None:
+        if state is not self._entered[0] or self._now_ns < self._entered[1]:
+            self._entered = (state, self._now_ns)
+
     def _state(self) -> tuple[FilterState, str]:
-        if self._filtering:
-            if self._ekf is not None:
-                return FilterState.RUNNING, ""
-            moving = self._imu_ns is not None and self.rtk_status > FixStatus.NONE
-            return (FilterState.ALIGNING if moving else FilterState.WAITING), self._aligner.reason
-        reason = self._passthrough.reason
-        return (FilterState.WAITING if reason else FilterState.RUNNING), reason
+        if self._imu_clock.newest_ns is not None and self._imu_is_silent:
+            silent_s = (self._newest_aid_ns - self._imu_clock.newest_ns) * 1e-9
+            return FilterState.WAITING, f"no imu/data for {silent_s:.1f} s"
+        if not self._filtering:
+            reason = self._passthrough.reason
+            return (FilterState.WAITING if reason else FilterState.RUNNING), reason
+        if self._ekf is not None:
+            return self._health.state(self._ekf.control, self._ekf.newest_ns)
+        reason = "; ".join(filter(None, (self._why_again, self._aligner.reason)))
+        if self._lost:
+            return FilterState.LOST, reason
+        begun = self._imu_clock.newest_ns is not None and self._newest_aid_ns
+        return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
 
     def _process_imu(self, sample: ImuSample) -> Step:
-        outcome, reason = self._time_check(sample.stamp_ns)
-        if outcome is Outcome.OUT_OF_ORDER:
-            return Step(Verdict(Source.IMU, outcome, reason))
-        if outcome is not Outcome.USED:
-            self._begin()
-        self._imu_ns = sample.stamp_ns
+        checked = self._imu_clock.check(sample)
+        if not checked.use:
+            return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
+        begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
+        if begins:
+            self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
+        self._aids_since_imu = 0
+        for one in checked.use:
+            outcome, reason = self._take_imu(one)
+        if begins:
+            outcome, reason = checked.outcome, checked.reason
+        solution = self._due_solution(sample.stamp_ns)
+        if outcome is Outcome.USED:
+            return _USED_STEP if solution is None else Step(_IMU_USED, solution)
+        return Step(Verdict(Source.IMU, outcome, reason), solution)
+
+    def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
+        """A sample that goes on from the one before."""
         if self._ekf is not None:
-            self._ekf.add_imu(sample)
-            for verdict in self._ekf.take_resolved():
-                self._count(self._judged(verdict, sample.stamp_ns))
-        elif self._filtering:
-            self._aligner.add(sample)
-            outcome = Outcome.WAITING if outcome is Outcome.USED else outcome
-        else:
-            self._passthrough.add_imu(sample)
-            if outcome is Outcome.USED and not usable_attitude(sample.autopilot_q_nb):
-                outcome, reason = Outcome.INVALID, "no orientation"
-        used = outcome is Outcome.USED
-        verdict = _IMU_USED if used else Verdict(Source.IMU, outcome, reason)
-        return Step(verdict, self._due_solution(sample.stamp_ns))
-
-    def _time_check(self, stamp_ns: int) -> tuple[Outcome, str]:
-        if self._imu_ns is None:
+            for verdict in self._ekf.add_imu(sample):
+                self._count(verdict)
+            if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
+                self._watch(self._ekf)
             return Outcome.USED, ""
-        ahead_ns = stamp_ns - self._imu_ns
-        if ahead_ns < -_CLOCK_JUMP_NS:
-            return Outcome.TIME_JUMP, f"imu/data went back by {-ahead_ns * 1e-9:.3f} s"
-        if ahead_ns <= 0:
-            return Outcome.OUT_OF_ORDER, "stamp not later than the one before"
-        if ahead_ns > self._config.max_imu_gap_s * 1e9 and self._filtering:
-            return Outcome.GAP, f"no imu/data for {ahead_ns * 1e-9:.3f} s"
-        return Outcome.USED, ""
+        if self._filtering:
+            self._start(self._aligner.add(sample))
+            return Outcome.WAITING, ""
+        self._passthrough.add_imu(sample)
+        if usable_attitude(sample.autopilot_q_nb):
+            return Outcome.USED, ""
+        return Outcome.INVALID, "no orientation"
 
-    def _process_aiding(self, sample: Aiding) -> Step:
-        if self._rtk_delay_ns and source_of(sample) not in _GPS:
-            sample = replace(sample, stamp_ns=sample.stamp_ns - self._rtk_delay_ns)
-        if isinstance(sample, PositionSample) and sample.source is Source.RTK_POSITION:
+    def _process_aiding(self, sample: Aiding) -> Verdict:
+        source = source_of(sample)
+        delay_ns = self._delay_ns[source]
+        if delay_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
+        self._aids_since_imu += 1
+        self._newest_aid_ns = sample.stamp_ns
+        if source not in METHOD_SOURCES[self._config.method]:
+            return Verdict(source, Outcome.UNUSED)
+        if isinstance(sample, PositionSample) and source is Source.RTK_POSITION:
             self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
-        refused = self._refusal(sample)
-        if refused is not None:
-            return Step(refused)
+        same = self._repeats.compared(sample)
+        if same is Same.MEASUREMENT:
+            return Verdict(source, Outcome.REPEATED, "the value of the one before")
         if not self._filtering:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
-            verdict = self._ekf.add_aiding(sample)
+            verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
         else:
-            verdict = Verdict(source_of(sample), Outcome.WAITING, "not aligned yet")
+            verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
             self._start(self._aligner.add(sample))
         self._settle_plane(sample, verdict)
-        return Step(self._judged(verdict, sample.stamp_ns))
-
-    def _judged(self, verdict: Verdict, stamp_ns: int) -> Verdict:
-        """The verdict; where a source has been refused for long, the filter begins again."""
-        if not self._refusals.hopeless(verdict, stamp_ns):
-            return verdict
-        self._begin()
-        reason = "refused for 2 s: the filter starts again"
-        return replace(verdict, outcome=Outcome.RESTART, reason=reason)
-
-    def _refusal(self, sample: Aiding) -> Verdict | None:
-        """A verdict on samples that the method or the receiver's own word rules out."""
-        source = source_of(sample)
-        if source not in METHOD_SOURCES[self._config.method]:
-            return Verdict(source, Outcome.UNUSED)
-        if isinstance(sample, HeadingSample):
-            fixed = self.rtk_status is FixStatus.FIXED
-            return None if fixed else Verdict(source, Outcome.NOT_FIXED, "rtk/fix is not fixed")
-        if isinstance(sample, PositionSample) and sample.status < self._least_status(source):
-            return Verdict(source, Outcome.NOT_FIXED, f"status {sample.status.name.lower()}")
-        return None
-
-    def _least_status(self, source: Source) -> FixStatus:
-        return FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
+        return verdict
 
     def _settle_plane(self, sample: Aiding, verdict: Verdict) -> None:
+        """The first position that is fit to start from is the origin."""
         if self._plane is not None or not isinstance(sample, PositionSample):
             return
-        if sample.source is self._position_source and verdict.outcome in {
-            Outcome.USED,
-            Outcome.WAITING,
-        }:
+        gps = sample.source is Source.GPS_POSITION
+        if gps is not (self._position_source is Source.GPS_POSITION):
+            return
+        least = FixStatus.SINGLE if gps else FixStatus.FLOAT
+        if sample.status >= least and verdict.outcome in {Outcome.USED, Outcome.WAITING}:
             self._plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
 
     def _start(self, alignment: Alignment | None) -> None:
         if alignment is None:
             return
         self._ekf = Ekf(self._config, alignment)
+        self._why_again, self._lost = "", False
+        if self._plane is None:
+            at = alignment.state
+            self._plane = TangentPlane(at.latitude_rad, at.longitude_rad, at.height_m)
         for imu in alignment.imu[1:]:
-            self._ekf.add_imu(imu)
+            self._ekf.add_imu(imu)  # nothing is held yet
         for sample in alignment.later:
             self._count(self._ekf.add_aiding(sample))  # type: ignore[arg-type]
+
+    def _watch(self, ekf: Ekf) -> None:
+        """Look at the filter's health."""
+        self._watched_ns = ekf.newest_ns
+        belief = ekf.belief()
+        self._enter(self._health.state(belief.control, ekf.newest_ns)[0])
+        why = self._health.lost(belief.control, belief.covariance)
+        if why:
+            self._begin(why, ekf.biases(), lost=True)
+            self._enter(FilterState.LOST)
+            self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 
     def _due_solution(self, stamp_ns: int) -> NavSolution | None:
         """A solution, at ``publish_rate_hz`` at the most."""
         if not self._rate.due(stamp_ns):
             return None
-        solution = self._ekf.solution() if self._ekf else None
-        if not self._filtering:
+        if self._filtering:
+            solution = self._ekf.solution() if self._ekf else None
+        else:
             solution = self._passthrough.solution()
         if solution is not None:
             self._heading_sigma_rad = math.sqrt(solution.covariance[5, 5])
         return solution
 
     def _count(self, verdict: Verdict) -> None:
-        self._counts[verdict.source.value, verdict.outcome.value] += 1
-        if not math.isnan(verdict.test_ratio):
-            self._test_ratios[verdict.source.value] = verdict.test_ratio
+        source, outcome, _, ratio, _ = verdict
+        self._counts[source, outcome] += 1
+        if not math.isnan(ratio):
+            self._test_ratios[source] = ratio
 
 
 def _configured_plane(config: EkfConfig) -> TangentPlane | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,9 @@ class Source(Enum):
     RTK_HEADING = "rtk_heading"
     GPS_POSITION = "gps_position"
     GPS_VELOCITY = "gps_velocity"
+
+    # Members are single objects: Enum's own hash, of the name, costs ten times as much.
+    __hash__ = object.__hash__
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +102,7 @@ class CameraAttitudeSample:
     q_ng: Array  # (4,) wxyz
 
 
-@dataclass(frozen=True, slots=True)
-class NavSolution:
+class NavSolution(NamedTuple):
     """The aircraft's navigation state: the IMU's position, ``n`` at the aircraft."""
 
     stamp_ns: int
@@ -154,11 +157,13 @@ class Outcome(Enum):
     REPEATED = "repeated"  # the same measurement again
     INVALID = "invalid"  # not finite, zero quaternion, impossible covariance
     NOT_FIXED = "not_fixed"  # the fix is not good enough for this use
+    STANDBY = "standby"  # ordinary GPS, not needed while RTK is there
     UNUSED = "unused"  # the chosen method does not use this source
 
+    __hash__ = object.__hash__  # as Source
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+
+class Verdict(NamedTuple):
     """The answer to one sample: what became of it, with numbers."""
 
     source: Source

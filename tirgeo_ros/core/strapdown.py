@@ -42,6 +42,7 @@ class Rates(NamedTuple):
     transport_rate_n: Vector  # rad/s, of n against e
     meridian_m: float  # radius of curvature plus height
     transverse_m: float
+    gravity_m_s2: float  # down
 
 
 def rotation_of(q: Quaternion) -> Rotation:
@@ -105,95 +106,97 @@ def normalised(q: Quaternion) -> Quaternion:
     return (w * factor, x * factor, y * factor, z * factor)
 
 
-def rates_of(state: NavState, specific_force_b: Vector) -> Rates:
-    """Frame rates and radii at a state (Groves 2.123, 5.44), with the force turned to ``n``."""
-    north, east, _ = state.velocity_n
-    sine, cosine = math.sin(state.latitude_rad), math.cos(state.latitude_rad)
-    meridian, transverse = radii_of_curvature(state.latitude_rad)
-    meridian += state.height_m
-    transverse += state.height_m
-    rotation = rotation_of(state.q_nb)
-    return Rates(
-        rotation,
-        rotate(rotation, specific_force_b),
-        (EARTH_RATE_RAD_S * cosine, 0.0, -EARTH_RATE_RAD_S * sine),
-        (east / transverse, -north / meridian, -east * sine / (cosine * transverse)),
-        meridian,
-        transverse,
-    )
-
-
 def propagate(
     state: NavState, specific_force_b: Vector, angular_rate_b: Vector, step_s: float
 ) -> tuple[NavState, Rates]:
     """One step with the mean readings over it; gives the new state and the rates of the step.
 
     ``specific_force_b`` (m/s2) and ``angular_rate_b`` (rad/s) are as read, biases still in them.
+    Written out in scalars in one piece: it runs at every IMU sample, and again for each when a
+    measurement comes late, and calls would cost as much as the arithmetic.
     """
-    turn = _scaled(_minus(angular_rate_b, state.gyro_bias_b), step_s)
-    force = _minus(specific_force_b, state.accel_bias_b)
-    half = cross(turn, force)  # the body turns during the step: the force at its middle
-    force = (force[0] + 0.5 * half[0], force[1] + 0.5 * half[1], force[2] + 0.5 * half[2])
-    rates = rates_of(state, force)
-    velocity = _velocity(state, rates, step_s)
+    (w, x, y, z), (north, east, down), latitude, longitude, height, gyro, accel, moved = state
+    # Readings without their biases; the body turns during the step: the force at its middle.
+    tx = (angular_rate_b[0] - gyro[0]) * step_s
+    ty = (angular_rate_b[1] - gyro[1]) * step_s
+    tz = (angular_rate_b[2] - gyro[2]) * step_s
+    ax = specific_force_b[0] - accel[0]
+    ay = specific_force_b[1] - accel[1]
+    az = specific_force_b[2] - accel[2]
+    fx = ax + 0.5 * (ty * az - tz * ay)
+    fy = ay + 0.5 * (tz * ax - tx * az)
+    fz = az + 0.5 * (tx * ay - ty * ax)
+    rotation = r = rotation_of((w, x, y, z))
+    fn = r[0] * fx + r[1] * fy + r[2] * fz
+    fe = r[3] * fx + r[4] * fy + r[5] * fz
+    fd = r[6] * fx + r[7] * fy + r[8] * fz
+    # The earth here: radii, gravity and the turns of e against i and n against e (Groves 2.105,
+    # 2.106, 2.123, 2.134, 2.139, 5.44).
+    sine, cosine = math.sin(latitude), math.cos(latitude)
+    meridian, transverse = radii_of_curvature(latitude)
+    meridian += height
+    transverse += height
+    gravity = gravity_down(latitude, height)
+    earth_n, earth_d = EARTH_RATE_RAD_S * cosine, -EARTH_RATE_RAD_S * sine
+    over_n = east / transverse
+    over_e = -north / meridian
+    over_d = -over_n * sine / cosine
+    wn, wd = earth_n + over_n, earth_d + over_d
+    # Velocity; the axes turn during the step: the force as seen at its middle.
+    half = 0.5 * step_s
+    mn, me, md = north + half * fn, east + half * fe, down + half * fd
+    north_1 = north + (fn + earth_d * east - (over_e * md - wd * me)) * step_s
+    east_1 = east + (fe - (earth_d * north - earth_n * down) - (wd * mn - wn * md)) * step_s
+    down_1 = down + (fd - earth_n * east - (wn * me - over_e * mn) + gravity) * step_s
+    # Position with the mean velocity.
+    latitude_1 = latitude + half * (north + north_1) / meridian
+    cosine_1 = math.cos(0.5 * (latitude + latitude_1))
+    longitude_1 = longitude + half * (east + east_1) / (transverse * cosine_1)
+    if abs(longitude_1) > math.pi:
+        longitude_1 = math.remainder(longitude_1, 2 * math.pi)
+    # Attitude: the body's turn on the right, the axes' on the left. The latter is below 1e-6 rad
+    # in a step: its rotation vector's half is its quaternion, to 1e-12.
+    qw, qx, qy, qz = quaternion_of(tx, ty, tz)
+    n, e, d = -half * wn, -half * over_e, -half * wd
+    w, x, y, z = (
+        w - n * x - e * y - d * z,
+        x + n * w + e * z - d * y,
+        y - n * z + e * w + d * x,
+        z + n * y - e * x + d * w,
+    )
+    aw = w * qw - x * qx - y * qy - z * qz
+    bx = w * qx + x * qw + y * qz - z * qy
+    cy = w * qy - x * qz + y * qw + z * qx
+    dz = w * qz + x * qy - y * qx + z * qw
+    unit = 1 / math.sqrt(aw * aw + bx * bx + cy * cy + dz * dz)
+    # A named tuple's own constructor takes twice the time.
     return (
-        NavState(
-            _attitude(state, rates, turn, step_s),
-            velocity,
-            *_position(state, rates, velocity, step_s),
-            state.gyro_bias_b,
-            state.accel_bias_b,
-            state.correction_n,
+        tuple.__new__(
+            NavState,
+            (
+                (aw * unit, bx * unit, cy * unit, dz * unit),
+                (north_1, east_1, down_1),
+                latitude_1,
+                longitude_1,
+                height - half * (down + down_1),
+                gyro,
+                accel,
+                moved,
+            ),
         ),
-        rates,
+        tuple.__new__(
+            Rates,
+            (
+                rotation,
+                (fn, fe, fd),
+                (earth_n, 0.0, earth_d),
+                (over_n, over_e, over_d),
+                meridian,
+                transverse,
+                gravity,
+            ),
+        ),
     )
-
-
-def _attitude(state: NavState, rates: Rates, turn: Vector, step_s: float) -> Quaternion:
-    e, t = rates.earth_rate_n, rates.transport_rate_n
-    frame = quaternion_of(
-        -(e[0] + t[0]) * step_s, -(e[1] + t[1]) * step_s, -(e[2] + t[2]) * step_s
-    )
-    return normalised(multiply(multiply(frame, state.q_nb), quaternion_of(*turn)))
-
-
-def _velocity(state: NavState, rates: Rates, step_s: float) -> Vector:
-    e, t = rates.earth_rate_n, rates.transport_rate_n
-    f = rates.specific_force_n
-    gravity = gravity_down(state.latitude_rad, state.height_m)
-    north, east, down = state.velocity_n
-    coriolis = cross(e, state.velocity_n)
-    half = 0.5 * step_s  # the axes turn during the step: the force as seen at its middle
-    turned = cross(
-        (e[0] + t[0], e[1] + t[1], e[2] + t[2]),
-        (north + half * f[0], east + half * f[1], down + half * f[2]),
-    )
-    return (
-        north + (f[0] - coriolis[0] - turned[0]) * step_s,
-        east + (f[1] - coriolis[1] - turned[1]) * step_s,
-        down + (f[2] - coriolis[2] - turned[2] + gravity) * step_s,
-    )
-
-
-def _position(
-    state: NavState, rates: Rates, velocity_n: Vector, step_s: float
-) -> tuple[float, float, float]:
-    a, b = state.velocity_n, velocity_n
-    north, east, down = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-    latitude = state.latitude_rad + north / rates.meridian_m * step_s
-    middle = 0.5 * (state.latitude_rad + latitude)
-    longitude = state.longitude_rad + east / (rates.transverse_m * math.cos(middle)) * step_s
-    if abs(longitude) > math.pi:
-        longitude = math.remainder(longitude, 2 * math.pi)
-    return latitude, longitude, state.height_m - down * step_s
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _scaled(a: Vector, factor: float) -> Vector:
-    return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
 def matrix(rotation: Rotation) -> Array:

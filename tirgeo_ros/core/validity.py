@@ -70,9 +70,16 @@ def _position_fault(sample: PositionSample) -> str:
 
 
 def _covariance_fault(covariance: Array) -> str:
-    if not (np.abs(covariance) < _LARGEST_VARIANCE).all():
+    rows = covariance.tolist()
+    if not all(-_LARGEST_VARIANCE < value < _LARGEST_VARIANCE for row in rows for value in row):
         return "covariance is not finite"
-    if np.any(np.diag(covariance) <= 0):  # the message says that it does not know
+    (a, b, c), (b2, d, e), (c2, e2, f) = rows
+    if a <= 0 or d <= 0 or f <= 0:  # the message says that it does not know
         return ""
-    lowest, _, highest = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-    return "" if lowest > -_ROUNDING * highest else "covariance is not positive"
+    largest = max(a, d, f)
+    b, c, e = 0.5 * (b + b2) / largest, 0.5 * (c + c2) / largest, 0.5 * (e + e2) / largest
+    a, d, f = a / largest + _ROUNDING, d / largest + _ROUNDING, f / largest + _ROUNDING
+    # Sylvester: the leading minors of a positive matrix are positive.
+    second = a * d - b * b
+    third = second * f - a * e * e + 2 * b * c * e - d * c * c
+    return "" if second > 0 and third > 0 else "covariance is not positive"

@@ -1,16 +1,20 @@
-"""A sample into the state: the right measurement, its noise, its gate, its verdict."""
+"""A sample into the belief: the right measurement, its gate, its verdict.
+
+RTK positions are used from float on and RTK velocities with them, headings only while the
+position is fixed. The ordinary GPS steps in where RTK is gone.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
-from tirgeo_ros.core.aiding.heading import baseline_b, heading_measurement
-from tirgeo_ros.core.aiding.position import innovation_n, position_measurement
-from tirgeo_ros.core.aiding.velocity import velocity_measurement
+from tirgeo_ros.core.aiding.belief import Aid, Aiding, Belief, Fused, not_fixed, refused
+from tirgeo_ros.core.aiding.control import EASE_STEPS, Control, Receivers, Track
+from tirgeo_ros.core.aiding.gps import GpsPosition
+from tirgeo_ros.core.aiding.heading import Headings
+from tirgeo_ros.core.aiding.position import RtkPosition
+from tirgeo_ros.core.aiding.resets import Resets
+from tirgeo_ros.core.aiding.velocity import Velocities
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import POSITION, feedback
+from tirgeo_ros.core.error_state import POSITION, feedback, states_of
 from tirgeo_ros.core.kalman import Measurement, update
 from tirgeo_ros.core.samples import (
     Array,
@@ -22,94 +26,127 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
     Verdict,
 )
-from tirgeo_ros.core.strapdown import NavState
+from tirgeo_ros.core.strapdown import Vector
 
-Aiding = PositionSample | VelocitySample | HeadingSample
-#: A float or differential solution is believed no better than this, per axis.
-_FLOAT_SIGMA_M = 0.3
-
-
-class Fused(NamedTuple):
-    """The state after a sample, changed or not, and why."""
-
-    verdict: Verdict
-    state: NavState
-    covariance: Array  # (15, 15)
+#: Aids that move the map where they come back at once.
+_EASED = (Source.RTK_POSITION, Source.RTK_VELOCITY)
 
 
 class Fusion:
     """Turns samples into measurements and fuses them, as the parameters say."""
 
     def __init__(self, config: EkfConfig) -> None:
-        self._rtk = config.rtk
-        self._heading = config.heading
-        self._lever_b = config.rtk.lever_arm_b
-        self._baseline_b = baseline_b(config.heading.offset_deg)
+        states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._direct = config.position_update == "rtk_direct"
+        self._rtk_position = RtkPosition(config)
+        self._rtk_velocity = Velocities(states, config.rtk)
+        self._gps_velocity = Velocities(states, config.gps)
+        self._gps_position = GpsPosition(config)
+        self._headings = Headings(config)
+        self._resets = Resets(config)
 
-    def offset_n(self, state: NavState, sample: PositionSample) -> Array:
-        """(3,) antenna as measured, from the path that the IMU alone has taken, NED metres.
-
-        A median of positions would lag behind an aircraft in motion. The median filter therefore
-        takes these offsets: a jump of one position disturbs them as it would the plain median,
-        motion not at all.
-        """
-        free = np.array(state.correction_n)
-        return np.asarray(innovation_n(state, sample, self._lever_b) + free)
+    def spare(self, sample: Aiding, control: Control) -> bool:
+        """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
+        return self._gps_position.spare(sample, control)
 
     def fuse(
-        self,
-        sample: Aiding,
-        state: NavState,
-        covariance: Array,
-        angular_rate_b: Array,
-        window: list[Array],
+        self, sample: Aiding, belief: Belief, angular_rate_b: Vector, *, stale: bool = False
     ) -> Fused:
-        """The state with a sample in it.
+        """The belief with a sample in it.
 
-        ``angular_rate_b`` (3,) rad/s has its bias removed; ``window`` holds the newest offsets
-        (see ``offset_n``), this sample's last, where the sample is a position.
+        ``angular_rate_b`` (rad/s) has its bias removed; a ``stale`` sample says what the one
+        before said: its refusal proves nothing against the state.
         """
-        source = source_of(sample)
-        measurement = self._measurement(sample, state, angular_rate_b, window)
-        if measurement is None:
-            verdict = Verdict(source, Outcome.INVALID, "the antenna baseline stands upright")
-            return Fused(verdict, state, covariance)
-        result = update(covariance, measurement)
-        innovation = tuple(measurement.innovation.tolist())
-        if result.error is None or result.covariance is None:
-            verdict = Verdict(source, Outcome.GATED, "innovation", result.test_ratio, innovation)
-            return Fused(verdict, state, covariance)
-        error, covariance = result.error, result.covariance
-        if self._direct and source is Source.RTK_POSITION:
-            error, covariance = _position_taken(error, covariance, measurement)
-        verdict = Verdict(source, Outcome.USED, "", result.test_ratio, innovation)
-        return Fused(verdict, feedback(state, error), covariance)
-
-    def _measurement(
-        self, sample: Aiding, state: NavState, angular_rate_b: Array, window: list[Array]
-    ) -> Measurement | None:
+        if self.spare(sample, belief.control):
+            return refused(sample, belief, Outcome.STANDBY, "RTK is there")
         if isinstance(sample, HeadingSample):
-            return self._heading_measurement(sample, state)
-        gate_sigma = self._rtk.gate_sigma
-        if isinstance(sample, VelocitySample):
-            noise = floored(sample.covariance_n, self._rtk.velocity_sigma_floor_m_s)
-            return velocity_measurement(
-                state, sample.velocity_n, noise, angular_rate_b, self._lever_b, gate_sigma
-            )
-        fixed = sample.status is FixStatus.FIXED
-        sigma_m = self._rtk.position_sigma_floor_m if fixed else _FLOAT_SIGMA_M
-        middle = window[0] if len(window) == 1 else np.median(window, axis=0)
-        innovation = middle - np.array(state.correction_n)
-        noise = floored(sample.covariance_n, sigma_m)
-        return position_measurement(state, innovation, noise, self._lever_b, gate_sigma)
+            aid, belief = self._heading(sample, belief)
+        elif isinstance(sample, VelocitySample):
+            aid, belief = self._velocity(sample, belief, angular_rate_b)
+        else:
+            aid, belief = self._position(sample, belief)
+        if isinstance(aid, Verdict):
+            return Fused(aid, belief)
+        return self._judged(aid._replace(stale=True) if stale else aid, belief)
 
-    def _heading_measurement(self, sample: HeadingSample, state: NavState) -> Measurement | None:
-        variance = max(sample.variance_rad2, np.radians(self._heading.sigma_floor_deg) ** 2)
-        gate_sigma = self._heading.gate_sigma
-        return heading_measurement(
-            state, sample.heading_rad, variance, self._baseline_b, gate_sigma
-        )
+    def _position(self, sample: PositionSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+        if sample.source is Source.GPS_POSITION:
+            if sample.status < FixStatus.SINGLE:
+                return not_fixed(sample.source, sample.status), belief
+            return self._gps_position.aid(sample, belief), belief
+        belief = belief._replace(control=self._heard(sample, belief.control))
+        if sample.status < FixStatus.FLOAT:
+            return not_fixed(sample.source, sample.status), belief
+        return self._rtk_position.aid(sample, belief)
+
+    def _heard(self, sample: PositionSample, control: Control) -> Control:
+        return control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+
+    def _velocity(
+        self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector
+    ) -> tuple[Aid | Verdict, Belief]:
+        if sample.source is Source.GPS_VELOCITY:
+            return self._gps_velocity.aid(sample, belief, angular_rate_b), belief
+        status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
+        if status is not None and status < FixStatus.FLOAT:
+            return not_fixed(sample.source, status), belief
+        return self._rtk_velocity.aid(sample, belief, angular_rate_b), belief
+
+    def _heading(self, sample: HeadingSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+        reason = self._headings.obstacle(sample, belief.control)
+        if reason:
+            return Verdict(Source.RTK_HEADING, Outcome.NOT_FIXED, reason), belief
+        aid = self._headings.aid(sample, belief)
+        if aid is None:
+            reason = "the antenna baseline stands upright"
+            return Verdict(Source.RTK_HEADING, Outcome.INVALID, reason), belief
+        return aid, belief
+
+    def _judged(self, aid: Aid, belief: Belief) -> Fused:
+        """The belief with a measurement in it, or without where the gates refuse."""
+        state, covariance, control = belief
+        track = self._eased(aid, control.track(aid.source))
+        measurement = aid.measurement
+        if track.ease > 1:
+            measurement = measurement._replace(ease=track.ease - 1.0)
+        ratio, error, updated, predicted = update(covariance, measurement)
+        reason = "innovation" if error is None else ""
+        if aid.source is Source.RTK_HEADING:
+            track, reason = self._headings.averaged(track, measurement, predicted, reason)
+        if reason or error is None or updated is None:
+            if not aid.stale:
+                track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
+            belief = belief._replace(control=control.with_track(aid.source, track))
+            return self._after_refusal(aid, belief, ratio, reason)
+        if self._direct and aid.source is Source.RTK_POSITION:
+            error, updated = _position_taken(error, updated, measurement)
+        track = track.used(aid.stamp_ns, self._timeout_ns)
+        learned = self._learned(control, aid.stamp_ns, error)
+        control = control.with_track(aid.source, track, learned)
+        belief = Belief(feedback(state, error), updated, control)
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
+
+    def _after_refusal(self, aid: Aid, belief: Belief, ratio: float, reason: str) -> Fused:
+        reset = None if aid.stale else self._resets.after_refusal(aid, belief)
+        if reset is None:
+            return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
+        return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
+
+    def _eased(self, aid: Aid, track: Track) -> Track:
+        """An aid that was silent for long does not move the state in one step."""
+        if aid.source not in _EASED or track.recent(aid.stamp_ns, self._timeout_ns):
+            return track
+        return track._replace(ease=EASE_STEPS)
+
+    def _learned(self, control: Control, stamp_ns: int, error: Array) -> Receivers:
+        gps_error_n = self._gps_position.learned(control, stamp_ns, error)
+        return Receivers(stamp_ns, gps_error_n, self._headings.learned(control, stamp_ns, error))
+
+
+def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:
+    innovation = tuple(aid.measurement.innovation.tolist())
+    return Verdict(aid.source, outcome, reason, ratio, innovation)
 
 
 def _position_taken(
@@ -122,19 +159,3 @@ def _position_taken(
     covariance[:, POSITION] = 0.0
     covariance[POSITION, POSITION] = measurement.noise
     return error, covariance
-
-
-def source_of(sample: Aiding) -> Source:
-    """Where an aiding sample comes from."""
-    return Source.RTK_HEADING if isinstance(sample, HeadingSample) else sample.source
-
-
-def floored(covariance: Array, sigma: float) -> Array:
-    """A covariance (3, 3) whose axes are believed no better than ``sigma``.
-
-    Where variances are absent (zero or negative) the floor stands for them.
-    """
-    variances = np.diag(covariance)
-    if np.any(variances <= 0):
-        return np.diag(np.maximum(variances, sigma**2))
-    return np.asarray(covariance + np.diag(np.maximum(sigma**2 - variances, 0.0)))

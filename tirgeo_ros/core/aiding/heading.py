@@ -3,44 +3,152 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import wrap_pi
-from tirgeo_ros.core.error_state import STATES
+from tirgeo_ros.core.aiding.belief import Aid, Belief
+from tirgeo_ros.core.aiding.control import Control, Track
+from tirgeo_ros.core.config import EkfConfig, HeadingConfig
+from tirgeo_ros.core.error_state import HEADING_ERROR, states_of
+from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.kalman import Measurement
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.strapdown import NavState, matrix, rotation_of
+from tirgeo_ros.core.samples import Array, FixStatus, HeadingSample, Source
+from tirgeo_ros.core.strapdown import Rotation, Vector, rotate, rotation_of
 
 #: Below this horizontal share a baseline has no heading worth the name (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
+#: Of the newest innovation in the running mean: the mean is one of about twenty.
+_MEAN_SHARE = 0.1
 
 
-def baseline_b(offset_deg: float) -> Array:
-    """(3,) unit vector from the first antenna to the second, FRD, ``offset_deg`` from the nose."""
-    angle = math.radians(offset_deg)
-    return np.array([math.cos(angle), math.sin(angle), 0.0])
+class Baseline(NamedTuple):
+    """From the first antenna to the second, and what the receiver says of it."""
+
+    direction_b: Vector  # unit vector, FRD
+    reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
+
+    @classmethod
+    def from_config(cls, config: HeadingConfig) -> Baseline:
+        """The baseline as configured: a vector, or level in the direction that is reported."""
+        offset_rad = math.radians(config.offset_deg)
+        if not config.baseline_m:
+            return cls((math.cos(offset_rad), math.sin(offset_rad), 0.0), 0.0)
+        x, y, z = flu_from_frd(np.array(config.baseline_m)).tolist()
+        length = math.hypot(x, y, z)
+        if not math.hypot(x, y) > _LEAST_HORIZONTAL * length:
+            given = list(config.baseline_m)
+            raise ConfigError(
+                f"parameter heading.baseline_m: {given} has no horizontal part to take a heading "
+                "from: give the second antenna's place from the first (forward, left, up)"
+            )
+        return cls((x / length, y / length, z / length), offset_rad - math.atan2(y, x))
 
 
-def azimuth(direction_n: Array) -> float:
+def azimuth(direction_n: Vector) -> float:
     """Azimuth of a NED vector, radians from north, clockwise."""
     return math.atan2(direction_n[1], direction_n[0])
 
 
-def heading_measurement(
-    state: NavState, heading_rad: float, variance_rad2: float, baseline: Array, gate_sigma: float
-) -> Measurement | None:
-    """The measurement that a baseline's azimuth is, or None where the baseline stands upright.
+def wrapped(angle_rad: float) -> float:
+    """The same direction in -pi to pi."""
+    return math.remainder(angle_rad, 2 * math.pi)
+
+
+def heading_innovation(
+    rotation_nb: Rotation, heading_rad: float, baseline: Baseline
+) -> tuple[float, Vector]:
+    """Reported minus predicted heading (rad), and the baseline in ``n``."""
+    u = rotate(rotation_nb, baseline.direction_b)
+    predicted = azimuth(u) + baseline.reported_less_azimuth_rad
+    return wrapped(heading_rad - predicted), u
+
+
+def heading_design(states: int, u: Vector) -> Array | None:
+    """H (1, states) of a baseline ``u`` in ``n``, or None where it stands upright.
 
     With ``u = R u_b`` and ``du = phi x u`` the azimuth moves by
     ``phi_D - u_D (u_N phi_N + u_E phi_E) / (u_N^2 + u_E^2)``; with a baseline along the nose it is
     ``[tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1] phi``.
     """
-    u = matrix(rotation_of(state.q_nb)) @ baseline
     horizontal = u[0] * u[0] + u[1] * u[1]
     if horizontal < _LEAST_HORIZONTAL**2:
         return None
-    design = np.zeros((1, STATES))
+    design = np.zeros((1, states))
     design[0, :3] = -u[2] * u[0] / horizontal, -u[2] * u[1] / horizontal, 1.0
-    innovation = np.atleast_1d(wrap_pi(heading_rad - azimuth(u)))
-    return Measurement(innovation, design, np.array([[variance_rad2]]), gate_sigma)
+    if states > HEADING_ERROR:
+        design[0, HEADING_ERROR] = 1.0
+    return design
+
+
+class Headings:
+    """Makes measurements of the headings, as the parameters say."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._heading = config.heading
+        self._states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
+        self._baseline = Baseline.from_config(config.heading)
+        self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
+
+    def obstacle(self, sample: HeadingSample, control: Control) -> str:
+        """Why a heading is not for use now, or empty; start and continue have own conditions."""
+        now_ns = sample.stamp_ns
+        if control.status is not FixStatus.FIXED:
+            return "rtk/fix is not fixed"
+        if now_ns - control.status_ns > self._timeout_ns:
+            return "rtk/fix is silent"
+        going_on = control.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
+        fixed_s = (now_ns - control.fixed_since_ns) * 1e-9
+        if not going_on and fixed_s < self._heading.start_after_s:
+            return f"rtk/fix is fixed for {fixed_s:.1f} s only"
+        return ""
+
+    def aid(self, sample: HeadingSample, belief: Belief) -> Aid | None:
+        """The measurement, or None where the baseline stands upright."""
+        reported = sample.heading_rad - self._error_at(belief.control, sample.stamp_ns)
+        rotation = rotation_of(belief.state.q_nb)
+        innovation, u = heading_innovation(rotation, reported, self._baseline)
+        design = heading_design(self._states, u)
+        if design is None:
+            return None
+        variance = max(sample.variance_rad2, self._floor_rad2)
+        gate_sigma = self._heading.gate_sigma
+        noise = np.array(((variance,),))
+        measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
+        invariant = (math.cos(innovation), math.sin(innovation))
+        slack = 1.5 * gate_sigma * math.sqrt(variance)
+        return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, slack)
+
+    def averaged(
+        self, track: Track, measurement: Measurement, predicted: Array, reason: str
+    ) -> tuple[Track, str]:
+        """The record with one more innovation in its mean, and why a heading is refused.
+
+        One heading that is off by less than the gate passes; the mean of many that are off by as
+        much is far outside of what the mean of good ones can be.
+        """
+        noise, sigmas = float(measurement.noise[0, 0]), measurement.gate_sigma
+        own = float(predicted[0, 0])
+        largest = sigmas * math.sqrt(own + noise)
+        off = min(max(float(measurement.innovation[0]), -largest), largest)
+        mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
+        scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
+        if not reason and abs(mean) > sigmas * scatter:
+            reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
+        return track._replace(mean_rad=mean), reason
+
+    def learned(self, control: Control, stamp_ns: int, error: Array) -> float:
+        """The estimated slow error (rad) after an update."""
+        if self._states <= HEADING_ERROR:
+            return 0.0
+        return self._error_at(control, stamp_ns) + float(error[HEADING_ERROR])
+
+    def _error_at(self, control: Control, stamp_ns: int) -> float:
+        """The estimated slow error fades with its correlation time."""
+        if self._states <= HEADING_ERROR:
+            return 0.0
+        passed_s = (stamp_ns - control.receivers.stamp_ns) * 1e-9
+        fade = math.exp(-passed_s / self._heading.bias_time_s)
+        return control.receivers.heading_error_rad * fade

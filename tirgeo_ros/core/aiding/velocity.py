@@ -2,32 +2,69 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from tirgeo_ros.core.attitude import skew
-from tirgeo_ros.core.error_state import ATTITUDE, GYRO_BIAS, STATES, VELOCITY
+from tirgeo_ros.core.aiding.belief import Aid, Belief, floored
+from tirgeo_ros.core.config import GpsConfig, RtkConfig
+from tirgeo_ros.core.error_state import flat_memory
 from tirgeo_ros.core.kalman import Measurement
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.strapdown import NavState, matrix, rotation_of
+from tirgeo_ros.core.samples import Array, VelocitySample
+from tirgeo_ros.core.strapdown import Rotation, Vector, cross, rotate, rotation_of
 
 
-def velocity_measurement(
-    state: NavState,
-    measured_n: Array,
-    covariance_n: Array,
-    angular_rate_b: Array,
-    lever_arm_b: Array,
-    gate_sigma: float,
-) -> Measurement:
-    """The measurement that an antenna velocity is: the lever arm swings with the body's rate.
+def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
+    """Velocity of the antenna against the IMU, NED m/s; the rate (rad/s) is without its bias."""
+    return rotate(rotation_nb, cross(angular_rate_b, lever_arm_b))
+
+
+def velocity_design(
+    states: int, rotation_nb: Rotation, swing: Vector, lever_arm_b: Vector
+) -> Array:
+    """H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
 
     The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
     """
-    rotation = matrix(rotation_of(state.q_nb))
-    swing_n = rotation @ np.cross(angular_rate_b, lever_arm_b)
-    design = np.zeros((3, STATES))
-    design[:, VELOCITY] = np.eye(3)
-    design[:, ATTITUDE] = -skew(swing_n)
-    design[:, GYRO_BIAS] = rotation @ skew(lever_arm_b)
-    innovation = measured_n - np.array(state.velocity_n) - swing_n
-    return Measurement(innovation, design, covariance_n, gate_sigma)
+    design = np.zeros((3, states))
+    flat = flat_memory(design)
+    second, third = states, 2 * states
+    sx, sy, sz = swing
+    flat[1], flat[2] = sz, -sy
+    flat[second], flat[second + 2] = -sz, sx
+    flat[third], flat[third + 1] = sy, -sx
+    flat[3] = flat[second + 4] = flat[third + 5] = 1.0
+    x, y, z = lever_arm_b
+    for row in range(3):
+        a, b, c = rotation_nb[3 * row : 3 * row + 3]
+        at = row * states + 9
+        flat[at], flat[at + 1], flat[at + 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    return design
+
+
+class Velocities:
+    """Makes measurements of the velocities of one receiver, as the parameters say."""
+
+    def __init__(self, states: int, receiver: RtkConfig | GpsConfig) -> None:
+        self._states = states
+        self._lever_b: Vector = tuple(receiver.lever_arm_b.tolist())
+        self._floor_m_s = receiver.velocity_sigma_floor_m_s
+        self._gate_sigma = receiver.gate_sigma
+
+    def aid(self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector) -> Aid:
+        """The measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
+        state = belief.state
+        rotation = rotation_of(state.q_nb)
+        swing = swing_n(rotation, angular_rate_b, self._lever_b)
+        (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
+        innovation = (
+            north - was[0] - swing[0],
+            east - was[1] - swing[1],
+            down - was[2] - swing[2],
+        )
+        noise = floored(sample.covariance_n, self._floor_m_s)
+        design = velocity_design(self._states, rotation, swing, self._lever_b)
+        measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
+        scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
+        slack = 1.5 * self._gate_sigma * scatter
+        return Aid(sample.source, sample.stamp_ns, measurement, innovation, slack)

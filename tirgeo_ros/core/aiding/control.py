@@ -1,0 +1,161 @@
+"""What each aid has done lately: who is used, who is refused, since when.
+
+It is part of the filter's belief and goes along the time line with it, so a measurement that
+comes late meets the same decisions as one that came in time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from tirgeo_ros.core.samples import FixStatus, Source
+from tirgeo_ros.core.strapdown import Vector
+
+#: The sources of measurements, in the order in which those of one instant are used.
+AIDS = (
+    Source.RTK_POSITION,
+    Source.RTK_VELOCITY,
+    Source.RTK_HEADING,
+    Source.GPS_POSITION,
+    Source.GPS_VELOCITY,
+)
+PLACE = {source: place for place, source in enumerate(AIDS)}
+NEVER_NS = -(1 << 62)
+#: An aid that comes back corrects what has drifted meanwhile in so many equal steps.
+EASE_STEPS = 5
+_LEAST_RUN = 5
+#: So many resets of position or velocity within so long: the filter does not hold any more.
+_HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
+
+
+class Run(NamedTuple):
+    """Measurements that were refused one after another and agree with each other."""
+
+    first_ns: int
+    last_ns: int
+    number: int
+    innovation: tuple[float, ...]  # the first's, in a form that motion does not change
+
+    def lasts(self, seconds: float) -> bool:
+        """Whether it has gone on for so long, with more than a few measurements."""
+        return self.number >= _LEAST_RUN and self.last_ns - self.first_ns >= seconds * 1e9
+
+
+class Track(NamedTuple):
+    """One aid's record."""
+
+    used_ns: int = NEVER_NS
+    agreed_ns: int = 0  # for how long it has been used, without silences and refusals
+    ease: int = 0  # steps still to go
+    run: Run | None = None
+    mean_rad: float = 0.0  # of the newest innovations of headings, used or not
+
+    def recent(self, now_ns: int, timeout_ns: int) -> bool:
+        """Whether it was used within the time-out."""
+        return now_ns - self.used_ns <= timeout_ns
+
+    def used(self, now_ns: int, timeout_ns: int) -> Track:
+        """The record after a use."""
+        agreed_ns = self.agreed_ns
+        if self.run is None and self.recent(now_ns, timeout_ns):
+            agreed_ns += now_ns - self.used_ns
+        return Track(now_ns, agreed_ns, max(self.ease - 1, 0), None, self.mean_rad)
+
+    def refused(self, now_ns: int, innovation: tuple[float, ...], slack: float) -> Track:
+        """The record after a refusal; it joins the run where it is within ``slack`` of it."""
+        run = self.run
+        if run is None or _apart(run.innovation, innovation) > slack:
+            return self._replace(run=Run(now_ns, now_ns, 1, innovation))
+        return self._replace(run=run._replace(last_ns=now_ns, number=run.number + 1))
+
+
+def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return max(abs(p - q) for p, q in zip(a, b, strict=True))
+
+
+class Receivers(NamedTuple):
+    """Estimated slow errors of the receivers, at ``stamp_ns``."""
+
+    stamp_ns: int
+    gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
+    heading_error_rad: float = 0.0
+
+
+class Reset(NamedTuple):
+    """A state that was set to a measurement."""
+
+    source: Source
+    stamp_ns: int
+    size: float  # m, m/s or rad
+
+    def __str__(self) -> str:
+        """For people."""
+        if self.source is Source.RTK_HEADING:
+            return f"heading turned by {math.degrees(self.size):+.1f} deg"
+        if self.source is Source.RTK_VELOCITY:
+            return f"velocity changed by {self.size:.2f} m/s"
+        what = "position moved" if self.source is Source.RTK_POSITION else "GPS error changed"
+        return f"{what} by {self.size:.2f} m"
+
+
+class Control(NamedTuple):
+    """The records of all aids."""
+
+    receivers: Receivers
+    tracks: tuple[Track, ...] = (Track(),) * len(AIDS)
+    status: FixStatus | None = None  # of rtk/fix; None: nothing heard
+    status_ns: int = NEVER_NS
+    fixed_since_ns: int = NEVER_NS
+    offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
+    resets: tuple[int, ...] = (0,) * len(AIDS)
+    reset_ns: tuple[int, ...] = ()  # of the newest of position and velocity
+    last_reset: Reset | None = None
+
+    def track(self, source: Source) -> Track:
+        """The record of a source."""
+        return self.tracks[PLACE[source]]
+
+    def with_track(
+        self, source: Source, track: Track, receivers: Receivers | None = None
+    ) -> Control:
+        """The same with one record changed, and what is known of the receivers."""
+        place, tracks = PLACE[source], self.tracks
+        return self._replace(
+            tracks=(*tracks[:place], track, *tracks[place + 1 :]),
+            receivers=receivers or self.receivers,
+        )
+
+    def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
+        """What the receiver last said of its fix, if it was lately."""
+        return self.status if now_ns - self.status_ns <= timeout_ns else None
+
+    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> Control:
+        """The receiver has told its status."""
+        fixed = status is FixStatus.FIXED
+        was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
+        begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
+        told = self._replace(status=status, status_ns=now_ns, fixed_since_ns=begun_ns)
+        if not fixed or was_fixed or self.status is None:
+            return told
+        # A float's offset has grown meanwhile.
+        tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
+        return told._replace(tracks=tracks)
+
+    def with_reset(self, source: Source, now_ns: int, size: float) -> Control:
+        """The state was set to a measurement of a source: counted, its record begun anew."""
+        place = PLACE[source]
+        counts = list(self.resets)
+        counts[place] += 1
+        stamps = self.reset_ns
+        if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
+            stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
+        return self.with_track(source, Track(now_ns))._replace(
+            resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
+        )
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether resets follow each other so fast that none of them helps."""
+        stamps = self.reset_ns
+        return len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS

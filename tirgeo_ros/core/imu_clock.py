@@ -1,0 +1,120 @@
+"""Whether an IMU sample goes on from the ones before: order, gaps, clock jumps, spikes, freezing.
+
+A sample that does not go on is held until the next tells whether the time has changed or only that
+sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged, longer ones begin another time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from tirgeo_ros.core.samples import ImuSample, Outcome
+
+#: A stamp that goes back further is another clock or another run of a bag, not disorder.
+_CLOCK_JUMP_NS = 1_000_000_000
+#: So many samples out of order, in order among themselves: the clock has gone back.
+_BACK_NUMBER = 5
+#: A stamp this far ahead leaves out samples of the slowest IMU (50 Hz).
+_HOLD_NS = 45_000_000
+#: Readings of a live sensor do not repeat in all digits.
+_FROZEN_NUMBER, _FROZEN_NS, _ALIVE_NUMBER = 5, 50_000_000, 50
+#: From one sample to the next no aircraft does this: saturation, a wrong byte on the line.
+_SPIKE_M_S2, _SPIKE_RAD_S = 40.0, 3.0
+
+
+class Checked(NamedTuple):
+    """What to make of a sample.
+
+    With ``begins`` the samples to use are the first of another time.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+    use: tuple[ImuSample, ...] = ()
+    begins: bool = False
+
+
+class ImuClock:
+    """Follows the stamps and readings of the IMU."""
+
+    def __init__(self, max_gap_s: float) -> None:
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._newest: ImuSample | None = None
+        self._held: ImuSample | None = None  # newest of the samples that did not go on
+        self._odd_number = 0
+        self._changed_ns = 0
+        self._repeated = 0
+        self._alive = 0
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest sample that was for use."""
+        return None if self._newest is None else self._newest.stamp_ns
+
+    def check(self, sample: ImuSample) -> Checked:
+        """What to make of the next sample to come; its numbers must be finite."""
+        newest = self._newest
+        if newest is None:
+            return self._read(Checked(Outcome.USED, "", (sample,)))
+        ahead_ns = sample.stamp_ns - newest.stamp_ns
+        if abs(ahead_ns) <= self._max_gap_ns and _jolts(newest, sample):
+            return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
+        if 0 < ahead_ns <= _HOLD_NS:
+            return self._read(Checked(Outcome.USED, "", (sample,)))
+        return self._odd(sample, newest.stamp_ns, ahead_ns)
+
+    def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
+        """A sample that does not follow the newest closely."""
+        held = self._held
+        goes_on = held is not None and 0 < sample.stamp_ns - held.stamp_ns <= self._max_gap_ns
+        self._odd_number = self._odd_number + 1 if goes_on else 1
+        self._held = sample
+        both = (held, sample) if goes_on and held is not None else (sample,)
+        ahead_s = ahead_ns * 1e-9
+        if ahead_ns > 0:
+            if not goes_on:
+                reason = f"{ahead_s:.3f} s after the one before: the next decides"
+                return Checked(Outcome.WAITING, reason)
+            if both[0].stamp_ns - newest_ns <= self._max_gap_ns:
+                return self._read(Checked(Outcome.USED, "", both))
+            reason = f"no imu/data for {ahead_s:.3f} s"
+            return self._read(Checked(Outcome.GAP, reason, both, begins=True))
+        enough = 2 if -ahead_ns > _CLOCK_JUMP_NS else _BACK_NUMBER
+        if -ahead_ns > self._max_gap_ns and self._odd_number >= enough:
+            reason = f"imu/data went back by {-ahead_s:.3f} s"
+            return self._read(Checked(Outcome.TIME_JUMP, reason, both, begins=True))
+        return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
+
+    def _read(self, checked: Checked) -> Checked:
+        """The same, unless a sensor whose readings used to change says the same for long."""
+        sample = checked.use[-1]
+        if self._changed(sample):
+            self._changed_ns, self._repeated = sample.stamp_ns, 0
+            self._alive = min(self._alive + 1, _ALIVE_NUMBER)
+        else:
+            self._repeated += 1
+            long = sample.stamp_ns - self._changed_ns >= _FROZEN_NS
+            if self._alive >= _ALIVE_NUMBER and self._repeated >= _FROZEN_NUMBER and long:
+                return Checked(Outcome.REPEATED, "imu/data says the same again and again")
+        self._newest, self._held, self._odd_number = sample, None, 0
+        return checked
+
+    def _changed(self, sample: ImuSample) -> bool:
+        """Whether the readings differ from the newest's; one that does saves the others."""
+        newest = self._newest
+        if newest is None:
+            return True
+        a, b = sample.angular_rate_b, newest.angular_rate_b
+        if a[0] != b[0]:
+            return True
+        c, d = sample.specific_force_b, newest.specific_force_b
+        return bool(a.tolist() != b.tolist() or c.tolist() != d.tolist())
+
+
+def _jolts(newest: ImuSample, sample: ImuSample) -> bool:
+    a, b = sample.specific_force_b.tolist(), newest.specific_force_b.tolist()
+    if math.dist(a, b) > _SPIKE_M_S2:
+        return True
+    a, b = sample.angular_rate_b.tolist(), newest.angular_rate_b.tolist()
+    return math.dist(a, b) > _SPIKE_RAD_S
