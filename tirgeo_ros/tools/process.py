@@ -24,7 +24,7 @@ from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.maps import load_map
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
-from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
 from tirgeo_ros.tools.progress import Report, silent
@@ -81,9 +81,10 @@ def process(
 def _configs(
     params: PathLike | None, namespace: str, method: str | None, ground_height: float | None
 ) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
-    ekf = load_config(params, "ekf_node", EkfConfig, namespace)
-    gimbal = load_config(params, "gimbal_node", GimbalConfig, namespace)
-    overlay = load_config(params, "overlay_node", OverlayConfig, namespace)
+    given = ParameterFile(params)
+    ekf = given.config("ekf_node", EkfConfig, namespace)
+    gimbal = given.config("gimbal_node", GimbalConfig, namespace)
+    overlay = given.config("overlay_node", OverlayConfig, namespace)
     if method is not None:
         ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
     if ground_height is not None:
