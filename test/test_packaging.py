@@ -139,7 +139,8 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
 def test_what_the_tests_import_is_told(package_xml, arguments):
     tests = imported_modules(ROOT / "test") - imported_modules(ROOT / "tirgeo_ros") - LAUNCH
     tests -= message_packages(ROOT / "tirgeo_ros")
-    tests -= {"test", *(path.stem for path in (ROOT / "test").rglob("*.py"))}
+    for path in (ROOT / "test").rglob("*.py"):
+        tests -= {path.stem, path.parent.name}
     assert tests == {"pytest", "hypothesis", "setuptools"}
     assert dependencies(package_xml, "test_depend") == {f"python3-{name}" for name in tests}
     assert {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"]["test"]} == tests

@@ -36,7 +36,7 @@ from tirgeo_ros.core.samples import (
 )
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.cdr import Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, axes
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 # The only arithmetic between a sample and its twin is a rotation by 180 deg: a few roundings.
@@ -73,23 +73,6 @@ def test_every_message_survives_cdr(name):
 def test_every_contract_type_is_known():
     for typename in TOPIC_TYPES.values():
         assert cdr.types(typename).__msgtype__ == typename
-
-
-@drawn(unit)
-def test_fast_turns_are_those_of_the_frames(q):
-    q = np.array(q) / np.linalg.norm(q)
-    assert_same_rotation(axes.quat_turned_both(*q), frames.quat_enu_flu_from_ned_frd(q))
-    assert_same_rotation(axes.quat_turned_world(*q), frames.quat_enu_from_ned(q))
-    assert_same_rotation(axes.quat_turned_both(*axes.quat_turned_both(*q)), q)
-    assert_same_rotation(axes.quat_turned_world(*axes.quat_turned_world(*q)), q)
-
-
-@pytest.mark.parametrize("size", [3, 6])
-def test_fast_covariance_turn_is_that_of_the_frames(size):
-    covariance = given.covariance(size)
-    turned = axes.covariance_turned_world(covariance, size).reshape(size, size)
-    assert_allclose(turned, frames.covariance_enu_from_ned(covariance), rtol=EXACT)
-    assert_array_equal(axes.covariance_turned_world(turned, size).reshape(size, size), covariance)
 
 
 @drawn(stamps)

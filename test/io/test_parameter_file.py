@@ -8,7 +8,7 @@ import pytest
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.io.parameter_file import load_config, load_parameters
+from tirgeo_ros.io.parameter_file import ParameterFile, load_config, load_parameters
 
 
 @pytest.fixture
@@ -172,3 +172,16 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "bytes.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(ConfigError, match="not a text file in UTF-8"):
         load_config(tmp_path / "bytes.yaml", "ekf_node", EkfConfig)
+
+
+def test_one_file_serves_every_node(tmp_path):
+    path = tmp_path / "all.yaml"
+    path.write_text(
+        "ekf_node: {ros__parameters: {method: rtk}}\n"
+        "gimbal_node: {ros__parameters: {composition: paper}}\n"
+    )
+    params = ParameterFile(path)
+    assert params.config("ekf_node", EkfConfig) == load_config(path, "ekf_node", EkfConfig)
+    assert params.config("ekf_node", EkfConfig).method == "rtk"
+    assert params.config("gimbal_node", GimbalConfig).composition == "paper"
+    assert params.config("overlay_node", OverlayConfig) == OverlayConfig()

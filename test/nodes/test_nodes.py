@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
 
-from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages, navigation_status
 from tirgeo_ros.nodes.topics import message_class
 
@@ -139,6 +140,71 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     late.spin_until(answer.done)
     assert answer.result().success
     late.spin_until(lambda: state_of(late) != "running")
+
+
+def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, meet, flight_bag):
+    stranger = meet(**{"/diagnostics": DiagnosticArray})
+    ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
+    await_words(ekf, "ready")
+    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
+    stranger.spin_until(lambda: player.poll() is not None)
+    stranger.spin_until(lambda: state_of(stranger) == "running")
+    # Beside those of every second, which have the topics too: one for each change of state.
+    alone = [array for array in stranger.received["/diagnostics"] if is_state_alone(array)]
+    states = [navigation_status(array.status[0]).state.value for array in alone]
+    assert states[0] == "aligning"
+    assert all(a != b for a, b in pairwise(states))
+    said = [line.partition("ekf_heading: ")[2] for line in ekf.log.read_text().splitlines()]
+    assert all(a != b for a, b in pairwise(filter(None, said)))
+    # Of one state there may be several lines, for its reason may change.
+    told = [state for state, _ in groupby(line.partition(":")[0] for line in said if line)]
+    assert told == ["waiting", *states]
+
+
+def is_state_alone(array: DiagnosticArray) -> bool:
+    return [status.name for status in array.status] == ["/ekf_node: navigation"]
+
+
+def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag, tmp_path):
+    cdr, bag = Cdr(), tmp_path / "unstamped.mcap"
+    topics = ("/rtk/fix", "/rtk/vel", "/rtk/heading")
+    with BagWriter(bag) as writer:
+        for item in BagReader(flight_bag).messages():
+            message = cdr.deserialize(item.data, item.typename)
+            if item.topic in topics:
+                message.header.stamp.sec = message.header.stamp.nanosec = 0
+            writer.write(item.topic, item.typename, message, item.log_time_ns)
+    stranger = meet(**{"/diagnostics": DiagnosticArray})
+    # The simulated receiver's messages arrive 80 ms after the measurement.
+    ekf = spawn("ekf_node", "-p", "use_sim_time:=true", "-p", "rtk.delay_s:=0.08")
+    await_words(ekf, "ready")
+    player = spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data")
+    stranger.spin_until(lambda: player.poll() is not None)
+    stranger.spin_until(lambda: state_of(stranger) == "running")
+    item = "/ekf_node: navigation"
+    for topic, source in (("fix", "position"), ("vel", "velocity"), ("heading", "heading")):
+        key = f"stamped_at_arrival.rtk/{topic}"
+        # Of 20 in 4 s; best effort may lose one or two where the machine is busy.
+        assert int(value_of(stranger, item, key)) >= 15
+        assert int(value_of(stranger, item, f"count.rtk_{source}.used")) >= 5
+
+
+def test_gimbal_and_imu_samples_without_a_stamp_too(spawn, observer):
+    ekf, gimbal = spawn("ekf_node"), spawn("gimbal_node")
+    await_words(ekf, "ready")
+    await_words(gimbal, "ready")
+    names = ["gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint"]
+    joints = JointState(name=names, position=[0.0, 0.0, -0.5])
+
+    def count(item: str, topic: str) -> int:
+        return int(value_of(observer, item, f"stamped_at_arrival.{topic}") or 0)
+
+    camera, navigation = "/gimbal_node: camera pose", "/ekf_node: navigation"
+    topic = "gimbal/joint_states"
+    send(observer, JointState, topic, [joints], lambda: count(camera, topic) > 4)
+    send(observer, Imu, "imu/data", [imu(0)], lambda: count(navigation, "imu/data") > 4)
+    # In the order of their arrival, each later than the one before.
+    assert int(value_of(observer, navigation, "count.imu.waiting")) > 3
 
 
 def state_of(stranger) -> str:

@@ -22,6 +22,8 @@ CDR = Cdr()
 CUT_S = 4.0  # alignment takes one second of it
 IMAGES = "/thermal/image_raw/compressed"
 CAMERA_POSE = "/tirgeo/camera_pose"
+#: Whether a filter falls back on ordinary GPS is the estimator's affair.
+FIXES = "/rtk/fix( or /gps/fix)?"
 
 
 def rewrite(source, target, edit):
@@ -224,10 +226,8 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     ("method", "missing", "named"),
     [
         ("ekf_heading", ["/imu/data"], "/imu/data"),
-        ("ekf_heading", ["/rtk/heading", "/rtk/fix"], "/rtk/fix, /rtk/heading"),
-        ("ekf", ["/rtk/fix"], "/rtk/fix"),
-        ("ekf", ["/rtk/vel"], "/rtk/vel"),
-        ("ekf_heading", ["/rtk/vel"], "/rtk/vel"),
+        ("ekf_heading", ["/imu/data", "/gps/fix", "/rtk/fix"], f"/imu/data, {FIXES}"),
+        ("ekf", ["/rtk/fix", "/gps/fix"], FIXES),
         ("rtk", ["/rtk/fix"], "/rtk/fix"),
         ("raw", ["/gps/fix"], "/gps/fix"),
         (
@@ -265,6 +265,65 @@ def test_topics_that_a_method_does_not_take_may_be_absent(cut, options, tmp_path
     summary = process(bag, tmp_path / "out.mcap", method=method, images=False, **options)
     assert summary["method"] == method
     assert summary["written"][CAMERA_POSE] > 100
+
+
+def without(source, target, *topics):
+    return rewrite(source, target, lambda item: None if item.topic in topics else same(item))
+
+
+@pytest.mark.parametrize(
+    "absent", [("/rtk/heading",), ("/rtk/vel",), ("/rtk/vel", "/rtk/heading")]
+)
+def test_aids_that_are_absent_are_a_warning(cut, sample, tmp_path, absent):
+    """The filter aligns by what there is, once it has waited for better."""
+    bag = without(cut, tmp_path / "in.mcap", *absent)
+    params = tmp_path / "params.yaml"
+    soon = "\n/**:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n"
+    params.write_text((sample / "params.yaml").read_text() + soon)
+    summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
+    assert summary["warning"] == f"{bag} has no {', '.join(absent)}: done without"
+    assert summary["error"] is None
+    assert summary["written"][CAMERA_POSE] > 20
+
+
+def test_a_warning_is_a_line_on_stderr(cut, sample, tmp_path, capsys):
+    bag = without(cut, tmp_path / "in.mcap", "/rtk/vel")
+    arguments = ["process", str(bag), "-o", str(tmp_path / "out.mcap"), "--no-images"]
+    code = main([*arguments, "--params", str(sample / "params.yaml"), "--method", "rtk"])
+    assert code == 0
+    assert capsys.readouterr().err == (
+        f"tirgeo process: warning: {bag} has no /rtk/vel: done without\n"
+    )
+
+
+def unstamped(item, topics):
+    message = CDR.deserialize(item.data, item.typename)
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    return item.topic, CDR.serialize(message, item.typename) if item.topic in topics else item.data
+
+
+def test_samples_without_a_stamp_are_of_their_arrival_less_the_delay(cut, sample, tmp_path):
+    """The sample's RTK arrives 80 ms after the measurement: the same poses, bit for bit."""
+    topics = ("/rtk/fix", "/rtk/vel", "/rtk/heading", "/gimbal/joint_states")
+    plain = without(cut, tmp_path / "plain.mcap", IMAGES)
+    bag = rewrite(plain, tmp_path / "in.mcap", lambda item: unstamped(item, topics))
+    params = tmp_path / "params.yaml"
+    delay = "\n/**:\n  ros__parameters: {rtk: {delay_s: 0.08}}\n"
+    params.write_text((sample / "params.yaml").read_text() + delay)
+    summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
+    number = {topic: summary["read"][topic] for topic in topics}
+    assert summary["stamped_at_arrival"] == {t.lstrip("/"): n for t, n in number.items()}
+    process(cut, tmp_path / "stamped.mcap", params=sample / "params.yaml", images=False)
+    both = [
+        [item.data for item in BagReader(tmp_path / name).messages([f"/tirgeo/{topic}"])]
+        for name in ("out.mcap", "stamped.mcap")
+        for topic in ("odometry", "camera_pose")
+    ]
+    assert len(both[0]) > 200
+    assert both[:2] == both[2:]
+    told = [m for _, m in messages_of(tmp_path / "out.mcap", "/diagnostics")][-1].status[0]
+    values = {pair.key: pair.value for pair in told.values}
+    assert values["stamped_at_arrival.rtk/fix"] == str(number["/rtk/fix"])
 
 
 def spoiled(item, number):

@@ -43,32 +43,46 @@ def load_yaml(path: str | os.PathLike[str]) -> Any:
         raise ConfigError(f"{path}: not YAML: nested too deeply") from None
 
 
+class ParameterFile:
+    """A parameter file, read and checked as a whole; without a path all is at its default.
+
+    Raises ConfigError, naming file and key, for what is no parameter file, a node that is not
+    tirgeo's, an unknown name, a wrong type or a value out of range.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None) -> None:
+        self._name = "" if path is None else str(path)
+        self._parts: list[Section] = [] if path is None else list(_sections(path))
+        for pattern, given in self._parts:
+            _check(self._name, pattern, given)
+
+    def values(self, node: str, namespace: str = "") -> dict[str, object]:
+        """The dotted values that the file gives a node."""
+        full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
+        known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
+        values: dict[str, object] = {}
+        for pattern, given in self._parts:
+            if _fits(pattern, full_name):
+                values |= {k: v for k, v in given.items() if k in known or _of_every_node(k)}
+        return values
+
+    def config(self, node: str, kind: type[T], namespace: str = "") -> T:
+        """A node's configuration. Raises ConfigError where values do not go together."""
+        return config_from(kind, _own(self.values(node, namespace)), self._name)
+
+
 def load_parameters(
     path: str | os.PathLike[str], node: str, namespace: str = ""
 ) -> dict[str, object]:
-    """The dotted values that a file gives a node.
-
-    The whole file is checked. Raises ConfigError, naming file and key, for what is no parameter
-    file, a node that is not tirgeo's, an unknown name, a wrong type or a value out of range.
-    """
-    full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
-    known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
-    values: dict[str, object] = {}
-    for pattern, given in _sections(path):
-        _check(path, pattern, given)
-        if _fits(pattern, full_name):
-            values |= {k: v for k, v in given.items() if k in known or _of_every_node(k)}
-    return values
+    """``ParameterFile.values`` for one node."""
+    return ParameterFile(path).values(node, namespace)
 
 
 def load_config(
     path: str | os.PathLike[str] | None, node: str, kind: type[T], namespace: str = ""
 ) -> T:
-    """A node's configuration from a file; the defaults without one. Raises ConfigError."""
-    if path is None:
-        return config_from(kind, {})
-    values = load_parameters(path, node, namespace)
-    return config_from(kind, _own(values), str(path))
+    """``ParameterFile.config`` for one node."""
+    return ParameterFile(path).config(node, kind, namespace)
 
 
 def _own(values: Mapping[str, object]) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics, once a second of real time."""
+"""What a node says of itself on /diagnostics: once a second of real time, and when it must."""
 
 from __future__ import annotations
 
@@ -32,12 +32,16 @@ class Diagnostics:
         self._publisher = advertise(node, "/diagnostics", output())
         # Real time also under use_sim_time: a clock that stands still is worth a report.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(PERIOD_S, self._publish, clock=steady)
+        self._timer = node.create_timer(PERIOD_S, self._report, clock=steady)
 
-    def _publish(self) -> None:
-        own = self._monitor.item(item_name(self._node, "topics"))
+    def publish(self, items: list[DiagnosticItem]) -> None:
+        """Publish items at once. The rates of topics need their second."""
         now_ns = self._node.get_clock().now().nanoseconds
-        self._publisher.publish(self._messages.diagnostics(now_ns, [*self._items(), own]))
+        self._publisher.publish(self._messages.diagnostics(now_ns, items))
+
+    def _report(self) -> None:
+        own = self._monitor.item(item_name(self._node, "topics"))
+        self.publish([*self._items(), own])
 
 
 def item_name(node: Node, subject: str) -> str:

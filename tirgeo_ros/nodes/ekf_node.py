@@ -9,21 +9,26 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
 from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.samples import NavigationInput, NavSolution, Outcome, Verdict
-from tirgeo_ros.io.messages import (
-    NAVIGATION_INPUTS,
-    DiagnosticItem,
-    Messages,
+from tirgeo_ros.core.samples import (
+    NavigationInput,
+    NavigationStatus,
+    NavSolution,
+    Outcome,
+    Source,
+    Verdict,
 )
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.qos import latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.state_log import StateLog
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 Decode = Callable[[Any], NavigationInput]
@@ -39,26 +44,35 @@ class EkfNode(Node):
         self._navigation = Navigation(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
+        self._arrivals = Arrivals()
+        self._state_log = StateLog(self.get_logger())
+        self._state_log.note(self._navigation.status())
         self._odometry = advertise(self, "tirgeo/odometry", output())
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = advertise(self, "tirgeo/fix", output())
         self._origin = advertise(self, "tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
-        self._told_state = ""
         # Of what the method takes alone: an idle subscription would cost time at every message.
         for source in METHOD_SOURCES[config.method]:
             topic, decode = NAVIGATION_INPUTS[source]
-            subscribe(self, topic, partial(self._take, decode), sensor_input(), self._monitor)
-            self._monitor.expects(topic)
+            take = partial(self._take, topic, decode)
+            subscribe(self, topic, take, sensor_input(), self._monitor)
+        # The absence of others is the filter's to tell: it knows which of them it misses.
+        self._monitor.expects(NAVIGATION_INPUTS[Source.IMU][0])
         self.create_service(Trigger, "~/reset", self._reset)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
-    def _take(self, decode: Decode, message: Any) -> None:
-        step = self._navigation.process(decode(message))
+    def _take(self, topic: str, decode: Decode, message: Any) -> None:
+        arrival_ns = self.get_clock().now().nanoseconds
+        sample = self._arrivals.stamped(topic, decode(message), arrival_ns)
+        step = self._navigation.process(sample)
         if step.verdict.outcome in _RESTARTS:
             self._warn(step.verdict)
         if step.solution is not None:
             self._publish(step.solution)
+        status = self._navigation.status()
+        if self._state_log.note(status):
+            self._diagnostics.publish([self._item(status)])
 
     def _publish(self, solution: NavSolution) -> None:
         plane = self._navigation.plane
@@ -74,11 +88,13 @@ class EkfNode(Node):
 
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
+        self._state_log.note_reason(status)
+        return [self._item(status)]
+
+    def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = self._messages.navigation_diagnostic(item_name(self, "navigation"), status)
-        if item.message != self._told_state:
-            self.get_logger().info(f"{status.method}: {item.message}")
-            self._told_state = item.message
-        return [item]
+        item.values.update(self._arrivals.diagnostics)
+        return item
 
     def _warn(self, verdict: Verdict) -> None:
         text = f"{verdict.source.value}: {verdict.outcome.value}: {verdict.reason}"

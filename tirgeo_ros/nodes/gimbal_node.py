@@ -6,6 +6,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.core.samples import CameraPose
@@ -34,6 +35,7 @@ class GimbalNode(Node):
         self._composer = GimbalComposer(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
+        self._arrivals = Arrivals()
         self._camera_pose = advertise(self, "tirgeo/camera_pose", output())
         subscribe(self, "tirgeo/odometry", self._take_body, output(), self._monitor)
         self._monitor.expects("tirgeo/odometry")
@@ -51,15 +53,20 @@ class GimbalNode(Node):
         self._publish(self._composer.add_body(body_pose(message)))
 
     def _take_joints(self, message: Any) -> None:
-        self._publish(self._composer.add_joints(joint_sample(message)))
+        sample = self._stamped("gimbal/joint_states", joint_sample(message))
+        self._publish(self._composer.add_joints(sample))
 
     def _take_attitude(self, message: Any) -> None:
-        self._publish(self._composer.add_attitude(camera_attitude(message)))
+        sample = self._stamped("gimbal/attitude", camera_attitude(message))
+        self._publish(self._composer.add_attitude(sample))
 
     def _take_autopilot(self, message: Any) -> None:
-        sample = imu_sample(message)
+        sample = self._stamped("imu/data", imu_sample(message))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
+
+    def _stamped(self, topic: str, sample: Any) -> Any:
+        return self._arrivals.stamped(topic, sample, self.get_clock().now().nanoseconds)
 
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
@@ -73,9 +80,8 @@ class GimbalNode(Node):
             self._told = composition
         self._listen_for_paper()
         name = item_name(self, "camera pose")
-        return [
-            DiagnosticItem(name, OK, f"composition: {composition}", self._composer.diagnostics)
-        ]
+        values = self._composer.diagnostics | self._arrivals.diagnostics
+        return [DiagnosticItem(name, OK, f"composition: {composition}", values)]
 
     def _listen_for_paper(self) -> None:
         """What the composition "paper" needs beside odometry: given up while encoders drive."""

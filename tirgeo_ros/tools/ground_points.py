@@ -25,7 +25,7 @@ from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.ground import locate
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.io.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.recording import (
     BodyErrors,
@@ -129,13 +129,13 @@ class Row:
 
 def compare(folder: Path, methods: Sequence[str] = METHODS) -> list[Row]:
     """Every method and composition over the simulated flight in ``folder``."""
-    params = folder / "params.yaml"
     truth, recording = load_truth(folder / "truth.mcap"), load_recording(folder / "flight.mcap")
+    params = ParameterFile(folder / "params.yaml")
     ekf = dataclasses.replace(
-        load_config(params, "ekf_node", EkfConfig), origin_lat_lon_h=_origin(truth.plane)
+        params.config("ekf_node", EkfConfig), origin_lat_lon_h=_origin(truth.plane)
     )
-    gimbal = load_config(params, "gimbal_node", GimbalConfig)
-    overlay = load_config(params, "overlay_node", OverlayConfig)
+    gimbal = params.config("gimbal_node", GimbalConfig)
+    overlay = params.config("overlay_node", OverlayConfig)
     survey = load_survey(folder / "survey.geojson")
     observations = load_observations(folder / "observations.csv")
     rows = []

@@ -1,4 +1,4 @@
-"""Which topics of a bag a run reads, and which must be there."""
+"""Which topics of a bag a run reads, which must be there, and which it does without."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ _GIMBAL: dict[str, tuple[str, ...]] = {
     "encoders": ("gimbal/joint_states",),
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
 }
-#: Topics that a method takes and can do without. A filter cannot: it aligns by velocities.
-_SPARED = {"raw": ("gps/vel",), "rtk": ("rtk/vel",)}
+_POSITIONS = ("rtk/fix", "gps/fix")
 
 
 def prefix(namespace: str) -> str:
@@ -40,10 +39,8 @@ def inputs_of(
     present = reader.topics()
     there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
     wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
-    needed: list[tuple[str, ...]] = [
-        (name,) for name in METHOD_TOPICS[method] if name not in _SPARED.get(method, ())
-    ]
-    needed.append(_GIMBAL[composition])
+    positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
+    needed = [("imu/data",), positions, _GIMBAL[composition]]
     if pictures:
         needed += [_IMAGES, ("thermal/camera_info",)]
         wanted += ["thermal/camera_info", *[name for name in _IMAGES if name in there][:1]]
@@ -56,6 +53,18 @@ def inputs_of(
                 f"not {TOPIC_TYPES[name]}"
             )
     return found
+
+
+def done_without(found: Collection[str], method: str) -> list[str]:
+    """The topics (contract names) that a method would rather have and that are not found.
+
+    Ordinary GPS is what a filter falls back on; it is not missed.
+    """
+    return [
+        name
+        for name in METHOD_TOPICS[method]
+        if name not in found and (method == "raw" or not name.startswith("gps/"))
+    ]
 
 
 def _check_present(

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
@@ -66,6 +67,7 @@ class Pipeline:
         self.unreadable: Counter[str] = Counter()
         self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()
+        self.arrivals = Arrivals()
         self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
         self._settings = settings
         self._messages = messages
@@ -100,7 +102,8 @@ class Pipeline:
     def _registered(self, topic: str, message: Any, log_time_ns: int) -> Registered:
         convert_sample = SAMPLES.get(topic)
         if convert_sample is not None:
-            return self.registration.take(convert_sample(message))
+            sample = convert_sample(message)
+            return self.registration.take(self.arrivals.stamped(topic, sample, log_time_ns))
         self._picture(topic, message, log_time_ns)
         return _NOTHING
 
@@ -187,9 +190,9 @@ class Pipeline:
     def _publish_diagnostics(self, log_time_ns: int) -> None:
         status = self.registration.navigation.status()
         self.states_s[status.state.value] += 1
-        items = [
-            self._messages.navigation_diagnostic(f"{self._names}ekf_node: navigation", status)
-        ]
+        name = f"{self._names}ekf_node: navigation"
+        items = [self._messages.navigation_diagnostic(name, status)]
+        items[0].values.update(self.arrivals.diagnostics)
         composer = self.registration.composer
         composition = f"composition: {composer.composition}"
         items.append(self._counts("gimbal_node: camera pose", composer.diagnostics, composition))

@@ -24,8 +24,8 @@ from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.maps import load_map
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
-from tirgeo_ros.io.parameter_file import load_config
-from tirgeo_ros.tools.inputs import inputs_of, prefix, resolved
+from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.video import VideoFile
@@ -50,8 +50,9 @@ def process(
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Process a bag and return a summary; ``error`` in it is None, or what of the bag was lost.
+    """Process a bag and return a summary.
 
+    In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed.
     ``params`` is a ROS 2 parameter YAML of the nodes; ``map`` and ``ground_height`` (ellipsoidal
     m) stand before those in it. ``progress`` is told seconds of the flight. Nothing is written
     under its name before it is whole. Raises BagError (no bag, a needed topic absent, nothing
@@ -73,15 +74,17 @@ def process(
         if not run.read:
             raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
     elapsed_s = time.perf_counter() - begun_s
-    return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | run.summary(elapsed_s)
+    summary = run.summary(elapsed_s) | {"warning": _warning(reader, topics, ekf.method, namespace)}
+    return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
 
 
 def _configs(
     params: PathLike | None, namespace: str, method: str | None, ground_height: float | None
 ) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
-    ekf = load_config(params, "ekf_node", EkfConfig, namespace)
-    gimbal = load_config(params, "gimbal_node", GimbalConfig, namespace)
-    overlay = load_config(params, "overlay_node", OverlayConfig, namespace)
+    given = ParameterFile(params)
+    ekf = given.config("ekf_node", EkfConfig, namespace)
+    gimbal = given.config("gimbal_node", GimbalConfig, namespace)
+    overlay = given.config("overlay_node", OverlayConfig, namespace)
     if method is not None:
         ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
     if ground_height is not None:
@@ -100,6 +103,11 @@ def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked
 
 def _because(reader: BagReader) -> str:
     return f": {reader.damage}" if reader.damage else ""
+
+
+def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: str) -> str | None:
+    absent = [resolved(name, namespace) for name in done_without(topics.values(), method)]
+    return f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
 
 
 class _Sink:
@@ -191,6 +199,7 @@ class _Run:
             "undecodable": dict(self._undecoded),
             "unreadable": dict(self.pipeline.unreadable),
             "unreadable_because": dict(self.pipeline.unreadable_because),
+            "stamped_at_arrival": self.pipeline.arrivals.counts,
             "written": dict(self._sink.written),
             "state": navigation.state.value,
             "reason": navigation.reason,

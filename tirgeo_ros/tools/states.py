@@ -124,11 +124,11 @@ def _moved(column: Column, apart: list[float], rows: list[list[str]]) -> str:
         return ""
     worst = max(beyond, key=lambda k: abs(apart[k]))
     after_s = (int(rows[worst][0]) - int(rows[0][0])) * 1e-9
+    was = rows[worst][HEADER.index(column.name)]
     return (
         f"{column.name}: {len(beyond)} of {len(rows)} rows moved, most by "
         f"{apart[worst]:+.{column.decimals}f} at {rows[worst][0]} ({after_s:.1f} s after the "
-        f"first row), from there being {rows[worst][COLUMNS.index(column) + 1]}; "
-        f"rounding may move it by {column.tolerance:g}"
+        f"first row), where it was {was}; {column.tolerance:g} is rounding"
     )
 
 

@@ -79,6 +79,8 @@ def _run(args: argparse.Namespace) -> int:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
         print(getattr(args.verb_module, "describe", _lines)(result))
+    if result.get("warning") is not None:
+        _say(args.verb, f"warning: {result['warning']}", DONE)
     error = result.get("error")
     return DONE if error is None else _say(args.verb, str(error), FAILED)
 

@@ -1,0 +1,53 @@
+"""The estimator's states and resets in a node's log, each once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tirgeo_ros.core.samples import FilterState, NavigationStatus
+
+_BEST_FIRST = (
+    FilterState.RUNNING,
+    FilterState.DEGRADED,
+    FilterState.DEAD_RECKONING,
+    FilterState.ALIGNING,
+    FilterState.WAITING,
+    FilterState.LOST,
+)
+
+
+class StateLog:
+    """Tells a logger what changed in the estimator's status."""
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._state: FilterState | None = None
+        self._reason = ""
+        self._resets: dict[str, int] = {}
+
+    def note(self, status: NavigationStatus) -> bool:
+        """Log a new state (a worse one as a warning) and resets; whether there was any."""
+        moved = status.state is not self._state
+        if moved:
+            self._tell(status, worse=self._is_worse(status.state))
+        reset = [name for name, n in status.resets.items() if n > self._resets.get(name, 0)]
+        if reset:
+            text = f"reset by {', '.join(reset)}: {status.last_reset}"
+            self._logger.warning(text)
+        self._resets = status.resets
+        return moved or bool(reset)
+
+    def note_reason(self, status: NavigationStatus) -> None:
+        """Log another reason for the same state. Not for each sample: it may hold a number."""
+        if status.reason != self._reason:
+            self._tell(status, worse=False)
+
+    def _is_worse(self, state: FilterState) -> bool:
+        before = self._state
+        return before is not None and _BEST_FIRST.index(state) > _BEST_FIRST.index(before)
+
+    def _tell(self, status: NavigationStatus, *, worse: bool) -> None:
+        self._state, self._reason = status.state, status.reason
+        reason = f": {status.reason}" if status.reason else ""
+        tell = self._logger.warning if worse else self._logger.info
+        tell(f"{status.method}: {status.state.value}{reason}")
