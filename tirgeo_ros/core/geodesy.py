@@ -23,24 +23,44 @@ EARTH_RATE_RAD_S = 7.292115e-5
 GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
 GRAVITY_EQUATOR_M_S2 = 9.7803253359
 SOMIGLIANA_CONSTANT = 0.001931853
+# Gravity's decrease with height (Groves 2.139): by height, by height and sin2, by height squared.
+_CENTRIFUGAL = (
+    EARTH_RATE_RAD_S**2 * SEMI_MAJOR_AXIS_M**2 * SEMI_MINOR_AXIS_M / GRAVITATIONAL_CONSTANT_M3_S2
+)
+_LINEAR = 2 / SEMI_MAJOR_AXIS_M * (1 + FLATTENING + _CENTRIFUGAL)
+_LINEAR_SIN2 = 2 / SEMI_MAJOR_AXIS_M * 2 * FLATTENING
+_SQUARE = 3 / SEMI_MAJOR_AXIS_M**2
 
 
 def radii_of_curvature(latitude_rad: float) -> tuple[float, float]:
     """Meridian and transverse (prime vertical) radius in metres; Groves 2.105, 2.106."""
-    factor = 1 - ECCENTRICITY_SQUARED * math.sin(latitude_rad) ** 2
-    transverse = SEMI_MAJOR_AXIS_M / math.sqrt(factor)
-    return transverse * (1 - ECCENTRICITY_SQUARED) / factor, transverse
+    return earth_at(latitude_rad, 0.0)[2:4]
+
+
+def earth_at(latitude_rad: float, height_m: float) -> tuple[float, float, float, float, float]:
+    """Sine and cosine of a latitude, both radii of curvature plus height (m), gravity (m/s2).
+
+    Groves 2.105, 2.106, 2.134 and 2.139, in one go: it is called at every IMU sample.
+    """
+    sine = math.sin(latitude_rad)
+    sin2 = sine * sine
+    factor = 1 - ECCENTRICITY_SQUARED * sin2
+    root = math.sqrt(factor)
+    transverse = SEMI_MAJOR_AXIS_M / root
+    linear = (_LINEAR - _LINEAR_SIN2 * sin2) * height_m
+    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_CONSTANT * sin2) / root
+    return (
+        sine,
+        math.cos(latitude_rad),
+        transverse * (1 - ECCENTRICITY_SQUARED) / factor + height_m,
+        transverse + height_m,
+        surface * (1 - linear + _SQUARE * height_m * height_m),
+    )
 
 
 def gravity_down(latitude_rad: float, height_m: float) -> float:
     """Gravity (with the centrifugal part) in m/s2, down positive; Groves 2.134, 2.139."""
-    sin2 = math.sin(latitude_rad) ** 2
-    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_CONSTANT * sin2)
-    surface /= math.sqrt(1 - ECCENTRICITY_SQUARED * sin2)
-    a, f = SEMI_MAJOR_AXIS_M, FLATTENING
-    ratio = EARTH_RATE_RAD_S**2 * a * a * SEMI_MINOR_AXIS_M / GRAVITATIONAL_CONSTANT_M3_S2
-    linear = 2 / a * (1 + f * (1 - 2 * sin2) + ratio) * height_m
-    return surface * (1 - linear + 3 / (a * a) * height_m * height_m)
+    return earth_at(latitude_rad, height_m)[4]
 
 
 def ecef_from_geodetic(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.geodesy import EARTH_RATE_RAD_S, gravity_down, radii_of_curvature
+from tirgeo_ros.core.geodesy import EARTH_RATE_RAD_S, earth_at
 from tirgeo_ros.core.samples import Array
 
 Vector = tuple[float, float, float]
@@ -126,17 +126,13 @@ def propagate(
     fx = ax + 0.5 * (ty * az - tz * ay)
     fy = ay + 0.5 * (tz * ax - tx * az)
     fz = az + 0.5 * (tx * ay - ty * ax)
-    rotation = r = rotation_of((w, x, y, z))
-    fn = r[0] * fx + r[1] * fy + r[2] * fz
-    fe = r[3] * fx + r[4] * fy + r[5] * fz
-    fd = r[6] * fx + r[7] * fy + r[8] * fz
+    rotation = r0, r1, r2, r3, r4, r5, r6, r7, r8 = rotation_of((w, x, y, z))
+    fn = r0 * fx + r1 * fy + r2 * fz
+    fe = r3 * fx + r4 * fy + r5 * fz
+    fd = r6 * fx + r7 * fy + r8 * fz
     # The earth here: radii, gravity and the turns of e against i and n against e (Groves 2.105,
     # 2.106, 2.123, 2.134, 2.139, 5.44).
-    sine, cosine = math.sin(latitude), math.cos(latitude)
-    meridian, transverse = radii_of_curvature(latitude)
-    meridian += height
-    transverse += height
-    gravity = gravity_down(latitude, height)
+    sine, cosine, meridian, transverse, gravity = earth_at(latitude, height)
     earth_n, earth_d = EARTH_RATE_RAD_S * cosine, -EARTH_RATE_RAD_S * sine
     over_n = east / transverse
     over_e = -north / meridian
