@@ -137,7 +137,7 @@ class Ekf:
     def solution(self) -> NavSolution:
         """The state at the newest IMU sample.
 
-        Its covariance may be up to 40 ms older than the state.
+        Its covariance may be up to 50 ms older than the state.
         """
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
@@ -160,15 +160,15 @@ class Ekf:
     def _rate_variance_b(self, covariance: Array) -> Vector:
         """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""
         x, y, z = self._rate_density
-        first, count = self._epochs[0], len(self._epochs) - 1
-        bias = covariance[9, 9], covariance[10, 10], covariance[11, 11]
+        first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
+        item = covariance.item
         if count == 0:  # one sample has no rate
-            return bias
-        rate_hz = count / ((self.newest_ns - first.stamp_ns) * 1e-9)
-        return x * rate_hz + bias[0], y * rate_hz + bias[1], z * rate_hz + bias[2]
+            return item(9, 9), item(10, 10), item(11, 11)
+        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
+        return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
 
     def belief(self) -> Belief:
-        """What is believed at the newest IMU sample; the covariance may be 40 ms older."""
+        """What is believed at the newest IMU sample; the covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.belief
 

@@ -21,8 +21,8 @@ from tirgeo_ros.core.timeline import Carried, Epoch, between
 
 #: The state is never carried further than this in one step.
 _LARGEST_STEP_S = 0.02
-#: The covariance follows the state in steps of at least this.
-_COVARIANCE_STEP_S = 0.0395
+#: The covariance follows the state in steps of at least this, of 50 ms at 100 to 400 Hz.
+_COVARIANCE_STEP_S = 0.0495
 #: An interval longer than that of the slowest IMU, with jitter, has lost samples.
 _LOST_SAMPLES_S = 0.035
 #: What an aircraft may do unseen in such an interval, beyond what the samples around it say.

@@ -44,6 +44,7 @@ _WATCH_NS = 100_000_000
 #: So many aiding samples without one of the IMU, over the time-out of an aid: the IMU is silent.
 _AIDS_IN_SILENCE = 5
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
+_IMU_KEY = (Source.IMU, Outcome.USED)
 _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
 #: What each method takes.
@@ -144,7 +145,10 @@ class Navigation:
             step = self._process_imu(sample)
         else:
             step = Step(self._process_aiding(sample))
-        self._count(step.verdict)
+        if step.verdict is _IMU_USED:  # nearly always
+            self._counts[_IMU_KEY] += 1
+        else:
+            self._count(step.verdict)
         return step
 
     def status(self) -> NavigationStatus:
@@ -201,8 +205,9 @@ class Navigation:
         if begins:
             self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
         self._aids_since_imu = 0
-        for one in checked.use:
-            outcome, reason = self._take_imu(one)
+        outcome, reason = self._take_imu(checked.use[0])
+        for held in checked.use[1:]:
+            outcome, reason = self._take_imu(held)
         if begins:
             outcome, reason = checked.outcome, checked.reason
         solution = self._due_solution(sample.stamp_ns)
