@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import signal
 import subprocess
@@ -42,15 +43,28 @@ LATENCY_NS = 50_000_000
 SETTLED_NS = 12_000_000_000
 #: By default a reader that halts for a few tenths of a second, as on a machine with other work,
 #: finds the newest samples only. Here each one counts.
-DEEP_QUEUES = """
-/**:
-  ros__parameters:
-    qos_overrides:
-      /imu/data: {subscription: {depth: 300}}
-      /thermal/image_raw/compressed: {subscription: {depth: 30}}
-      /tirgeo/overlay/image: {publisher: {depth: 30}}
-      /tirgeo/overlay/image/compressed: {publisher: {depth: 30}}
-"""
+INPUTS = (
+    "/imu/data",
+    "/rtk/fix",
+    "/rtk/vel",
+    "/rtk/heading",
+    "/gps/fix",
+    "/gps/vel",
+    "/gimbal/joint_states",
+    "/gimbal/attitude",
+    "/thermal/image_raw/compressed",
+)
+BETWEEN = ("/tirgeo/odometry", "/tirgeo/camera_pose")
+PICTURES = ("/tirgeo/overlay/image", "/tirgeo/overlay/image/compressed")
+
+
+def deep_queues() -> str:
+    """A parameter file's part that lets no message be lost."""
+    deep, whole = {"depth": 300}, {"depth": 300, "reliability": "reliable"}
+    overrides = {topic: {"subscription": whole} for topic in INPUTS}
+    overrides |= {topic: {"publisher": deep, "subscription": deep} for topic in BETWEEN}
+    overrides |= {topic: {"publisher": {"depth": 30}} for topic in PICTURES}
+    return f"/**: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
 
 
 class Watched:
@@ -76,7 +90,7 @@ def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
     """One run at rate 1, with a stranger on ``tirgeo/overlay/image``."""
     folder = tmp_path_factory.mktemp("graph")
     params = folder / "params.yaml"
-    params.write_text((sample / "params.yaml").read_text() + DEEP_QUEUES)
+    params.write_text((sample / "params.yaml").read_text() + deep_queues())
     setup = GraphSetup(
         sample / "flight.mcap",
         folder,
@@ -93,6 +107,9 @@ def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
         flight = threading.Thread(target=lambda: results.append(run_graph(setup, 30.0)))
         flight.start()
         stranger.spin_until(lambda: not flight.is_alive(), 240.0)
+        time.sleep(0.5)  # what was sent last
+        for _ in range(30):
+            stranger.executor.spin_once(timeout_sec=0.02)
         stranger.close()
     assert results, "the graph did not end well"
     return results[0], watched
@@ -127,11 +144,13 @@ def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
     outlines = Outlines(load_map(sample / "map.geojson"), truth.plane, ground_m)
     means, covered = [], []
     settled = [s for s in watched.stamps if s > watched.stamps[0] + SETTLED_NS]
-    for stamp in settled[::3]:
+    for stamp in settled[::2]:
         pose = true_poses.at(stamp - LATENCY_NS)
         assert isinstance(pose, CameraPose)
         lines, marks = outlines.drawn(XT2, pose)
         ink = watched.mask(stamp)
+        if not ink.any():  # a notice: the machine was late with the pose
+            continue
         off = distances_px(ink & ~marks, lines)
         assert off.size > 500  # a picture full of lines
         means.append(off.mean())

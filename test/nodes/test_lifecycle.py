@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -50,6 +51,8 @@ def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, name, num
     await_words(process, "ready")
     process.signal(number)
     ended_cleanly(process)
+    # Who ended a node is worth knowing where several share a machine.
+    assert process.said(f"stopped by {number.name} from process {os.getpid()}")
 
 
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):

@@ -93,7 +93,10 @@ def _until_stopped(node: Node, work: Work | None) -> int:
         if work is not None:
             jobs.append(pool.submit(work, node, stop))
         try:
-            _wait(jobs)
+            caught = _wait(jobs)
+            if caught is not None:
+                name = signal.Signals(caught.si_signo).name
+                node.get_logger().info(f"stopped by {name} from process {caught.si_pid}")
         finally:
             stop.set()
             executor.wake()
@@ -103,10 +106,12 @@ def _until_stopped(node: Node, work: Work | None) -> int:
     return code
 
 
-def _wait(jobs: list[Future[int]]) -> None:
-    while not any(job.done() for job in jobs):
-        if signal.sigtimedwait(STOP_SIGNALS, _POLL_S) is not None:
-            return
+def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
+    """Until a job is done, or the signal that came before."""
+    caught = None
+    while caught is None and not any(job.done() for job in jobs):
+        caught = signal.sigtimedwait(STOP_SIGNALS, _POLL_S)
+    return caught
 
 
 def _spin(executor: Any, stop: threading.Event) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.attitude import euler_from_quat, wrap_pi
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
@@ -38,11 +39,13 @@ class Recording:
 def load_recording(path: Path) -> Recording:
     """Read a bag without its images. Raises BagError without thermal/camera_info."""
     cdr, samples, camera = Cdr(), [], None
+    arrivals = Arrivals()
     reader = BagReader(path)
     for item in reader.messages([f"/{name}" for name in (*SAMPLES, "thermal/camera_info")]):
         topic = item.topic.lstrip("/")
         if topic in SAMPLES:
-            samples.append(SAMPLES[topic](cdr.deserialize(item.data, item.typename)))
+            sample = SAMPLES[topic](cdr.deserialize(item.data, item.typename))
+            samples.append(arrivals.stamped(topic, sample, item.log_time_ns))
         elif camera is None:
             camera = convert.camera(cdr.deserialize(item.data, item.typename))
     if camera is None:
