@@ -54,6 +54,34 @@ def test_a_late_or_doubled_sample_is_dropped(back_s):
     assert clock.check(live(101)).outcome is Outcome.USED
 
 
+@pytest.mark.parametrize("back_s", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("gap_s", [0.05, 0.08, 0.15, 0.3])
+def test_a_late_sample_before_a_gap_is_not_used(back_s, gap_s):
+    """Stamps that are given out always grow, but where another time begins."""
+    clock = started()
+    newest_ns = clock.newest_ns
+    stamps_s = [0.99 - back_s, *(0.99 + gap_s + 0.01 * k for k in range(20))]
+    for t_s in stamps_s:
+        checked = clock.check(live(3, t_s) if t_s < 0.99 else live(round(100 * t_s), t_s))
+        for used in checked.use:
+            assert used.stamp_ns > newest_ns
+            newest_ns = used.stamp_ns
+
+
+def test_stamps_grow_whatever_comes():
+    """Any disorder: what is for use is in order within each time."""
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        clock, newest_ns = ImuClock(0.2), -1
+        for k in range(400):
+            off_s = rng.choice([0.0, rng.normal() * 0.1, rng.normal() * 3], p=[0.6, 0.3, 0.1])
+            checked = clock.check(live(k, 10.0 + 0.01 * k + off_s))
+            for number, used in enumerate(checked.use):
+                if not (checked.begins and number == 0):
+                    assert used.stamp_ns > newest_ns
+                newest_ns = used.stamp_ns
+
+
 def test_every_sample_twice():
     clock = ImuClock(0.2)
     found = outcomes(clock, [live(k // 2) for k in range(400)])
