@@ -6,6 +6,7 @@ import math
 
 from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.error_state import POSITION
 from tirgeo_ros.core.samples import Array, FilterState, FixStatus, Source
 
 
@@ -17,6 +18,7 @@ class Health:
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
         self._position_m2 = trust.lost_position_sigma_m**2
         self._heading_rad2 = math.radians(trust.lost_heading_sigma_deg) ** 2
+        self._patience_s = config.rtk.reset_after_s
         self._with_heading = config.method == "ekf_heading"
 
     def state(self, control: Control, now_ns: int) -> tuple[FilterState, str]:
@@ -43,16 +45,16 @@ class Health:
             missing.insert(0, "fixed rtk/fix (float)")
         return missing
 
-    def lost(self, control: Control, covariance: Array) -> str:
+    def lost(self, control: Control, covariance: Array, now_ns: int) -> str:
         """Why the state is not to be trusted any more, or empty.
 
         ``covariance`` (n, n) is that of the error states.
         """
-        if control.hopeless:
-            return f"reset again and again: {control.last_reset}"
-        largest_m2 = max(covariance[6, 6], covariance[7, 7], covariance[8, 8])
-        if not largest_m2 <= self._position_m2:
-            return f"position sigma {math.sqrt(largest_m2):.1f} m"
-        if not covariance[2, 2] <= self._heading_rad2:
-            return f"heading sigma {math.degrees(math.sqrt(covariance[2, 2])):.1f} deg"
-        return ""
+        variances = covariance.diagonal().tolist()
+        if not math.isfinite(sum(variances)):
+            return "not finite"
+        if max(variances[POSITION]) > self._position_m2:
+            return f"position sigma {math.sqrt(max(variances[POSITION])):.1f} m"
+        if variances[2] > self._heading_rad2:
+            return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
+        return control.hopeless(now_ns, self._patience_s)

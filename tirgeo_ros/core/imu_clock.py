@@ -69,6 +69,8 @@ class ImuClock:
     def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
         """A sample that does not follow the newest closely."""
         held = self._held
+        if held is not None and (held.stamp_ns > newest_ns) is not (ahead_ns > 0):
+            held = None  # what is late says nothing of what is ahead
         goes_on = held is not None and 0 < sample.stamp_ns - held.stamp_ns <= self._max_gap_ns
         self._odd_number = self._odd_number + 1 if goes_on else 1
         self._held = sample

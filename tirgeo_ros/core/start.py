@@ -22,6 +22,10 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
     if states > HEADING_ERROR:
         covariance[HEADING_ERROR, HEADING_ERROR] = math.radians(config.heading.bias_sigma_deg) ** 2
+        if Source.RTK_HEADING in alignment.sources:  # so the alignment's heading has that error
+            variance = covariance[HEADING_ERROR, HEADING_ERROR]
+            covariance[2, 2] += variance
+            covariance[2, HEADING_ERROR] = covariance[HEADING_ERROR, 2] = -variance
     control = Control(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
         control = control.with_track(source, Track(alignment.stamp_ns))

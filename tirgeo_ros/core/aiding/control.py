@@ -49,7 +49,9 @@ class Track(NamedTuple):
     agreed_ns: int = 0  # for how long it has been used, without silences and refusals
     ease: int = 0  # steps still to go
     run: Run | None = None
-    mean_rad: float = 0.0  # of the newest innovations of headings, used or not
+    mean_rad: float = 0.0  # of the newest innovations of headings
+    denied_ns: int = 0  # since the first refusal without a use after it
+    denied: int = 0  # number of those refusals
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Whether it was used within the time-out."""
@@ -60,14 +62,17 @@ class Track(NamedTuple):
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
-        return Track(now_ns, agreed_ns, max(self.ease - 1, 0), None, self.mean_rad)
+        return Track(now_ns, agreed_ns, max(self.ease - 1, 0), mean_rad=self.mean_rad)
 
     def refused(self, now_ns: int, innovation: tuple[float, ...], slack: float) -> Track:
         """The record after a refusal; it joins the run where it is within ``slack`` of it."""
         run = self.run
         if run is None or _apart(run.innovation, innovation) > slack:
-            return self._replace(run=Run(now_ns, now_ns, 1, innovation))
-        return self._replace(run=run._replace(last_ns=now_ns, number=run.number + 1))
+            run = Run(now_ns, now_ns, 1, innovation)
+        else:
+            run = run._replace(last_ns=now_ns, number=run.number + 1)
+        since_ns = self.denied_ns if self.denied else now_ns
+        return self._replace(run=run, denied_ns=since_ns, denied=self.denied + 1)
 
 
 def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
@@ -81,6 +86,24 @@ class Receivers(NamedTuple):
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
     heading_error_rad: float = 0.0
 
+    def at(self, stamp_ns: int, gps_time_s: float, heading_time_s: float) -> Receivers:
+        """The same at another time: errors fade with their correlation times."""
+        passed_s = (stamp_ns - self.stamp_ns) * 1e-9
+        if passed_s == 0:
+            return self
+        fade = math.exp(-passed_s / gps_time_s)
+        north, east, down = self.gps_error_n
+        heading_rad = self.heading_error_rad
+        if heading_rad:
+            heading_rad *= math.exp(-passed_s / heading_time_s)
+        return Receivers(stamp_ns, (north * fade, east * fade, down * fade), heading_rad)
+
+    def changed(self, north: float, east: float, down: float, heading_rad: float) -> Receivers:
+        """With more error of the GPS (m) and of the headings."""
+        n, e, d = self.gps_error_n
+        gps_error_n = (n + north, e + east, d + down)
+        return Receivers(self.stamp_ns, gps_error_n, self.heading_error_rad + heading_rad)
+
 
 class Reset(NamedTuple):
     """A state that was set to a measurement."""
@@ -93,7 +116,7 @@ class Reset(NamedTuple):
         """For people."""
         if self.source is Source.RTK_HEADING:
             return f"heading turned by {math.degrees(self.size):+.1f} deg"
-        if self.source is Source.RTK_VELOCITY:
+        if self.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}:
             return f"velocity changed by {self.size:.2f} m/s"
         what = "position moved" if self.source is Source.RTK_POSITION else "GPS error changed"
         return f"{what} by {self.size:.2f} m"
@@ -111,6 +134,7 @@ class Control(NamedTuple):
     resets: tuple[int, ...] = (0,) * len(AIDS)
     reset_ns: tuple[int, ...] = ()  # of the newest of position and velocity
     last_reset: Reset | None = None
+    strain: float = 1.0  # mean of the newest squared RTK innovations over what they should be
 
     def track(self, source: Source) -> Track:
         """The record of a source."""
@@ -154,8 +178,15 @@ class Control(NamedTuple):
             resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
         )
 
-    @property
-    def hopeless(self) -> bool:
-        """Whether resets follow each other so fast that none of them helps."""
+    def hopeless(self, now_ns: int, patience_s: float) -> str:
+        """Why nothing short of another start helps, or empty."""
         stamps = self.reset_ns
-        return len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS
+        if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
+            return f"reset again and again: {self.last_reset}"
+        # Two measurements of different kinds do not err together, and by what runs away beneath
+        # them they do not agree with themselves either.
+        both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
+        for_long = all(now_ns - track.denied_ns >= patience_s * 1e9 for track in both)
+        if for_long and all(track.denied >= _LEAST_RUN for track in both):
+            return "rtk/fix and rtk/vel both contradict it"
+        return ""

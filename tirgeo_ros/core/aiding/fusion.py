@@ -7,14 +7,14 @@ position is fixed. The ordinary GPS steps in where RTK is gone.
 from __future__ import annotations
 
 from tirgeo_ros.core.aiding.belief import Aid, Aiding, Belief, Fused, not_fixed, refused
-from tirgeo_ros.core.aiding.control import EASE_STEPS, Control, Receivers, Track
+from tirgeo_ros.core.aiding.control import EASE_STEPS, Control, Track
 from tirgeo_ros.core.aiding.gps import GpsPosition
 from tirgeo_ros.core.aiding.heading import Headings
 from tirgeo_ros.core.aiding.position import RtkPosition
 from tirgeo_ros.core.aiding.resets import Resets
 from tirgeo_ros.core.aiding.velocity import Velocities
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import POSITION, feedback, states_of
+from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, POSITION, feedback, states_of
 from tirgeo_ros.core.kalman import Measurement, update
 from tirgeo_ros.core.samples import (
     Array,
@@ -45,6 +45,8 @@ class Fusion:
         self._gps_position = GpsPosition(config)
         self._headings = Headings(config)
         self._resets = Resets(config)
+        self._gps_time_s = config.gps.position_time_s
+        self._heading_time_s = config.heading.bias_time_s
 
     def spare(self, sample: Aiding, control: Control) -> bool:
         """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
@@ -56,10 +58,11 @@ class Fusion:
         """The belief with a sample in it.
 
         ``angular_rate_b`` (rad/s) has its bias removed; a ``stale`` sample says what the one
-        before said: its refusal proves nothing against the state.
+        before said: its refusal proves less against the state.
         """
         if self.spare(sample, belief.control):
             return refused(sample, belief, Outcome.STANDBY, "RTK is there")
+        belief = belief._replace(control=self._faded(belief.control, sample.stamp_ns))
         if isinstance(sample, HeadingSample):
             aid, belief = self._heading(sample, belief)
         elif isinstance(sample, VelocitySample):
@@ -115,20 +118,19 @@ class Fusion:
         if aid.source is Source.RTK_HEADING:
             track, reason = self._headings.averaged(track, measurement, predicted, reason)
         if reason or error is None or updated is None:
-            if not aid.stale:
-                track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
+            track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
             belief = belief._replace(control=control.with_track(aid.source, track))
             return self._after_refusal(aid, belief, ratio, reason)
         if self._direct and aid.source is Source.RTK_POSITION:
             error, updated = _position_taken(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns)
-        learned = self._learned(control, aid.stamp_ns, error)
-        control = control.with_track(aid.source, track, learned)
+        receivers = control.receivers.changed(*error[GPS_ERROR].tolist(), _heading_error(error))
+        control = control.with_track(aid.source, track, receivers)
         belief = Belief(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
     def _after_refusal(self, aid: Aid, belief: Belief, ratio: float, reason: str) -> Fused:
-        reset = None if aid.stale else self._resets.after_refusal(aid, belief)
+        reset = self._resets.after_refusal(aid, belief)
         if reset is None:
             return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
         return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
@@ -139,9 +141,14 @@ class Fusion:
             return track
         return track._replace(ease=EASE_STEPS)
 
-    def _learned(self, control: Control, stamp_ns: int, error: Array) -> Receivers:
-        gps_error_n = self._gps_position.learned(control, stamp_ns, error)
-        return Receivers(stamp_ns, gps_error_n, self._headings.learned(control, stamp_ns, error))
+    def _faded(self, control: Control, stamp_ns: int) -> Control:
+        """With the receivers' errors at a sample's time."""
+        receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
+        return control if receivers is control.receivers else control._replace(receivers=receivers)
+
+
+def _heading_error(error: Array) -> float:
+    return float(error[HEADING_ERROR]) if len(error) > HEADING_ERROR else 0.0
 
 
 def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:

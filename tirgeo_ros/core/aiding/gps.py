@@ -7,17 +7,15 @@ learned error carry on where RTK stopped, and the state's covariance grows as th
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Aiding, Belief, added, source_of
 from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.aiding.position import innovation_n, position_design
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import GPS_ERROR, states_of
+from tirgeo_ros.core.error_state import states_of
 from tirgeo_ros.core.kalman import Measurement
-from tirgeo_ros.core.samples import Array, FixStatus, PositionSample, Source
+from tirgeo_ros.core.samples import FixStatus, PositionSample, Source
 from tirgeo_ros.core.strapdown import Vector, rotate, rotation_of
 
 #: While RTK lasts the error is learned once in so long (a second less the jitter of stamps).
@@ -54,7 +52,7 @@ class GpsPosition:
     def aid(self, sample: PositionSample, belief: Belief) -> Aid:
         """The measurement of a position with its slow error in it."""
         state = belief.state
-        error = self._error_at(belief.control, sample.stamp_ns)
+        error = belief.control.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
         innovation = innovation_n(state, sample, added(lever_n, error))
         design = position_design(self._states, lever_n, gps=True)
@@ -64,15 +62,3 @@ class GpsPosition:
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
         return Aid(sample.source, sample.stamp_ns, measurement, invariant, _SLACK_M)
-
-    def learned(self, control: Control, stamp_ns: int, error: Array) -> Vector:
-        """The estimated error (NED m) after an update."""
-        x, y, z = error[GPS_ERROR].tolist()
-        return added(self._error_at(control, stamp_ns), (x, y, z))
-
-    def _error_at(self, control: Control, stamp_ns: int) -> Vector:
-        """The estimated error fades with its correlation time."""
-        passed_s = (stamp_ns - control.receivers.stamp_ns) * 1e-9
-        fade = math.exp(-passed_s / self._gps.position_time_s)
-        north, east, down = control.receivers.gps_error_n
-        return north * fade, east * fade, down * fade

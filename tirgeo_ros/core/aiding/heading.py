@@ -108,7 +108,7 @@ class Headings:
 
     def aid(self, sample: HeadingSample, belief: Belief) -> Aid | None:
         """The measurement, or None where the baseline stands upright."""
-        reported = sample.heading_rad - self._error_at(belief.control, sample.stamp_ns)
+        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
         rotation = rotation_of(belief.state.q_nb)
         innovation, u = heading_innovation(rotation, reported, self._baseline)
         design = heading_design(self._states, u)
@@ -130,25 +130,12 @@ class Headings:
         One heading that is off by less than the gate passes; the mean of many that are off by as
         much is far outside of what the mean of good ones can be.
         """
+        if reason:
+            return track, reason
         noise, own = float(measurement.noise[0, 0]), float(predicted[0, 0])
-        largest = measurement.gate_sigma * math.sqrt(own + noise)
-        off = min(max(float(measurement.innovation[0]), -largest), largest)
+        off = float(measurement.innovation[0])
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
-        if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
+        if abs(mean) > _MEAN_GATE_SIGMA * scatter:
             reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
         return track._replace(mean_rad=mean), reason
-
-    def learned(self, control: Control, stamp_ns: int, error: Array) -> float:
-        """The estimated slow error (rad) after an update."""
-        if self._states <= HEADING_ERROR:
-            return 0.0
-        return self._error_at(control, stamp_ns) + float(error[HEADING_ERROR])
-
-    def _error_at(self, control: Control, stamp_ns: int) -> float:
-        """The estimated slow error fades with its correlation time."""
-        if self._states <= HEADING_ERROR:
-            return 0.0
-        passed_s = (stamp_ns - control.receivers.stamp_ns) * 1e-9
-        fade = math.exp(-passed_s / self._heading.bias_time_s)
-        return control.receivers.heading_error_rad * fade

@@ -56,6 +56,8 @@ class Resets:
 
     def _patience_s(self, aid: Aid, belief: Belief) -> float:
         """For how long a run must have lasted."""
+        if aid.stale:  # a receiver that is frozen over a hover, more likely than not
+            return _LONGEST_S
         rtk, heading, control = self._config.rtk, self._config.heading, belief.control
         if aid.source is Source.RTK_HEADING:
             # The longer the two have agreed, the less one contradiction says against the state.
@@ -87,18 +89,12 @@ class Resets:
             # Position and error together are as measured: what one is off, the other is, negated.
             covariance[block, :] -= covariance[POSITION, :]
             covariance[:, block] -= covariance[:, POSITION]
-            north, east, down = innovation.tolist()
-            n, e, d = control.receivers.gps_error_n
-            receivers = control.receivers._replace(gps_error_n=(n + north, e + east, d + down))
-            control = control._replace(receivers=receivers)
+            control = control._replace(receivers=control.receivers.changed(*innovation, 0.0))
         else:
             state = feedback(state, error)
         if block is POSITION:
             # The ordinary GPS has not moved: its error against the new position has.
-            north, east, down = innovation.tolist()
-            n, e, d = control.receivers.gps_error_n
-            receivers = control.receivers._replace(gps_error_n=(n - north, e - east, d - down))
-            control = control._replace(receivers=receivers)
+            control = control._replace(receivers=control.receivers.changed(*-innovation, 0.0))
         size = float(np.linalg.norm(innovation))
         return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
@@ -106,17 +102,17 @@ class Resets:
         """The attitude turned about the vertical to the heading."""
         state, covariance, control = belief
         turn = float(aid.measurement.innovation[0])
-        covariance = _untied(covariance, slice(2, 3))
-        covariance[2, 2] = aid.measurement.noise[0, 0]
-        if len(covariance) > HEADING_ERROR:  # the heading and its error together are as measured
-            covariance[2, :] -= covariance[HEADING_ERROR, :]
-            covariance[:, 2] -= covariance[:, HEADING_ERROR]
         error = np.zeros(len(covariance))
         error[2] = turn
         if abs(turn) > _LARGE_TURN_RAD:
             covariance = self._spoiled(covariance)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
+        covariance = _untied(covariance, slice(2, 3))
+        covariance[2, 2] = aid.measurement.noise[0, 0]
+        if len(covariance) > HEADING_ERROR:  # the heading and its error together are as measured
+            covariance[2, :] -= covariance[HEADING_ERROR, :]
+            covariance[:, 2] -= covariance[:, HEADING_ERROR]
         control = control.with_reset(aid.source, aid.stamp_ns, turn)
         return Belief(feedback(state, error), covariance, control)
 
@@ -124,11 +120,9 @@ class Resets:
         """Tilt and biases as uncertain as at the start."""
         imu = self._config.imu
         for block in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS):
-            heading = covariance[2, 2]
             covariance = _untied(covariance, block)
-            covariance[2, 2] = heading
         variances = np.diagonal(covariance).copy()
-        variances[0:2] = _TILT_SIGMA_RAD**2
+        variances[ATTITUDE] = _TILT_SIGMA_RAD**2
         variances[GYRO_BIAS] = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
         variances[ACCEL_BIAS] = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
         np.fill_diagonal(covariance, variances)
