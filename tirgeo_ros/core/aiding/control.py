@@ -98,11 +98,12 @@ class Receivers(NamedTuple):
             heading_rad *= math.exp(-passed_s / heading_time_s)
         return Receivers(stamp_ns, (north * fade, east * fade, down * fade), heading_rad)
 
-    def changed(self, north: float, east: float, down: float, heading_rad: float) -> Receivers:
+    def changed(self, gps_error_n: list[float], heading_rad: float = 0.0) -> Receivers:
         """With more error of the GPS (m) and of the headings."""
         n, e, d = self.gps_error_n
-        gps_error_n = (n + north, e + east, d + down)
-        return Receivers(self.stamp_ns, gps_error_n, self.heading_error_rad + heading_rad)
+        north, east, down = gps_error_n
+        moved = (n + north, e + east, d + down)
+        return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad)
 
 
 class Reset(NamedTuple):

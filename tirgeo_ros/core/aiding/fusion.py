@@ -124,7 +124,7 @@ class Fusion:
         if self._direct and aid.source is Source.RTK_POSITION:
             error, updated = _position_taken(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns)
-        receivers = control.receivers.changed(*error[GPS_ERROR].tolist(), _heading_error(error))
+        receivers = control.receivers.changed(error[GPS_ERROR].tolist(), _heading_error(error))
         control = control.with_track(aid.source, track, receivers)
         belief = Belief(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)

@@ -89,12 +89,12 @@ class Resets:
             # Position and error together are as measured: what one is off, the other is, negated.
             covariance[block, :] -= covariance[POSITION, :]
             covariance[:, block] -= covariance[:, POSITION]
-            control = control._replace(receivers=control.receivers.changed(*innovation, 0.0))
+            control = control._replace(receivers=control.receivers.changed(innovation.tolist()))
         else:
             state = feedback(state, error)
         if block is POSITION:
             # The ordinary GPS has not moved: its error against the new position has.
-            control = control._replace(receivers=control.receivers.changed(*-innovation, 0.0))
+            control = control._replace(receivers=control.receivers.changed((-innovation).tolist()))
         size = float(np.linalg.norm(innovation))
         return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
