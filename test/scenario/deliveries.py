@@ -61,3 +61,16 @@ def deliveries(flown: Flight) -> Deliveries:
 def in_order(found: Iterable[Delivery]) -> Deliveries:
     """Sorted by arrival; those of one instant stay in their order."""
     return sorted(found, key=lambda delivery: delivery.arrival_ns)
+
+
+def each(sources: tuple[Source, ...], change: Callable[[Delivery], Deliveries]) -> Fault:
+    """What a change makes of each delivery of some sources in the interval."""
+
+    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+        out: Deliveries = []
+        for delivery in found:
+            hit = delivery.source in sources and interval.holds(delivery)
+            out += change(delivery) if hit else [delivery]
+        return in_order(out)
+
+    return fault

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenario import faults
+from scenario import time_faults, value_faults
 from scenario.deliveries import GPS, RTK, Deliveries, Interval, deliveries
 from scenario.runs import SHEAR_DEG, SHEAR_S, calm, faulty, sheared
 from scenario.table import TABLE
@@ -56,69 +56,71 @@ def test_a_fault_keeps_to_its_interval_and_is_the_same_each_time(row):
 
 
 def test_drop_and_lossy():
-    assert not inside(faulty(calm(), faults.drop(POSITION), START_S, END_S), POSITION)
-    some = inside(faulty(calm(), faults.lossy(0.8, POSITION), START_S, END_S), POSITION)
+    assert not inside(faulty(calm(), time_faults.drop(POSITION), START_S, END_S), POSITION)
+    some = inside(faulty(calm(), time_faults.lossy(0.8, POSITION), START_S, END_S), POSITION)
     assert 1 <= len(some) <= 10  # 25 of which a fifth: 5 with a sigma of 2
 
 
 def test_late_and_shuffled():
-    late = inside(faulty(calm(), faults.late(0.3, POSITION), START_S, END_S), POSITION)
+    late = inside(faulty(calm(), time_faults.late(0.3, POSITION), START_S, END_S), POSITION)
     assert {d.arrival_ns - d.true_ns for d in late} == {380_000_000}  # 80 ms of the simulator's
     assert all(d.sample.stamp_ns == d.true_ns for d in late)
-    mixed = inside(faulty(calm(), faults.shuffled(0.4, POSITION), START_S, END_S), POSITION)
+    mixed = inside(faulty(calm(), time_faults.shuffled(0.4, POSITION), START_S, END_S), POSITION)
     stamps = [d.sample.stamp_ns for d in mixed]
     assert stamps != sorted(stamps)
 
 
 def test_duplicated_swapped_polled():
-    twice = inside(faulty(calm(), faults.duplicated(POSITION), START_S, END_S), POSITION)
+    twice = inside(faulty(calm(), time_faults.duplicated(POSITION), START_S, END_S), POSITION)
     assert len(twice) == 50
-    swapped = inside(faulty(calm(), faults.swapped(Source.IMU), START_S, END_S), Source.IMU)
+    swapped = inside(faulty(calm(), time_faults.swapped(Source.IMU), START_S, END_S), Source.IMU)
     steps = np.diff([d.sample.stamp_ns for d in swapped])
     assert set(steps) == {-10_000_000, 30_000_000}
-    often = inside(faulty(calm(), faults.polled(50.0, POSITION), START_S, END_S), POSITION)
+    often = inside(faulty(calm(), time_faults.polled(50.0, POSITION), START_S, END_S), POSITION)
     assert len(often) == 24 * 10 + 1
     assert len({d.sample.latitude_rad for d in often}) == 25
     assert set(np.diff([d.sample.stamp_ns for d in often])) == {20_000_000}
 
 
 def test_clock_moves_the_stamps_alone():
-    for good, bad in pairs(faults.clock(-0.5, VELOCITY), VELOCITY):
+    for good, bad in pairs(time_faults.clock(-0.5, VELOCITY), VELOCITY):
         assert bad.stamp_ns - good.stamp_ns == -500_000_000
         assert bad.velocity_n is good.velocity_n
-    moved_on = inside(faulty(calm(), faults.clock(-0.5, VELOCITY), START_S, END_S), VELOCITY)
+    moved_on = inside(faulty(calm(), time_faults.clock(-0.5, VELOCITY), START_S, END_S), VELOCITY)
     assert {d.clock_ns for d in moved_on} == {-500_000_000}
-    misstamped = inside(faulty(calm(), faults.misstamped(2, VELOCITY), START_S, END_S), VELOCITY)
+    misstamped = inside(
+        faulty(calm(), time_faults.misstamped(2, VELOCITY), START_S, END_S), VELOCITY
+    )
     assert {(d.clock_ns, d.sample.stamp_ns - d.true_ns) for d in misstamped} == {(0, 2 * 10**9)}
 
 
 def test_frozen_is_the_last_value_with_new_stamps():
-    found = pairs(faults.frozen(Source.IMU), Source.IMU)
+    found = pairs(value_faults.frozen(Source.IMU), Source.IMU)
     assert len({id(bad.specific_force_b) for _, bad in found}) == 1
     assert all(bad.stamp_ns == good.stamp_ns for good, bad in found)
 
 
 def test_moved_is_so_many_metres():
-    for good, bad in pairs(faults.moved(3.0, -4.0, 12.0, POSITION), POSITION):
+    for good, bad in pairs(value_faults.moved(3.0, -4.0, 12.0, POSITION), POSITION):
         plane = TangentPlane(good.latitude_rad, good.longitude_rad, good.height_m)
         off = plane.ned_from_geodetic(bad.latitude_rad, bad.longitude_rad, bad.height_m)
         assert np.allclose(off, [3.0, -4.0, 12.0], atol=1e-3)  # the earth's curvature over 5 m
 
 
 def test_offsets():
-    for good, bad in pairs(faults.faster(1, 2, 3, VELOCITY), VELOCITY):
+    for good, bad in pairs(value_faults.faster(1, 2, 3, VELOCITY), VELOCITY):
         assert np.allclose(bad.velocity_n - good.velocity_n, [1, 2, 3])
-    for good, bad in pairs(faults.turned(180), HEADING):
+    for good, bad in pairs(value_faults.turned(180), HEADING):
         assert math.isclose(abs(bad.heading_rad - good.heading_rad), math.pi)
-    for good, bad in pairs(faults.force_off(0.1, 0, -0.2), Source.IMU):
+    for good, bad in pairs(value_faults.force_off(0.1, 0, -0.2), Source.IMU):
         assert np.allclose(bad.specific_force_b - good.specific_force_b, [0.1, 0, -0.2])
-    for good, bad in pairs(faults.rate_off(0, 1, 0), Source.IMU):
+    for good, bad in pairs(value_faults.rate_off(0, 1, 0), Source.IMU):
         assert np.allclose(np.degrees(bad.angular_rate_b - good.angular_rate_b), [0, 1, 0])
 
 
 @pytest.mark.parametrize("source", [Source.IMU, *RTK, *GPS])
 def test_not_a_number(source):
-    for fault in (faults.not_a_number, faults.covariance_not_a_number)[
+    for fault in (value_faults.not_a_number, value_faults.covariance_not_a_number)[
         : 1 if source is Source.IMU else 2
     ]:
         for _, bad in pairs(fault(source), source):
@@ -126,7 +128,7 @@ def test_not_a_number(source):
 
 
 def test_wandering_begins_at_the_truth_and_is_as_large_as_it_says():
-    fault = faults.wandering(FixStatus.FLOAT, 0.3, 0.5, 0.01)
+    fault = value_faults.wandering(FixStatus.FLOAT, 0.3, 0.5, 0.01)
     found = pairs(fault, POSITION)
     apart_m = np.array([bad.height_m - good.height_m for good, bad in found])
     assert apart_m[0] == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,86 @@
+"""The table's judge sees what it must see: a good run that was tampered with."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import errors
+from scenario.runs import Run, calm, faulty, run
+from scenario.table import DEGRADED, GOOD, RUNNING, Row
+from scenario.test_table import complaints
+from scenario.time_faults import nothing
+
+from tirgeo_ros.core.samples import FilterState, NavSolution
+
+ROW = Row("nothing", nothing, RUNNING, GOOD)
+
+
+@functools.cache
+def good() -> Run:
+    return run(calm(), faulty(calm(), nothing, ROW.start_s, ROW.end_s))
+
+
+def changed(start_s: float, end_s: float, change) -> Run:
+    """The good run with its solutions of a part changed, or left out where that gives None."""
+    first_ns = calm().truth.stamp_ns[0]
+    published: list[NavSolution] = []
+    for solution in good().published:
+        inside = start_s <= (solution.stamp_ns - first_ns) * 1e-9 < end_s
+        new = change(solution) if inside else solution
+        if new is not None:
+            published.append(new)
+    return replace(good(), published=published, errors=errors(calm(), published))
+
+
+def higher(solution: NavSolution) -> NavSolution:
+    return solution._replace(height_m=solution.height_m + 0.1)
+
+
+def surer(solution: NavSolution) -> NavSolution:
+    return solution._replace(covariance=solution.covariance / 100)
+
+
+def not_positive(solution: NavSolution) -> NavSolution:
+    covariance = solution.covariance.copy()
+    covariance[0, 1] = covariance[1, 0] = 2 * math.sqrt(covariance[0, 0] * covariance[1, 1])
+    return solution._replace(covariance=covariance)
+
+
+def no_number(solution: NavSolution) -> NavSolution:
+    return solution._replace(angular_rate_b=np.array([0.0, math.nan, 0.0]))
+
+
+def test_nothing_to_complain_of():
+    assert complaints(ROW, good()) == []
+
+
+@pytest.mark.parametrize(
+    ("start_s", "change", "words"),
+    [
+        (26.0, higher, "meanwhile: position"),
+        (40.0, higher, "afterwards: position"),
+        (20.0, surer, "sigmas at"),
+        (20.0, not_positive, "not positive"),
+        (20.0, no_number, "not finite"),
+        (40.0, lambda _: None, "solutions in 15.0 s"),
+    ],
+)
+def test_each_tampering_is_seen(start_s, change, words):
+    found = complaints(ROW, changed(start_s, start_s + 2.0, change))
+    assert any(words in complaint for complaint in found), found
+
+
+def test_states_and_resets_are_seen():
+    assert complaints(replace(ROW, states=RUNNING + DEGRADED), good()) == ["states running"]
+    assert "0 resets" in complaints(replace(ROW, resets=1), good())[0]
+    lost = replace(good(), changes=[*good().changes, (30.0, FilterState.LOST)])
+    assert "lost" in complaints(ROW, lost)
+
+
+def test_a_solution_of_no_instant_is_seen():
+    stray = replace(good(), astray=good().published[:1])
+    assert "never was" in complaints(ROW, stray)[0]
