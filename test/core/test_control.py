@@ -145,11 +145,60 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
     control = Control(Receivers(0))
     for t_s, source in ((0, Source.RTK_POSITION), (4.0, Source.RTK_VELOCITY)):
         control = control.with_reset(source, ns(t_s), 1.0)
-        assert not control.hopeless
+        assert control.hopeless(ns(t_s), 2.0) == ""
     control = control.with_reset(Source.RTK_HEADING, ns(5.0), 1.0)
     control = control.with_reset(Source.GPS_POSITION, ns(5.0), 1.0)
-    assert not control.hopeless  # neither moves position or velocity
-    assert control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0).hopeless is hopeless
+    assert control.hopeless(ns(5.0), 2.0) == ""  # neither moves position or velocity
+    control = control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
+    why = "reset again and again: position moved by 1.00 m"
+    assert control.hopeless(ns(last_s), 2.0) == (why if hopeless else "")
+
+
+def denied(control, source, times_s):
+    """Refusals that do not even agree with each other."""
+    track = control.track(source)
+    for k, t_s in enumerate(times_s):
+        track = track.refused(ns(t_s), (3.0 * k,), 0.1)
+    return control.with_track(source, track)
+
+
+FIVE_A_SECOND = tuple(0.2 * k for k in range(11))
+BOTH = (Source.RTK_POSITION, Source.RTK_VELOCITY)
+
+
+@pytest.mark.parametrize(
+    ("sources", "times_s", "hopeless"),
+    [
+        (BOTH, FIVE_A_SECOND, True),
+        (BOTH, FIVE_A_SECOND[:-1], False),  # not for long enough
+        (BOTH, (0.0, 0.6, 1.2, 2.0), False),  # too few
+        (BOTH[:1], FIVE_A_SECOND, False),  # the other one may be right
+        (BOTH[1:], FIVE_A_SECOND, False),
+    ],
+)
+def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_s, hopeless):
+    control = Control(Receivers(0))
+    for source in sources:
+        control = denied(control, source, times_s)
+    why = "rtk/fix and rtk/vel both contradict it"
+    assert control.hopeless(ns(times_s[-1]), 2.0) == (why if hopeless else "")
+
+
+def test_a_use_ends_the_denial():
+    control = Control(Receivers(0))
+    for source in BOTH:
+        control = denied(control, source, FIVE_A_SECOND)
+    track = control.track(Source.RTK_VELOCITY).used(ns(2.1), TIMEOUT_NS)
+    assert (track.denied, track.run) == (0, None)
+    assert control.with_track(Source.RTK_VELOCITY, track).hopeless(ns(2.1), 2.0) == ""
+
+
+def test_denials_end_with_the_receiver():
+    """Refused for less than a second, then silent: the silence proves nothing."""
+    control = Control(Receivers(0))
+    for source in BOTH:
+        control = denied(control, source, FIVE_A_SECOND[:5])
+    assert control.hopeless(ns(60.0), 2.0) == ""
 
 
 # Headings: conditions to start and to continue
