@@ -113,7 +113,7 @@ def with_error(t_s, error_n, control=None):
 def test_learned_error_fades_through_a_silence():
     """As the state that the covariance is of does: by a third of its correlation time in 30 s."""
     belief = Belief(LEVEL, np.eye(18), with_error(0.0, (3.0, 0.0, -6.0)))
-    found = GpsPosition(CONFIG).aid(fix(30.0), belief).measurement.innovation
+    found = Fusion(CONFIG).fuse(fix(30.0), belief, (0.0,) * 3).verdict.innovation
     left = math.exp(-30.0 / CONFIG.gps.position_time_s)
     # Metres through radians at 6.4e6 m: 1e-9.
     assert found == pytest.approx([-3.0 * left, 0.0, 6.0 * left], abs=1e-6)
@@ -128,7 +128,7 @@ def test_learned_error_is_not_faded_by_looking_at_it():
         found = fusion.fuse(fix(t_s, (50.0, 0.0, 0.0)), belief, (0.0,) * 3)
         assert found.verdict.outcome is Outcome.GATED
         belief = found.belief
-    later = GpsPosition(CONFIG).aid(fix(30.0), belief).measurement.innovation
+    later = fusion.fuse(fix(30.0), belief, (0.0,) * 3).verdict.innovation
     left = math.exp(-30.0 / CONFIG.gps.position_time_s)
     assert later[0] == pytest.approx(-3.0 * left, abs=1e-6)
 
