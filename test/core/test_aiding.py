@@ -264,7 +264,8 @@ def test_upright_baseline_has_no_heading():
     belief = belief_of(state)
     fused = Fusion(EkfConfig()).fuse(HeadingSample(NOW_NS, 0.0, 1e-4), belief, (0.0,) * 3)
     assert fused.verdict.outcome is Outcome.INVALID
-    assert fused.belief is belief
+    assert fused.belief.state is belief.state
+    assert fused.belief.covariance is belief.covariance
 
 
 # Noise
