@@ -51,7 +51,7 @@ class Track(NamedTuple):
     run: Run | None = None
     mean_rad: float = 0.0  # of the newest innovations of headings
     denied_ns: int = 0  # since the first refusal without a use after it
-    denied: int = 0  # number of those refusals
+    denied: int = 0  # number of those refusals, stale ones left out
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Whether it was used within the time-out."""
@@ -64,13 +64,17 @@ class Track(NamedTuple):
             agreed_ns += now_ns - self.used_ns
         return Track(now_ns, agreed_ns, max(self.ease - 1, 0), mean_rad=self.mean_rad)
 
-    def refused(self, now_ns: int, innovation: tuple[float, ...], slack: float) -> Track:
+    def refused(
+        self, now_ns: int, innovation: tuple[float, ...], slack: float, *, stale: bool = False
+    ) -> Track:
         """The record after a refusal; it joins the run where it is within ``slack`` of it."""
         run = self.run
         if run is None or _apart(run.innovation, innovation) > slack:
             run = Run(now_ns, now_ns, 1, innovation)
         else:
             run = run._replace(last_ns=now_ns, number=run.number + 1)
+        if stale:
+            return self._replace(run=run)
         since_ns = self.denied_ns if self.denied else now_ns
         return self._replace(run=run, denied_ns=since_ns, denied=self.denied + 1)
 

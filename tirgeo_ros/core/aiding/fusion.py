@@ -118,7 +118,7 @@ class Fusion:
         if aid.source is Source.RTK_HEADING:
             track, reason = self._headings.averaged(track, measurement, predicted, reason)
         if reason or error is None or updated is None:
-            track = track.refused(aid.stamp_ns, aid.invariant, aid.slack)
+            track = track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale)
             belief = belief._replace(control=control.with_track(aid.source, track))
             return self._after_refusal(aid, belief, ratio, reason)
         if self._direct and aid.source is Source.RTK_POSITION:

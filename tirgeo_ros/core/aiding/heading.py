@@ -130,12 +130,12 @@ class Headings:
         One heading that is off by less than the gate passes; the mean of many that are off by as
         much is far outside of what the mean of good ones can be.
         """
-        if reason:
-            return track, reason
         noise, own = float(measurement.noise[0, 0]), float(predicted[0, 0])
         off = float(measurement.innovation[0])
+        if abs(off) > 2 * measurement.gate_sigma * math.sqrt(own + noise):
+            return track, reason  # a flip is no small error that lasts
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
-        if abs(mean) > _MEAN_GATE_SIGMA * scatter:
+        if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
             reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
         return track._replace(mean_rad=mean), reason
