@@ -145,13 +145,13 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
     control = Control(Receivers(0))
     for t_s, source in ((0, Source.RTK_POSITION), (4.0, Source.RTK_VELOCITY)):
         control = control.with_reset(source, ns(t_s), 1.0)
-        assert control.hopeless(ns(t_s), 2.0) == ""
+        assert control.hopeless(2.0) == ""
     control = control.with_reset(Source.RTK_HEADING, ns(5.0), 1.0)
     control = control.with_reset(Source.GPS_POSITION, ns(5.0), 1.0)
-    assert control.hopeless(ns(5.0), 2.0) == ""  # neither moves position or velocity
+    assert control.hopeless(2.0) == ""  # neither moves position or velocity
     control = control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
     why = "reset again and again: position moved by 1.00 m"
-    assert control.hopeless(ns(last_s), 2.0) == (why if hopeless else "")
+    assert control.hopeless(2.0) == (why if hopeless else "")
 
 
 def denied(control, source, times_s):
@@ -181,7 +181,7 @@ def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_
     for source in sources:
         control = denied(control, source, times_s)
     why = "rtk/fix and rtk/vel both contradict it"
-    assert control.hopeless(ns(times_s[-1]), 2.0) == (why if hopeless else "")
+    assert control.hopeless(2.0) == (why if hopeless else "")
 
 
 def test_a_use_ends_the_denial():
@@ -190,7 +190,7 @@ def test_a_use_ends_the_denial():
         control = denied(control, source, FIVE_A_SECOND)
     track = control.track(Source.RTK_VELOCITY).used(ns(2.1), TIMEOUT_NS)
     assert (track.denied, track.run) == (0, None)
-    assert control.with_track(Source.RTK_VELOCITY, track).hopeless(ns(2.1), 2.0) == ""
+    assert control.with_track(Source.RTK_VELOCITY, track).hopeless(2.0) == ""
 
 
 def test_denials_end_with_the_receiver():
@@ -198,7 +198,7 @@ def test_denials_end_with_the_receiver():
     control = Control(Receivers(0))
     for source in BOTH:
         control = denied(control, source, FIVE_A_SECOND[:5])
-    assert control.hopeless(ns(60.0), 2.0) == ""
+    assert control.hopeless(2.0) == ""
 
 
 # Headings: conditions to start and to continue

@@ -105,7 +105,7 @@ def covariance_of(position_m=0.01, heading_deg=0.1):
 )
 def test_lost_beyond_the_sigmas(sigmas, why):
     control = control_of(*RTK)
-    assert health().lost(control, covariance_of(**sigmas), NOW_NS) == why
+    assert health().lost(control, covariance_of(**sigmas)) == why
 
 
 @pytest.mark.parametrize("place", range(18))
@@ -113,23 +113,23 @@ def test_lost_beyond_the_sigmas(sigmas, why):
 def test_lost_where_a_variance_is_no_number(place, variance):
     covariance = covariance_of()
     covariance[place, place] = variance
-    assert health().lost(control_of(*RTK), covariance, NOW_NS) == "not finite"
+    assert health().lost(control_of(*RTK), covariance) == "not finite"
 
 
 @pytest.mark.parametrize("place", [6, 7, 8])
 def test_lost_on_any_axis(place):
     covariance = covariance_of()
     covariance[place, place] = 10.1**2
-    assert health().lost(control_of(*RTK), covariance, NOW_NS) == "position sigma 10.1 m"
+    assert health().lost(control_of(*RTK), covariance) == "position sigma 10.1 m"
 
 
 def test_lost_after_resets_that_do_not_help():
     control = control_of(*RTK)
     for second in range(3):
-        assert health().lost(control, covariance_of(), NOW_NS) == ""
+        assert health().lost(control, covariance_of()) == ""
         control = control.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, 2.5)
     expected = "reset again and again: position moved by 2.50 m"
-    assert health().lost(control, covariance_of(), NOW_NS) == expected
+    assert health().lost(control, covariance_of()) == expected
 
 
 def test_lost_where_position_and_velocity_contradict():
@@ -138,5 +138,5 @@ def test_lost_where_position_and_velocity_contradict():
         for source in RTK[:2]:
             track = control.track(source).refused(NOW_NS + k * SECOND_NS // 5, (3.0 * k,), 0.1)
             control = control.with_track(source, track)
-    found = health(rtk__reset_after_s=2.0).lost(control, covariance_of(), NOW_NS + 2 * SECOND_NS)
+    found = health(rtk__reset_after_s=2.0).lost(control, covariance_of())
     assert found == "rtk/fix and rtk/vel both contradict it"

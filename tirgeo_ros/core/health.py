@@ -45,7 +45,7 @@ class Health:
             missing.insert(0, "fixed rtk/fix (float)")
         return missing
 
-    def lost(self, control: Control, covariance: Array, now_ns: int) -> str:
+    def lost(self, control: Control, covariance: Array) -> str:
         """Why the state is not to be trusted any more, or empty.
 
         ``covariance`` (n, n) is that of the error states.
@@ -57,4 +57,4 @@ class Health:
             return f"position sigma {math.sqrt(max(variances[POSITION])):.1f} m"
         if variances[2] > self._heading_rad2:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
-        return control.hopeless(now_ns, self._patience_s)
+        return control.hopeless(self._patience_s)

@@ -19,8 +19,9 @@ _BACK_NUMBER = 5
 _HOLD_NS = 45_000_000
 #: Readings of a live sensor do not repeat in all digits.
 _FROZEN_NUMBER, _FROZEN_NS, _ALIVE_NUMBER = 5, 50_000_000, 50
-#: From one sample to the next no aircraft does this: saturation, a wrong byte on the line.
-_SPIKE_M_S2, _SPIKE_RAD_S = 40.0, 3.0
+#: From one sample to the next no aircraft does this, its vibration of some g included:
+#: saturation, a wrong byte on the line.
+_SPIKE_M_S2, _SPIKE_RAD_S = 80.0, 3.0
 
 
 class Checked(NamedTuple):

@@ -284,7 +284,7 @@ class Navigation:
         self._watched_ns = ekf.newest_ns
         belief = ekf.belief()
         self._enter(self._health.state(belief.control, ekf.newest_ns)[0])
-        why = self._health.lost(belief.control, belief.covariance, ekf.newest_ns)
+        why = self._health.lost(belief.control, belief.covariance)
         if why:
             self._begin(why, ekf.biases(), lost=True)
             self._enter(FilterState.LOST)

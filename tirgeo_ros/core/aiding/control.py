@@ -50,8 +50,10 @@ class Track(NamedTuple):
     ease: int = 0  # steps still to go
     run: Run | None = None
     mean_rad: float = 0.0  # of the newest innovations of headings
-    denied_ns: int = 0  # since the first refusal without a use after it
-    denied: int = 0  # number of those refusals, stale ones left out
+    # Refusals without a use after them, agreeing or not, stale ones left out:
+    denied_ns: int = 0  # the first
+    denied_to_ns: int = 0  # the newest
+    denied: int = 0  # their number
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Whether it was used within the time-out."""
@@ -76,7 +78,8 @@ class Track(NamedTuple):
         if stale:
             return self._replace(run=run)
         since_ns = self.denied_ns if self.denied else now_ns
-        return self._replace(run=run, denied_ns=since_ns, denied=self.denied + 1)
+        number = self.denied + 1
+        return self._replace(run=run, denied_ns=since_ns, denied_to_ns=now_ns, denied=number)
 
 
 def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
@@ -183,7 +186,7 @@ class Control(NamedTuple):
             resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
         )
 
-    def hopeless(self, now_ns: int, patience_s: float) -> str:
+    def hopeless(self, patience_s: float) -> str:
         """Why nothing short of another start helps, or empty."""
         stamps = self.reset_ns
         if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
@@ -191,7 +194,7 @@ class Control(NamedTuple):
         # Two measurements of different kinds do not err together, and by what runs away beneath
         # them they do not agree with themselves either.
         both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
-        for_long = all(now_ns - track.denied_ns >= patience_s * 1e9 for track in both)
+        for_long = all(t.denied_to_ns - t.denied_ns >= patience_s * 1e9 for t in both)
         if for_long and all(track.denied >= _LEAST_RUN for track in both):
             return "rtk/fix and rtk/vel both contradict it"
         return ""
