@@ -167,9 +167,7 @@ LATE = (
 FROZEN = (
     Row("rtk position frozen", frozen(POSITION), LACKING, BY_VELOCITY),
     Row("rtk velocity frozen", frozen(VELOCITY), LACKING),
-    Row(
-        "rtk heading frozen", frozen(HEADING), LACKING, UNTURNED, start_s=18.0, end_s=23.0
-    ),  # in a turn
+    Row("rtk heading frozen", frozen(HEADING), LACKING, UNTURNED, 18.0, 23.0),  # in a turn
     Row("rtk frozen", frozen(*RTK), LACKING, BY_GPS),
     Row("gps frozen", frozen(*GPS)),
     Row("imu frozen for 0.1 s", frozen(IMU), bounds=BRIDGED, end_s=25.1),
