@@ -32,8 +32,8 @@ demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in 
 test: $(READY)  ## all tests, those of the running graph included
 	$(BIN)/python $(PYTEST)
 
-test-floor: $(FLOOR_READY)  ## the tests without ROS on the oldest NumPy, OpenCV and pyproj
-	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) --ignore=test/nodes -m "not graph"
+test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
+	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) --ignore=test/nodes -m "not graph and not slow"
 
 lint: $(LINT_READY)  ## ruff: rules and format
 	$(BIN)/ruff check .

@@ -33,6 +33,8 @@ from tirgeo_ros.core.samples import (
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
+pytestmark = pytest.mark.slow
+
 #: The filter's default for the biases at start is for a worse IMU than the simulated one.
 SIMULATED = {"imu__gyro_turn_on_bias": 3e-4, "imu__accel_turn_on_bias": 1e-2}
 

@@ -13,6 +13,8 @@ from flights import config_for, flight
 from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply
 from tirgeo_ros.core.samples import HeadingSample, ImuSample, Source
 
+pytestmark = pytest.mark.slow
+
 
 def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
     """Samples of a source changed between two times from the first."""

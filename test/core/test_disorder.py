@@ -17,6 +17,8 @@ from tirgeo_ros.core.samples import (
     PositionSample,
 )
 
+pytestmark = pytest.mark.slow
+
 FAULTS_S, END_S = 12.0, 24.0
 
 

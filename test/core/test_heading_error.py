@@ -13,6 +13,8 @@ from flights import config_for, errors, flight, navigation_samples
 from tirgeo_ros.core.navigation import Navigation
 from tirgeo_ros.core.samples import HeadingSample
 
+pytestmark = pytest.mark.slow
+
 SIGMA_DEG = 2.0
 
 

@@ -16,6 +16,8 @@ from tirgeo_ros.core.samples import Array, FilterState
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 SEEDS = (1, 2, 3, 4, 5, 6)
 LOST_S, FOUND_S = 22.0, 34.0  # the end of the first leg, the turn, and some of the next leg
 END_S = 50.0

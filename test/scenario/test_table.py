@@ -9,6 +9,8 @@ from scenario.table import TABLE, Row
 
 from tirgeo_ros.core.samples import FilterState
 
+pytestmark = pytest.mark.slow
+
 #: What good data give, and a fault must leave behind.
 GOOD_DEG, GOOD_M, RECOVERY_S = 0.3, 0.05, 5.0
 _IMU_HZ = 100.0

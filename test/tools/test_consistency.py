@@ -30,6 +30,8 @@ from tirgeo_ros.tools.monte_carlo import (
     pooled_nis,
 )
 
+pytestmark = pytest.mark.slow
+
 SEEDS, DURATION_S = 10, 107.0
 
 
@@ -43,7 +45,6 @@ def one():
     return fly_case(Case("lawnmower", 100.0, 5, 40.0))
 
 
-@pytest.mark.slow
 def test_accuracy_is_the_one_that_is_asked(found):
     by_shape = groups(found)
     assert [len(flights) for flights in by_shape.values()] == [SEEDS] * 3
@@ -54,14 +55,12 @@ def test_accuracy_is_the_one_that_is_asked(found):
         assert (position_m <= ASKED_POSITION_M).all(), f"{name}: position {position_m} m"
 
 
-@pytest.mark.slow
 def test_errors_are_as_large_as_the_filter_says(found):
     low, high = ASKED_RATIO
     for name, ratio in zip(STATE_NAMES, pooled(found, "ratio_ms"), strict=True):
         assert low <= ratio <= high, f"{name}: error over sigma {ratio:.2f}"
 
 
-@pytest.mark.slow
 def test_nees_is_chi_square(found):
     """One value of nine degrees a flight, at its end: 270 that have nothing in common."""
     degrees = len(STATE_NAMES) * len(found)
@@ -69,7 +68,6 @@ def test_nees_is_chi_square(found):
     assert low <= sum(each.nees for each in found) / degrees <= high
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING])
 def test_nis_is_chi_square(found, source):
     """5 Hz after 20 s: 13 000 degrees of position and of velocity, 4350 * 3 of heading."""
