@@ -28,8 +28,6 @@ from tirgeo_ros.core.attitude import (
     matrix_from_euler,
     matrix_from_quat,
     quat_from_matrix,
-    quat_multiply,
-    skew,
 )
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
@@ -40,7 +38,14 @@ from tirgeo_ros.core.samples import (
     CameraPose,
     JointSample,
 )
-from tirgeo_ros.core.strapdown import multiply, rotation_of
+from tirgeo_ros.core.strapdown import (
+    Quaternion,
+    Rotation,
+    matrix,
+    multiply,
+    rotate,
+    rotation_of,
+)
 
 #: Smallest horizontal part of the nose's direction from which a heading is taken.
 _LEAST_HORIZONTAL = 1e-3
@@ -72,21 +77,16 @@ class Mount:
 
 def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose:
     """Return the camera's pose by the body's attitude and the encoders."""
-    rotation_nb = matrix_from_quat(body.q_nb)
+    q_nb: Quaternion = tuple(body.q_nb.tolist())
+    rotation_nb = rotation_of(q_nb)
     q_bg, axes_b = chain(joints)
-    return _camera_pose(
-        mount,
-        body,
-        rotation_nb,
-        quat_multiply(body.q_nb, q_bg),
-        _IDENTITY[:3, :3],
-        np.dot(rotation_nb, axes_b),
-        mount.joint_variance,
-    )
+    axes_n = np.dot(matrix(rotation_nb), axes_b)
+    q_ng = multiply(q_nb, q_bg)
+    return _camera_pose(mount, body, rotation_nb, q_ng, None, axes_n, mount.joint_variance)
 
 
-def chain(joints: JointSample) -> tuple[Array, Array]:
-    """``q_bg`` (4,) of Rz(yaw) Rx(roll) Ry(pitch), and the joint axes in ``b`` as columns."""
+def chain(joints: JointSample) -> tuple[Quaternion, Array]:
+    """``q_bg`` of Rz(yaw) Rx(roll) Ry(pitch), and the joint axes in ``b`` as columns."""
     cy, sy = cos(joints.yaw_rad / 2), sin(joints.yaw_rad / 2)
     cr, sr = cos(joints.roll_rad / 2), sin(joints.roll_rad / 2)
     cp, sp = cos(joints.pitch_rad / 2), sin(joints.pitch_rad / 2)
@@ -94,7 +94,7 @@ def chain(joints: JointSample) -> tuple[Array, Array]:
     _, a01, _, _, a11, _, _, a21, _ = rotation_of(q_yaw_roll)  # column 1: the pitch axis
     yaw_cos, yaw_sin = cos(joints.yaw_rad), sin(joints.yaw_rad)
     axes_b = np.array([[0.0, yaw_cos, a01], [0.0, yaw_sin, a11], [1.0, 0.0, a21]])
-    return np.array(multiply(q_yaw_roll, (cp, 0.0, sp, 0.0))), axes_b
+    return multiply(q_yaw_roll, (cp, 0.0, sp, 0.0)), axes_b
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,17 +118,18 @@ def from_reported(
     by the distance from the origin over the earth's radius, 0.009 deg in each km.
     None where body or autopilot point straight up or down and have no heading.
     """
-    rotation_nb = matrix_from_quat(body.q_nb)
-    nose, autopilot_nose = rotation_nb[:, 0], matrix_from_quat(autopilot_q_nb)[:, 0]
+    rotation_nb = rotation_of(tuple(body.q_nb.tolist()))
+    nose = np.array(rotation_nb[0::3])
+    autopilot_nose = matrix_from_quat(autopilot_q_nb)[:, 0]
     if not (_has_heading(nose) and _has_heading(autopilot_nose)):
         return None
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
     angle -= north.bias_rad
-    swing = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
-    q_ng = quat_multiply(swing, canonical(reported.q_ng))
+    swing = (cos(angle / 2), 0.0, 0.0, sin(angle / 2))
+    q_ng = multiply(swing, tuple(canonical(reported.q_ng).tolist()))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)
-    axes_n = np.concatenate([_roll_and_pitch_axes(matrix_from_quat(q_ng)), _DOWN_N], 1)
+    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
     variances = np.append(mount.reported_variance, north.variance)
     return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, variances)
 
@@ -159,28 +160,35 @@ def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
 def _camera_pose(
     mount: Mount,
     body: BodyPose,
-    rotation_nb: Array,
-    q_ng: Array,
-    from_phi: Array,
+    rotation_nb: Rotation,
+    q_ng: Quaternion,
+    from_phi: Array | None,
     axes_n: Array,
     variances: Array,
 ) -> CameraPose:
     """Assemble the pose, where phi_n of the camera = ``from_phi`` phi_n + ``axes_n`` angles.
 
-    ``from_phi`` (3, 3); ``axes_n`` (3, k) with the k angles' ``variances``, rad2.
+    ``from_phi`` (3, 3), None for the unit matrix; ``axes_n`` (3, k) with the k angles'
+    ``variances``, rad2. In scalars where it can be: it runs at every sample of the gimbal.
     """
-    lever_n = np.dot(rotation_nb, mount.lever_arm_b)
-    offset_n = np.dot(matrix_from_quat(q_ng), mount.camera_offset_g)
-    arm = -skew(offset_n)
+    a, b, c = rotate(rotation_nb, tuple(mount.lever_arm_b.tolist()))
+    x, y, z = rotate(rotation_of(q_ng), tuple(mount.camera_offset_g.tolist()))
+    arm = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))  # -[offset x]
+    lever = np.array(((0.0, c, -b), (-c, 0.0, a), (b, -a, 0.0)))  # -[lever x]
     by_body = _IDENTITY.copy()
-    by_body[:3, 3:] = np.dot(arm, from_phi) - skew(lever_n)
-    by_body[3:, 3:] = from_phi
-    by_angles = np.concatenate([np.dot(arm, axes_n), axes_n])
+    if from_phi is None:
+        by_body[:3, 3:] = arm + lever
+    else:
+        by_body[:3, 3:] = np.dot(arm, from_phi) + lever
+        by_body[3:, 3:] = from_phi
+    by_angles = np.concatenate((np.dot(arm, axes_n), axes_n))
     covariance = np.dot(np.dot(by_body, body.covariance), by_body.T)
     covariance += np.dot(by_angles * variances, by_angles.T)
+    covariance += covariance.T.copy()
+    covariance *= 0.5
     return CameraPose(
         body.stamp_ns,
-        body.position_n + lever_n + offset_n,
-        canonical(quat_multiply(q_ng, mount.q_gc)),
-        0.5 * (covariance + covariance.T),
+        body.position_n + np.array((a + x, b + y, c + z)),
+        canonical(np.array(multiply(q_ng, tuple(mount.q_gc.tolist())))),
+        covariance,
     )

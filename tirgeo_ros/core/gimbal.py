@@ -14,6 +14,8 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from tirgeo_ros.core.attitude import slerp
 from tirgeo_ros.core.composition import Mount, NorthBias, chain, from_joints, from_reported
 from tirgeo_ros.core.config import GimbalConfig
@@ -137,7 +139,7 @@ class GimbalComposer:
             self._counts["invalid"] += 1
             return []
         if self._choice == "auto":
-            self._joints.put(sample.stamp_ns, chain(sample)[0])
+            self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
             if self._presence.heard(sample.stamp_ns):
                 self._drive_by(joints=True)
         return self._take(sample, drives=self._by_joints)
