@@ -146,6 +146,14 @@ class HeadingConfig:
     sigma_floor_deg: float = param(
         0.6, "smallest standard deviation believed of a heading", unit="deg", low=1e-3, high=180
     )
+    resolution_deg: float = param(
+        0.0,
+        "headings are read as intervals of this width, sigma_floor_deg being the least noise "
+        "before the rounding; 0 = as numbers with noise",
+        unit="deg",
+        low=0,
+        high=90,
+    )
     gate_sigma: float = param(
         4.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )

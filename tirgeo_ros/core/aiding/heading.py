@@ -17,6 +17,8 @@ from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, HeadingSample, Source
 from tirgeo_ros.core.strapdown import Rotation, Vector, rotate, rotation_of
 
+#: The error function's own rounding; a reading less likely than that says nothing by its tails.
+_LEAST_LIKELY = 1e-12
 #: Below this horizontal share a baseline has no heading worth the name (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
 #: Of the newest innovation in the running mean: the mean is one of about twenty.
@@ -83,6 +85,29 @@ def heading_design(states: int, u: Vector) -> Array | None:
     return design
 
 
+def interval_measurement(
+    innovation: float, predicted: float, noise: float, resolution: float
+) -> tuple[float, float]:
+    """The innovation and its variance that stand for a reading in steps of ``resolution``.
+
+    Heading plus noise lay within half a step of the reading. The linear measurement is given that
+    leaves behind the mean and variance of that: those of a doubly truncated normal (Johnson, Kotz
+    and Balakrishnan, Continuous Univariate Distributions 1, chapter 13). ``predicted``, ``noise``:
+    variances; rad, rad2. The innovation is infinite where the interval is too far out to compute.
+    """
+    spread = math.sqrt(predicted + noise)
+    low = (abs(innovation) - 0.5 * resolution) / spread
+    high = (abs(innovation) + 0.5 * resolution) / spread
+    share = 0.5 * (math.erfc(low * math.sqrt(0.5)) - math.erfc(high * math.sqrt(0.5)))
+    if share < _LEAST_LIKELY:
+        return math.inf, noise
+    at_low, at_high = (math.exp(-0.5 * x * x) / math.sqrt(math.tau) for x in (low, high))
+    mean = (at_low - at_high) / share
+    # The share of the variance that the interval takes away; next to none where its ends are far.
+    told = max(mean * mean - (low * at_low - high * at_high) / share, _LEAST_LIKELY)
+    return math.copysign(spread * mean / told, innovation), spread * spread / told - predicted
+
+
 class Headings:
     """Makes measurements of the headings, as the parameters say."""
 
@@ -92,6 +117,7 @@ class Headings:
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._baseline = Baseline.from_config(config.heading)
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
+        self._resolution_rad = math.radians(config.heading.resolution_deg)
 
     def obstacle(self, sample: HeadingSample, control: Control) -> str:
         """Why a heading is not for use now, or empty; start and continue have own conditions."""
@@ -114,13 +140,31 @@ class Headings:
         design = heading_design(self._states, u)
         if design is None:
             return None
-        variance = max(sample.variance_rad2, self._floor_rad2)
+        rounding = self._resolution_rad**2 / 12
+        variance = max(sample.variance_rad2 - rounding, self._floor_rad2) + rounding
         gate_sigma = self._heading.gate_sigma
         noise = np.array(((variance,),))
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
+        if rounding:
+            measurement = self._interval(measurement, belief.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, slack)
+
+    def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
+        """What a reading in steps says; the plain one where either is beyond the gate.
+
+        So gates and resets see the reading as it is, and one that contradicts the state by less
+        than the plain gate still draws on it.
+        """
+        innovation, variance = float(plain.innovation[0]), float(plain.noise[0, 0])
+        predicted = float((plain.design @ covariance @ plain.design.T)[0, 0])
+        noise = variance - self._resolution_rad**2 / 12
+        told = interval_measurement(innovation, predicted, noise, self._resolution_rad)
+        for off, spread in ((innovation, variance), told):
+            if off * off > plain.gate_sigma**2 * (predicted + spread):
+                return plain
+        return plain._replace(innovation=np.array((told[0],)), noise=np.array(((told[1],),)))
 
     def averaged(
         self, track: Track, measurement: Measurement, predicted: Array, reason: str
