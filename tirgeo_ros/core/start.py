@@ -11,7 +11,8 @@ from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.alignment import Alignment
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, POSITION, STATES, states_of
-from tirgeo_ros.core.samples import Source
+from tirgeo_ros.core.samples import Array, Source
+from tirgeo_ros.core.strapdown import Vector, rotate, rotation_of
 
 
 def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
@@ -21,11 +22,7 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     covariance[:STATES, :STATES] = alignment.covariance
     covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
     if states > HEADING_ERROR:
-        covariance[HEADING_ERROR, HEADING_ERROR] = math.radians(config.heading.bias_sigma_deg) ** 2
-        if Source.RTK_HEADING in alignment.sources:  # so the alignment's heading has that error
-            variance = covariance[HEADING_ERROR, HEADING_ERROR]
-            covariance[2, 2] += variance
-            covariance[2, HEADING_ERROR] = covariance[HEADING_ERROR, 2] = -variance
+        _add_heading_error(config, alignment, covariance)
     control = Control(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
         control = control.with_track(source, Track(alignment.stamp_ns))
@@ -40,3 +37,19 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
         position = covariance[POSITION, POSITION]
         np.fill_diagonal(position, np.maximum(np.diag(position), least))
     return Belief(alignment.state, covariance, control)
+
+
+def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
+    """The headings' slow error, which a heading from them has too, negated.
+
+    With that heading the lever arm turns, and the position that was found through it:
+    ``R_true l = R l + phi x R l``.
+    """
+    effect = np.zeros(len(covariance))
+    effect[HEADING_ERROR] = -1.0
+    if Source.RTK_HEADING in alignment.sources:
+        receiver = config.rtk if Source.RTK_POSITION in alignment.sources else config.gps
+        lever_b: Vector = tuple(receiver.lever_arm_b.tolist())
+        north, east, _ = rotate(rotation_of(alignment.state.q_nb), lever_b)
+        effect[2], effect[POSITION] = 1.0, (east, -north, 0.0)
+    covariance += math.radians(config.heading.bias_sigma_deg) ** 2 * np.outer(effect, effect)
