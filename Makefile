@@ -42,8 +42,9 @@ lint: $(LINT_READY)  ## ruff: rules and format
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
+# As the nodes and the command set it themselves: idle threads of the matrix library spin.
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay and graph
-	$(BIN)/python -m tirgeo_ros.tools.bench
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tirgeo_ros.tools.bench
 
 consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
 	$(BIN)/python -m tirgeo_ros.tools.consistency

@@ -145,7 +145,7 @@ class Ekf:
         rate_b, bias = epoch.rate_b, state.gyro_bias_b
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
         vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
-        return NavSolution(
+        found = (
             epoch.stamp_ns,
             state.latitude_rad,
             state.longitude_rad,
@@ -156,6 +156,7 @@ class Ekf:
             self._rate_variance_b(covariance),
             covariance.take(self._solution_entries),
         )
+        return tuple.__new__(NavSolution, found)  # half the time of NavSolution(...)
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
         """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""

@@ -169,12 +169,12 @@ class CovariancePropagation:
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a
         np.multiply(self._f, step_s, out=a)
-        np.dot(a, a, out=transition)
+        a.dot(a, out=transition)  # np.dot(a, a) takes a detour in Python
         transition *= 0.5
         transition += a
         transition += self._identity
-        np.dot(transition, covariance, out=self._half)
-        out = np.dot(self._half, transition.T)
+        transition.dot(covariance, out=self._half)
+        out = self._half.dot(transition.T)
         out += self._noise(rates.rotation_nb, step_s)
         out += out.T.copy()
         out *= 0.5

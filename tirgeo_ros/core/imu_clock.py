@@ -55,17 +55,19 @@ class ImuClock:
         newest_ns = self.newest_ns
         force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         if newest_ns is None:
-            return self._read(Checked(Outcome.USED, "", (sample,)), force_b, rate_b)
+            return self._read(_alone(sample), sample.stamp_ns, force_b, rate_b)
         ahead_ns = sample.stamp_ns - newest_ns
         if abs(ahead_ns) <= self._max_gap_ns and (
             math.dist(force_b, self._force_b) > _SPIKE_M_S2
             or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
         ):
             return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
-        checked = Checked(Outcome.USED, "", (sample,))
+        checked = _alone(sample)
         if not 0 < ahead_ns <= _HOLD_NS:
             checked = self._odd(sample, newest_ns, ahead_ns)
-        return self._read(checked, force_b, rate_b) if checked.use else checked
+            if not checked.use:
+                return checked
+        return self._read(checked, sample.stamp_ns, force_b, rate_b)
 
     def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
         """A sample that does not follow the newest closely."""
@@ -91,9 +93,10 @@ class ImuClock:
             return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
         return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
 
-    def _read(self, checked: Checked, force_b: list[float], rate_b: list[float]) -> Checked:
+    def _read(
+        self, checked: Checked, stamp_ns: int, force_b: list[float], rate_b: list[float]
+    ) -> Checked:
         """The same, unless a sensor whose readings used to change says the same for long."""
-        stamp_ns = checked.use[-1].stamp_ns
         if force_b != self._force_b or rate_b != self._rate_b:
             self._changed_ns, self._repeated = stamp_ns, 0
             self._alive += 1
@@ -105,3 +108,8 @@ class ImuClock:
         self.newest_ns, self._force_b, self._rate_b = stamp_ns, force_b, rate_b
         self._held, self._odd_number = None, 0
         return checked
+
+
+def _alone(sample: ImuSample) -> Checked:
+    """That a sample goes on from the one before; nearly always."""
+    return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))

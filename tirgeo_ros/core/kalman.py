@@ -34,35 +34,33 @@ class Update(NamedTuple):
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
-    """One update in Joseph's form; refused where the test ratio is not in 0 to 1.
+    """One update; refused where the test ratio is not in 0 to 1.
 
     A ratio that is negative or not a number comes of a noise that is no covariance.
+
+    With the best gain Joseph's form is ``P - K H P``, made symmetric: what a gain that is off by
+    rounding changes in it is the square of that.
 
     ``ease`` k lets the measurement correct by 1 / (k + 1) of what it asks for at most: its noise
     is taken k times the prediction's uncertainty larger. The gate is that of the plain noise.
     """
     innovation, design, noise, gate_sigma, ease = measurement
-    cross = np.dot(covariance, design.T)
-    predicted = np.dot(design, cross)
+    cross = covariance.dot(design.T)
+    predicted = design.dot(cross)
     inverse = _inverse(predicted + noise)
-    weighted = np.dot(inverse, innovation)
+    weighted = inverse.dot(innovation)
     limit = chi_square_limit(gate_sigma, len(innovation))
-    ratio = float(np.dot(innovation, weighted)) / limit
+    ratio = float(innovation.dot(weighted)) / limit
     if not 0 <= ratio <= 1:
         return Update(ratio, None, None, predicted)
     if ease:
         noise = noise + ease * predicted
         inverse = _inverse(predicted + noise)
-        weighted = np.dot(inverse, innovation)
-    reduced = covariance - np.dot(np.dot(cross, inverse), cross.T)
+        weighted = inverse.dot(innovation)
+    reduced = covariance - cross.dot(inverse).dot(cross.T)
     reduced += reduced.T.copy()
     reduced *= 0.5
-    return Update(ratio, np.dot(cross, weighted), reduced, predicted)
-
-
-@functools.lru_cache(maxsize=8)
-def _identity(size: int) -> Array:
-    return np.eye(size)
+    return Update(ratio, cross.dot(weighted), reduced, predicted)
 
 
 def _inverse(spread: Array) -> Array:

@@ -63,9 +63,6 @@ class Step(NamedTuple):
     solution: NavSolution | None = None
 
 
-_USED_STEP = Step(_IMU_USED)
-
-
 class Navigation:
     """The chosen method, fed in the order of arrival.
 
@@ -105,7 +102,7 @@ class Navigation:
         self._passthrough = Passthrough(self._config, self._position_source)
         self._repeats = Repeats()
         self._rate = RateLimit(self._config.publish_rate_hz)
-        self._heading_sigma_rad = math.nan
+        self._newest: NavSolution | None = None
         self._rtk_status = FixStatus.NONE
         self._rtk_status_ns = 0
         self._newest_aid_ns = 0
@@ -178,6 +175,10 @@ class Navigation:
         last = str(control.last_reset) if control.last_reset else self._last_reset
         return self._resets + counts, last
 
+    @property
+    def _heading_sigma_rad(self) -> float:
+        return math.nan if self._newest is None else math.sqrt(self._newest.covariance[5, 5])
+
     def _enter(self, state: FilterState) -> None:
         if state is not self._entered[0] or self._now_ns < self._entered[1]:
             self._entered = (state, self._now_ns)
@@ -212,7 +213,7 @@ class Navigation:
             outcome, reason = checked.outcome, checked.reason
         solution = self._due_solution(sample.stamp_ns)
         if outcome is Outcome.USED:
-            return _USED_STEP if solution is None else Step(_IMU_USED, solution)
+            return tuple.__new__(Step, (_IMU_USED, solution))
         return Step(Verdict(Source.IMU, outcome, reason), solution)
 
     def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
@@ -299,7 +300,7 @@ class Navigation:
         else:
             solution = self._passthrough.solution()
         if solution is not None:
-            self._heading_sigma_rad = math.sqrt(solution.covariance[5, 5])
+            self._newest = solution
         return solution
 
     def _count(self, verdict: Verdict) -> None:

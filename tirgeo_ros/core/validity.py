@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from tirgeo_ros.core.samples import (
     Array,
     HeadingSample,
@@ -32,10 +30,10 @@ def fault_of(sample: NavigationInput) -> str:
         return "" if finite else "heading is not finite"
     if isinstance(sample, PositionSample):
         return _position_fault(sample) or _covariance_fault(sample.covariance_n)
-    if not np.isfinite(sample.velocity_n).all():
-        return "velocity is not finite"
-    if np.abs(sample.velocity_n).max() > _LARGEST_SPEED_M_S:
-        return "velocity is out of range"
+    velocity_n = sample.velocity_n.tolist()
+    if not _within(velocity_n, _LARGEST_SPEED_M_S):
+        finite = all(map(math.isfinite, velocity_n))
+        return f"velocity is {'out of range' if finite else 'not finite'}"
     return _covariance_fault(sample.covariance_n)
 
 

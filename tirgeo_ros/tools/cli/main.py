@@ -136,6 +136,8 @@ def _text(value: object) -> str:
 def console() -> NoReturn:
     """The installed command: ``main`` with SIGTERM unwinding the stack as Ctrl-C does."""
     signal.signal(signal.SIGTERM, _terminate)
+    # As in the nodes: small matrices gain nothing from threads, and idle ones spin.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(main())
 
 
