@@ -138,5 +138,14 @@ def test_lost_where_position_and_velocity_contradict():
         for source in RTK[:2]:
             track = control.track(source).refused(NOW_NS + k * SECOND_NS // 5, (3.0 * k,), 0.1)
             control = control.with_track(source, track)
-    found = health(rtk__reset_after_s=2.0).lost(control, covariance_of())
-    assert found == "rtk/fix and rtk/vel both contradict it"
+    judge = health(rtk__reset_after_s=2.0)
+    assert judge.lost(control, covariance_of()) == "rtk/fix and rtk/vel both contradict it"
+    assert judge.spoiled(control, covariance_of())
+
+
+def test_what_is_known_of_the_imu_outlives_large_sigmas_but_not_wrong_ones():
+    control, covariance = control_of(*RTK), covariance_of(position_m=100.0)
+    assert health().lost(control, covariance)
+    assert not health().spoiled(control, covariance)
+    covariance[0, 0] = math.nan
+    assert health().spoiled(control, covariance)

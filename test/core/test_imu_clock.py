@@ -253,3 +253,12 @@ def test_a_hard_landing_ends():
     outcomes(clock, swing)
     found = [clock.check(live(k)) for k in range(150, 200)]
     assert {c.outcome for c in found[-20:]} == {Outcome.USED}
+
+
+@pytest.mark.parametrize("max_gap_s", [0.025, 0.04])
+def test_a_gap_allowed_for_less_than_two_slow_samples_is_held_to(max_gap_s):
+    clock = started(max_gap_s)
+    first = clock.check(live(104, 1.035))  # 0.045 s after the newest: the next decides
+    assert (first.outcome, first.use) == (Outcome.WAITING, ())
+    second = clock.check(live(105, 1.045))
+    assert (second.outcome, second.begins, len(second.use)) == (Outcome.GAP, True, 2)

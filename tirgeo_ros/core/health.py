@@ -58,3 +58,8 @@ class Health:
         if variances[2] > self._heading_rad2:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
         return control.hopeless(self._patience_s)
+
+    def spoiled(self, control: Control, covariance: Array) -> bool:
+        """Whether what a lost state knows of the IMU is not to be trusted either."""
+        finite = math.isfinite(float(covariance.trace()))
+        return not finite or bool(control.hopeless(self._patience_s))

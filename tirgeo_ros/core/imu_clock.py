@@ -41,6 +41,7 @@ class ImuClock:
 
     def __init__(self, max_gap_s: float) -> None:
         self._max_gap_ns = round(max_gap_s * 1e9)
+        self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
         self.newest_ns: int | None = None  # of the samples that were for use
         self._force_b: list[float] = []
         self._rate_b: list[float] = []
@@ -63,7 +64,7 @@ class ImuClock:
         ):
             return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
         checked = _alone(sample)
-        if not 0 < ahead_ns <= _HOLD_NS:
+        if not 0 < ahead_ns <= self._hold_ns:
             checked = self._odd(sample, newest_ns, ahead_ns)
             if not checked.use:
                 return checked

@@ -287,7 +287,8 @@ class Navigation:
         self._enter(self._health.state(belief.control, ekf.newest_ns)[0])
         why = self._health.lost(belief.control, belief.covariance)
         if why:
-            self._begin(why, ekf.biases(), lost=True)
+            spoiled = self._health.spoiled(belief.control, belief.covariance)
+            self._begin(why, None if spoiled else ekf.biases(), lost=True)
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 
