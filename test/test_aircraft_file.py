@@ -13,7 +13,7 @@ from tirgeo_ros.core.parameter import parameters_of, values_of
 from tirgeo_ros.io.parameter_file import load_config
 
 AIRCRAFT = Path(__file__).resolve().parents[1] / "config" / "m600_xt2.yaml"
-NODES = ("bag_player", "ekf_node", "gimbal_node", "overlay_node")
+NODES = ("bag_player", "dji_node", "ekf_node", "gimbal_node", "overlay_node")
 
 
 @pytest.mark.parametrize("node", NODES)

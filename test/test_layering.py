@@ -16,9 +16,10 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: What each layer may import of the others.
 ALLOWED = {
     "core": {"core"},
+    "dji": {"core", "dji"},
     "io": {"core", "io"},
-    "tools": {"core", "io", "tools"},
-    "nodes": {"core", "io", "nodes"},
+    "tools": {"core", "dji", "io", "tools"},
+    "nodes": {"core", "dji", "io", "nodes"},
 }
 
 # Imports every module but the nodes' where no ROS package can be found: neither rclpy, nor the

@@ -43,3 +43,7 @@ class VideoError(TirgeoError):
 
 class GraphError(TirgeoError):
     """The node graph did not start, stopped early or gave nothing."""
+
+
+class DjiError(TirgeoError):
+    """A capture, a table of packages, a key or the link to the aircraft cannot be used."""

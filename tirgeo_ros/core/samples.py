@@ -92,6 +92,7 @@ class JointSample:
     yaw_rad: float  # clockwise from above
     roll_rad: float  # right side down
     pitch_rad: float  # camera up
+    computed: bool = False  # from the reported attitudes: no encoder saw them
 
 
 @dataclass(frozen=True, slots=True)

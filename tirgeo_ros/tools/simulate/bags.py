@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,24 +12,14 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.samples import (
-    CameraAttitudeSample,
-    CameraPose,
-    HeadingSample,
-    ImuSample,
-    JointSample,
-    NavSolution,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.samples import CameraPose, ImuSample, NavSolution
 from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.progress import Report
 from tirgeo_ros.tools.simulate.flight import Flight
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.renderer import Renderer
-from tirgeo_ros.tools.simulate.sensors import Epochs, Sample
+from tirgeo_ros.tools.simulate.sensors import Epochs
 from tirgeo_ros.tools.simulate.survey import exposures
 
 Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
@@ -89,29 +79,10 @@ def _write(
 def _sensed(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
     for arrival_ns, sample in flight.samples:
         if arrival_ns in window:
-            topic, encode = _SENSED[_kind(sample)]
-            message = encode(messages, sample)
+            topic, message = sensed(messages, sample)
             if isinstance(sample, ImuSample):
                 message.orientation_covariance = _autopilot_covariance(flight)
             yield arrival_ns, topic, message
-
-
-def _kind(sample: Sample) -> Source | type:
-    if isinstance(sample, PositionSample | VelocitySample):
-        return sample.source
-    return type(sample)
-
-
-_SENSED: dict[Source | type, tuple[str, Callable[[Messages, Any], Any]]] = {
-    ImuSample: ("imu/data", Messages.imu),
-    HeadingSample: ("rtk/heading", Messages.heading),
-    JointSample: ("gimbal/joint_states", Messages.joints),
-    CameraAttitudeSample: ("gimbal/attitude", Messages.camera_attitude),
-    Source.RTK_POSITION: ("rtk/fix", lambda m, s: m.nav_sat_fix(s, "rtk_antenna")),
-    Source.RTK_VELOCITY: ("rtk/vel", lambda m, s: m.velocity(s, "rtk_antenna")),
-    Source.GPS_POSITION: ("gps/fix", lambda m, s: m.nav_sat_fix(s, "gps_antenna")),
-    Source.GPS_VELOCITY: ("gps/vel", lambda m, s: m.velocity(s, "gps_antenna")),
-}
 
 
 def _autopilot_covariance(flight: Flight) -> Any:

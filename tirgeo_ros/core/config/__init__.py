@@ -1,0 +1,46 @@
+"""The parameters of the nodes and of the commands, each default once, by node."""
+
+from __future__ import annotations
+
+from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.config.aircraft import DjiConfig
+from tirgeo_ros.core.config.bags import BagPlayerConfig, RecorderConfig
+from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
+from tirgeo_ros.core.config.navigation import (
+    METHODS,
+    AlignmentConfig,
+    AutopilotConfig,
+    EkfConfig,
+    ImuConfig,
+    TrustConfig,
+)
+from tirgeo_ros.core.config.pictures import OverlayConfig
+
+#: Every node's parameter tree, by the node's name.
+NODE_CONFIGS: dict[str, type] = {
+    "dji_node": DjiConfig,
+    "ekf_node": EkfConfig,
+    "gimbal_node": GimbalConfig,
+    "overlay_node": OverlayConfig,
+    "bag_player": BagPlayerConfig,
+    "recorder": RecorderConfig,
+}
+
+__all__ = [
+    "METHODS",
+    "NODE_CONFIGS",
+    "AlignmentConfig",
+    "AutopilotConfig",
+    "BagPlayerConfig",
+    "DjiConfig",
+    "EkfConfig",
+    "GimbalConfig",
+    "GpsConfig",
+    "HeadingConfig",
+    "ImuConfig",
+    "NorthConfig",
+    "OverlayConfig",
+    "RecorderConfig",
+    "RtkConfig",
+    "TrustConfig",
+]

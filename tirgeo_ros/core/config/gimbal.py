@@ -1,0 +1,148 @@
+"""The parameters of gimbal_node.
+
+Lever arms are in ROS's axes (``base_link``: forward, left, up) as the user writes them;
+properties give them in the core's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.samples import Array
+
+_LARGE = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class NorthConfig:
+    """The gimbal's north against the autopilot's, for the composition ``paper``."""
+
+    bias_deg: float = param(
+        0.0,
+        "reported camera heading less the true one by the autopilot's north, as calibrated",
+        unit="deg",
+        low=-180,
+        high=180,
+    )
+    sigma_deg: float = param(
+        3.0, "standard deviation of bias_deg at the start", unit="deg", low=0, high=100
+    )
+    walk_deg: float = param(
+        0.03,
+        "standard deviation of the bias's change in one second; grows with the root of the time",
+        unit="deg",
+        low=0,
+        high=10,
+    )
+    centred: bool = param(
+        False, "the gimbal follows the nose and nobody turns it aside: the bias can be read"
+    )
+    settle_s: float = param(
+        3.0,
+        "a centred gimbal is read after the nose has kept still for so long; six of its time "
+        "constants",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    centred_sigma_deg: float = param(
+        0.3,
+        "standard deviation of the angle from the nose to a centred camera, which stays the same",
+        unit="deg",
+        low=0,
+        high=90,
+    )
+    noise_deg: float = param(
+        0.2,
+        "standard deviation of a reading of the bias, the mean of one second",
+        unit="deg",
+        low=1e-3,
+        high=90,
+    )
+    gate_sigma: float = param(
+        5.0, "readings beyond this many standard deviations are refused", low=1, high=1e6
+    )
+    reset_after_s: float = param(
+        5.0,
+        "readings that agree with each other but are refused for at least so long set the bias",
+        unit="s",
+        low=0.1,
+        high=3600,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalConfig:
+    """Parameters of gimbal_node."""
+
+    composition: str = param(
+        "auto",
+        "paper (reported roll and pitch, filtered heading), encoders (body attitude and joints), "
+        "or auto: encoders while joint angles arrive, else paper",
+        choices=("auto", "paper", "encoders"),
+    )
+    lever_arm_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "gimbal pivot from the IMU, base_link axes (forward, left, up)",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+    )
+    camera_offset_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "camera from the pivot, camera body axes (forward, left, up)",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+    )
+    boresight_rpy_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "mounting error of the camera: roll, pitch, yaw about camera body axes forward, left, up",
+        unit="deg",
+        low=-180,
+        high=180,
+    )
+    encoder_sigma_deg: float = param(
+        0.05, "standard deviation of a joint angle", unit="deg", low=0, high=90
+    )
+    reported_sigma_deg: tuple[float, ...] = param(
+        (0.2704, 0.4839),
+        "standard deviation of the reported camera roll and pitch (Table 8)",
+        unit="deg",
+        low=0,
+        high=90,
+    )
+    max_wait_s: float = param(
+        0.5,
+        "a gimbal sample waits this long for the body pose around it",
+        unit="s",
+        low=0,
+        high=10,
+    )
+    max_gap_s: float = param(
+        0.25,
+        "longest time between two body poses that is bridged; more than 1 / publish_rate_hz",
+        unit="s",
+        low=1e-3,
+        high=2,
+    )
+    north: NorthConfig = group(NorthConfig)
+
+    @property
+    def lever_arm_b(self) -> Array:
+        """(3,) pivot from the IMU, FRD, m."""
+        return flu_from_frd(np.array(self.lever_arm_m))
+
+    @property
+    def camera_offset_g(self) -> Array:
+        """(3,) camera from the pivot, camera body FRD, m."""
+        return flu_from_frd(np.array(self.camera_offset_m))
+
+    @property
+    def boresight_rpy_rad(self) -> Array:
+        """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
+        return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))

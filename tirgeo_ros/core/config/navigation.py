@@ -1,0 +1,148 @@
+"""The parameters of ekf_node and of the filter in ``tirgeo process``, each default once.
+
+Defaults for the IMU are Table 5 of Ren et al. 2022.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.parameter import group, param
+
+METHODS = ("raw", "rtk", "ekf", "ekf_heading")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuConfig:
+    """Noise of the IMU: white noise and a first-order Gauss-Markov bias on each axis (x, y, z)."""
+
+    angle_random_walk: tuple[float, ...] = param(
+        (1.6828e-4, 1.9601e-4, 1.6542e-4),
+        "gyroscope white noise",
+        unit="rad/sqrt(s)",
+        low=0,
+        high=1,
+    )
+    velocity_random_walk: tuple[float, ...] = param(
+        (1.2917e-2, 1.2996e-2, 1.2921e-2),
+        "accelerometer white noise",
+        unit="m/s/sqrt(s)",
+        low=0,
+        high=10,
+    )
+    gyro_bias_instability: tuple[float, ...] = param(
+        (1.5289e-6, 3.7010e-5, 2.2793e-6),
+        "standard deviation of the gyroscope bias",
+        unit="rad/s",
+        low=0,
+        high=1,
+    )
+    gyro_bias_time_s: tuple[float, ...] = param(
+        (7000.0, 100.0, 9000.0),
+        "correlation time of the gyroscope bias",
+        unit="s",
+        low=1e-3,
+        high=1e9,
+    )
+    accel_bias_instability: tuple[float, ...] = param(
+        (6.0546e-3, 2.8561e-3, 7.9284e-3),
+        "standard deviation of the accelerometer bias",
+        unit="m/s2",
+        low=0,
+        high=10,
+    )
+    accel_bias_time_s: tuple[float, ...] = param(
+        (20.0, 600.0, 10000.0),
+        "correlation time of the accelerometer bias",
+        unit="s",
+        low=1e-3,
+        high=1e9,
+    )
+    gyro_turn_on_bias: float = param(
+        1e-3, "standard deviation of the gyroscope bias at start", unit="rad/s", low=0, high=1
+    )
+    accel_turn_on_bias: float = param(
+        2e-2, "standard deviation of the accelerometer bias at start", unit="m/s2", low=0, high=10
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotConfig:
+    """The autopilot's own attitude, which the methods ``raw`` and ``rtk`` take as it is."""
+
+    attitude_sigma_deg: tuple[float, ...] = param(
+        (0.5, 0.5, 1.7972),
+        "roll, pitch, heading standard deviation",
+        unit="deg",
+        low=1e-3,
+        high=180,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentConfig:
+    """Finding the first attitude."""
+
+    duration_s: float = param(
+        1.0,
+        "time over which the accelerometer and the velocity are compared",
+        unit="s",
+        low=0.2,
+        high=30,
+    )
+    wait_s: float = param(
+        5.0,
+        "RTK and its heading are waited for so long before ordinary GPS or the autopilot's "
+        "heading serve to start",
+        unit="s",
+        low=0,
+        high=3600,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrustConfig:
+    """When an aid counts as missing, and when the state is not to be trusted any more."""
+
+    aid_timeout_s: float = param(
+        1.5, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
+    )
+    lost_position_sigma_m: float = param(
+        10.0, "the position is lost beyond this standard deviation", unit="m", low=0.1, high=1e4
+    )
+    lost_heading_sigma_deg: float = param(
+        10.0, "the heading is lost beyond this standard deviation", unit="deg", low=0.1, high=180
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class EkfConfig:
+    """Parameters of ekf_node."""
+
+    method: str = param("ekf_heading", "raw, rtk, ekf or ekf_heading", choices=METHODS)
+    position_update: str = param(
+        "fused", "fused, or rtk_direct (Ren et al. 2022)", choices=("fused", "rtk_direct")
+    )
+    publish_rate_hz: float = param(
+        100.0, "highest rate of tirgeo/odometry", unit="Hz", low=0.1, high=1000
+    )
+    fix_rate_hz: float = param(10.0, "highest rate of tirgeo/fix", unit="Hz", low=0.1, high=1000)
+    max_delay_s: float = param(
+        0.5, "a measurement may come this much later than it was made", unit="s", low=0, high=5
+    )
+    max_imu_gap_s: float = param(
+        0.2, "longest gap between IMU samples that is bridged", unit="s", low=1e-3, high=5
+    )
+    origin_lat_lon_h: tuple[float, ...] = param(
+        (),
+        "origin of map: latitude, longitude (deg), ellipsoidal height (m); empty = first position",
+        sizes=(0, 3),
+    )
+    imu: ImuConfig = group(ImuConfig)
+    rtk: RtkConfig = group(RtkConfig)
+    heading: HeadingConfig = group(HeadingConfig)
+    gps: GpsConfig = group(GpsConfig)
+    autopilot: AutopilotConfig = group(AutopilotConfig)
+    alignment: AlignmentConfig = group(AlignmentConfig)
+    trust: TrustConfig = group(TrustConfig)

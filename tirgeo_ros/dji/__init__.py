@@ -1,0 +1,1 @@
+"""The aircraft's language: bytes and foreign messages in, the core's samples out. No ROS."""
