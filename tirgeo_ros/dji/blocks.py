@@ -1,0 +1,233 @@
+"""What a broadcast or a subscription push holds, part by part, in the aircraft's own units.
+
+Every part is a plain number, a tuple or a named tuple whose fields are named as the aircraft
+packs them: the unit is in the name, the order is that of the bytes. Axes are the aircraft's (FRD,
+NED, or north-east-up where a part says so). A field that a layout lacks is None.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+
+
+class Time(NamedTuple):
+    """The aircraft's clock at the frame, since power-up; the sync pulse's stamp."""
+
+    time_ms: int
+    time_ns: int
+    sync_time_2p5ms: int | None = None  # None in the old layouts
+    sync_tag: int | None = None  # None in the old layouts
+    sync_flag: int = 0  # 1 at the pulse
+
+
+class Velocity(NamedTuple):
+    """Velocity over ground: north, east, up (z is not NED's)."""
+
+    xyz_mps: Vector
+    info: int = 0
+
+    @property
+    def health(self) -> int:
+        """1 where GPS is used."""
+        return self.info & 1
+
+    @property
+    def sensor_id(self) -> int:
+        """The sensor's number; the old layouts alone have it."""
+        return self.info >> 1 & 0xF
+
+
+class Position(NamedTuple):
+    """The fused position; its altitude is barometric, not the ellipsoid's."""
+
+    lat_rad: float
+    lon_rad: float
+    altitude_m: float
+    height_m: float
+    health: int
+
+
+class RelativePosition(NamedTuple):
+    """Distances to obstacles; bits of health in the same order."""
+
+    down_m: float
+    front_m: float
+    right_m: float
+    back_m: float
+    left_m: float
+    up_m: float
+    health_bits: int
+
+
+class GpsDetail(NamedTuple):
+    """What the GPS receiver tells of its solution."""
+
+    hdop: float
+    pdop: float
+    fix: float  # 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GPS and DR, 5 time only
+    vacc_mm: float
+    hacc_mm: float
+    sacc_cmps: float
+    used_gps: int
+    used_glonass: int
+    nsv: int
+    counter: int
+
+
+class Gps(NamedTuple):
+    """The ordinary GPS; longitude comes first."""
+
+    date: int  # yyyymmdd
+    time: int  # hhmmss
+    lon_1e7: int  # deg
+    lat_1e7: int  # deg
+    hfsl_mm: int  # height above mean sea level
+    vel_ned_cmps: Vector
+    detail: GpsDetail | None = None  # None in the old layouts
+
+
+class Rtk(NamedTuple):
+    """The RTK receiver; longitude comes first."""
+
+    date: int  # yyyymmdd
+    time: int  # hhmmss
+    lon_deg: float
+    lat_deg: float
+    hfsl_m: float  # height above mean sea level
+    vel_cmps: Vector  # NED
+    yaw_deg: int  # azimuth of the antennas' baseline
+    pos_flag: int
+    yaw_flag: int
+
+
+class Rc(NamedTuple):
+    """The remote control's sticks and switches, +-10000."""
+
+    roll: int
+    pitch: int
+    yaw: int
+    throttle: int
+    mode: int
+    gear: int
+
+
+class Gimbal(NamedTuple):
+    """The gimbal's angles as broadcast; the subscription has another order."""
+
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    limits: int = 0
+
+    @property
+    def pitch_limit(self) -> int:
+        """1 at the end of the axis."""
+        return self.limits & 1
+
+    @property
+    def roll_limit(self) -> int:
+        """1 at the end of the axis."""
+        return self.limits >> 1 & 1
+
+    @property
+    def yaw_limit(self) -> int:
+        """1 at the end of the axis."""
+        return self.limits >> 2 & 1
+
+
+class Status(NamedTuple):
+    """State of flight (0 stopped, 1 on the ground, 2 in the air); the rest is in new layouts."""
+
+    flight: int
+    mode: int | None = None
+    gear: int | None = None
+    error: int | None = None
+
+
+class Battery(NamedTuple):
+    """The battery; the old layouts have the percentage alone."""
+
+    capacity_mah: int | None
+    voltage_mv: int | None
+    current_ma: int | None
+    percentage: int
+
+
+class Device(NamedTuple):
+    """Who controls the aircraft."""
+
+    control_mode: int
+    bits: int
+
+    @property
+    def device_status(self) -> int:
+        """0 remote control, 1 app, 2 serial (4 on M300)."""
+        return self.bits & 7
+
+    @property
+    def flight_status(self) -> int:
+        """1 where the serial line has the control."""
+        return self.bits >> 3 & 1
+
+    @property
+    def vrc_status(self) -> int:
+        """1 where a virtual remote control is on."""
+        return self.bits >> 4 & 1
+
+
+class GpsFused(NamedTuple):
+    """The fused position as subscribed; longitude first, altitude barometric."""
+
+    lon_rad: float
+    lat_rad: float
+    altitude_m: float
+    satellites: int
+
+
+class GpsPosition(NamedTuple):
+    """The ordinary GPS's position as subscribed: longitude and latitude in 1e-7 deg, mm MSL."""
+
+    x_raw: int
+    y_raw: int
+    z_raw: int
+
+
+class RtkPosition(NamedTuple):
+    """The RTK position as subscribed."""
+
+    lon_deg: float
+    lat_deg: float
+    hfsl_m: float
+
+
+class GimbalAngles(NamedTuple):
+    """The gimbal's angles as subscribed: pitch first."""
+
+    pitch_deg: float
+    roll_deg: float
+    yaw_deg: float
+
+
+class HardSync(NamedTuple):
+    """Attitude (FRD to NED), specific force and rate (FRD) of one tick of 2.5 ms."""
+
+    time2p5ms: int
+    time1ns: int  # from that tick
+    reset_time2p5ms: int  # ticks since the sync began
+    tag: int  # the pulse's
+    flag: int  # 1 at the pulse
+    q_wxyz: Quaternion
+    accel_g: Vector
+    gyro_radps: Vector
+
+
+def flat(part: object) -> list[float]:
+    """The numbers of a part in the order of their bytes; what is None is left out."""
+    if part is None:
+        return []
+    if isinstance(part, tuple):
+        return [number for item in part for number in flat(item)]
+    return [part]  # type: ignore[list-item]
