@@ -7,6 +7,8 @@ is turned by ``io.messages.axes``.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tirgeo_ros.core.samples import Array
@@ -20,7 +22,19 @@ BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 #: ``q_gc``, the quaternion of BODY_OPTICAL.
 Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
 
+_HALF = math.sqrt(0.5)
+
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+
 
 def flu_from_frd(v: Array) -> Array:
     """(..., 3) FRD to FLU, or FLU to FRD."""
     return np.asarray(np.asarray(v, float) * FLU_FRD.diagonal())
+
+
+def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
+    """Quaternion (w, x, y, z) of FRD-to-NED to FLU-to-ENU, or the other way round.
+
+    Linear and unchecked: a quaternion of any length keeps it.
+    """
+    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

@@ -10,17 +10,18 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames import ENU_NED
+from tirgeo_ros.core.frames import ENU_NED, Quaternion, quat_turned_both
 from tirgeo_ros.core.samples import Array
 
+__all__ = [
+    "Quaternion",
+    "covariance_turned_world",
+    "positive",
+    "quat_turned_both",
+    "quat_turned_world",
+]
+
 _HALF = math.sqrt(0.5)
-
-Quaternion = tuple[float, float, float, float]
-
-
-def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Quaternion (w, x, y, z) of FRD-to-NED to FLU-to-ENU, or the other way round."""
-    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:
