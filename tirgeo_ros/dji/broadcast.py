@@ -96,7 +96,7 @@ def _velocity(v: tuple[Any, ...]) -> Velocity:
 
 
 def _gps_31(v: tuple[Any, ...]) -> Gps:
-    return Gps._make((*v[:5], v[5:]))
+    return Gps._make((*v[:5], v[5:], None))
 
 
 def _gps(v: tuple[Any, ...]) -> Gps:
@@ -119,7 +119,7 @@ _RC = _part("rc", "6h", Rc._make)
 _GIMBAL = _part("gimbal", "3fB", Gimbal._make)
 _DEVICE = _part("device", "2B", Device._make)
 _TIME_31 = _part("time", "2IB", _time_31)
-_STATUS_31 = _part("status", "B", Status._make)
+_STATUS_31 = _part("status", "B", lambda v: Status(v[0]))
 _BATTERY_31 = _part("battery", "B", lambda v: Battery(None, None, None, v[0]))
 
 #: Bit of the mask and part, in the order of the bytes.
@@ -234,13 +234,26 @@ def encode_broadcast(broadcast: Broadcast) -> bytes:
     """A broadcast's value. DjiError for a part or a number that its layout cannot hold."""
     plan = _plan(broadcast.layout, broadcast.mask)
     assert plan is not None  # the mask is of the layout's own bits
-    strays = {slot for slot, part in enumerate(broadcast) if slot and part is not None}
-    strays -= {slot for slot, *_ in plan.parts}
+    _refuse_strays(broadcast, plan)
+    numbers: list[Any] = [broadcast.mask]
+    for slot, start, stop, _ in plan.parts:
+        part = flat(broadcast[slot])
+        if len(part) != stop - start:
+            raise DjiError(
+                f"broadcast: {Broadcast._fields[slot]} needs {stop - start} numbers in "
+                f"{broadcast.layout.value}"
+            )
+        numbers += part
+    try:
+        return plan.whole.pack(*numbers)
+    except (struct.error, OverflowError) as error:
+        raise DjiError(f"broadcast cannot be sent: {error}") from None
+
+
+def _refuse_strays(broadcast: Broadcast, plan: _Plan) -> None:
+    """Refuse parts that the layout has no bit for: they would be lost unseen."""
+    given = {slot for slot, part in enumerate(broadcast) if slot and part is not None}
+    strays = given - {slot for slot, *_ in plan.parts}
     if strays:
         names = ", ".join(Broadcast._fields[slot] for slot in sorted(strays))
         raise DjiError(f"broadcast: {broadcast.layout.value} has no {names}")
-    numbers = [number for slot, *_ in plan.parts for number in flat(broadcast[slot])]
-    try:
-        return plan.whole.pack(broadcast.mask, *numbers)
-    except (struct.error, OverflowError) as error:
-        raise DjiError(f"broadcast: does not fit {broadcast.layout.value}: {error}") from None

@@ -13,16 +13,17 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.blocks import flat
+from tirgeo_ros.dji.commands import (
+    PACKAGE_IDS,
+    AddPackage,
+    RemovePackage,
+    Request,
+    ResetPackages,
+)
 from tirgeo_ros.dji.topics import BY_NAME, BY_UID, Topic
 
-#: Ids of the set 0B whose requests change the table.
-ADD, RESET, REMOVE = 0x01, 0x02, 0x03
-
-MAX_PACKAGES = 5
-MAX_DATA_BYTES = 250  # of one push: id, stamp and topics
-
-_ADD_HEAD = struct.Struct("<BHBB")  # package, rate in Hz, config, count of topics
-_STAMPED = 0x01  # of config
+#: What one push can carry: stamp and topics, without the package's id.
+MAX_DATA_BYTES = 250
 
 
 class Package(NamedTuple):
@@ -33,10 +34,24 @@ class Package(NamedTuple):
     with_timestamp: bool
     topics: tuple[Topic, ...]
 
+    @classmethod
+    def of(cls, number: int, rate_hz: int, with_timestamp: bool, names: Iterable[str]) -> Package:
+        """Make a package of topics by name. DjiError for a name that is no topic's."""
+        names = tuple(names)
+        if unknown := [name for name in names if name not in BY_NAME]:
+            raise DjiError(f"package {number}: no topic is called {unknown[0]}")
+        return cls(number, rate_hz, with_timestamp, tuple(BY_NAME[name] for name in names))
+
     @property
     def length(self) -> int:
         """Bytes of its push's value."""
         return _plan(self).whole.size
+
+    @property
+    def request(self) -> AddPackage:
+        """What asks the aircraft for it."""
+        uids = tuple(topic.uid for topic in self.topics)
+        return AddPackage(self.id, self.rate_hz, self.with_timestamp, uids)
 
 
 class Push(NamedTuple):
@@ -48,124 +63,100 @@ class Push(NamedTuple):
     values: dict[str, Any]  # numbers, tuples and named tuples of ``dji.blocks``
 
 
-def package(id: int, rate_hz: int, with_timestamp: bool, names: Iterable[str]) -> Package:  # noqa: A002 its name on the wire
-    """A package of topics by name. KeyError for a name that is no topic's."""
-    return Package(id, rate_hz, with_timestamp, tuple(BY_NAME[name] for name in names))
-
-
 #: The packages of an aircraft whose requests were not seen.
 USUAL_PACKAGES = (
-    package(
+    Package.of(
         0,
         5,
-        True,
-        (
-            "GPS_DATE",
-            "GPS_TIME",
-            "GPS_POSITION",
-            "GPS_VELOCITY",
-            "GPS_DETAILS",
-            "BATTERY_INFO",
-            "RTK_POSITION",
-            "RTK_VELOCITY",
-            "RTK_YAW",
-            "RTK_YAW_INFO",
-            "RTK_POSITION_INFO",
+        with_timestamp=True,
+        names=(
+            *("GPS_DATE", "GPS_TIME", "GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"),
+            *("BATTERY_INFO", "RTK_POSITION", "RTK_VELOCITY", "RTK_YAW"),
+            *("RTK_YAW_INFO", "RTK_POSITION_INFO"),
         ),
     ),
-    package(
+    Package.of(
         1,
         50,
-        True,
-        (
-            "GPS_FUSED",
-            "ALTITUDE_FUSIONED",
-            "HEIGHT_FUSION",
-            "STATUS_FLIGHT",
-            "STATUS_DISPLAYMODE",
-            "GIMBAL_ANGLES",
-            "GIMBAL_STATUS",
-            "RC",
-            "VELOCITY",
+        with_timestamp=True,
+        names=(
+            *("GPS_FUSED", "ALTITUDE_FUSIONED", "HEIGHT_FUSION", "STATUS_FLIGHT"),
+            *("STATUS_DISPLAYMODE", "GIMBAL_ANGLES", "GIMBAL_STATUS", "RC", "VELOCITY"),
             "GPS_CONTROL_LEVEL",
         ),
     ),
-    package(2, 100, True, ("QUATERNION", "ACCELERATION_GROUND", "ANGULAR_RATE_FUSIONED")),
-    package(3, 400, True, ("HARD_SYNC",)),
-    package(4, 200, False, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "ACCELERATION_BODY")),
+    Package.of(
+        2,
+        100,
+        with_timestamp=True,
+        names=("QUATERNION", "ACCELERATION_GROUND", "ANGULAR_RATE_FUSIONED"),
+    ),
+    Package.of(3, 400, with_timestamp=True, names=("HARD_SYNC",)),
+    Package.of(
+        4,
+        200,
+        with_timestamp=False,
+        names=("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "ACCELERATION_BODY"),
+    ),
 )
 
 
 class PackageTable:
-    """What each package holds, as far as it is known."""
+    """What each package holds, as far as it is known. By default the usual ones."""
 
     def __init__(self, packages: Iterable[Package] = USUAL_PACKAGES) -> None:
         self._packages = {package.id: package for package in packages}
 
     def __iter__(self) -> Iterator[Package]:
-        return iter(self._packages.values())
+        """The packages that are known, by id."""
+        return iter([self._packages[number] for number in sorted(self._packages)])
 
     def __len__(self) -> int:
         return len(self._packages)
 
-    def get(self, package_id: int) -> Package | None:
+    def get(self, number: int) -> Package | None:
         """The package of that id; None if not known."""
-        return self._packages.get(package_id)
+        return self._packages.get(number)
 
     def add(self, package: Package) -> None:
         """Set a package, instead of any of its id."""
         self._packages[package.id] = package
 
-    def remove(self, package_id: int) -> None:
+    def remove(self, number: int) -> None:
         """Forget a package."""
-        self._packages.pop(package_id, None)
+        self._packages.pop(number, None)
 
     def clear(self) -> None:
         """Forget all packages."""
         self._packages.clear()
 
-    def learn(self, cmd_id: int, value: bytes) -> bool:
-        """Take a request of set 0B that was sent to the aircraft; False if it changes nothing.
+    def copy(self) -> PackageTable:
+        """A table of the same packages."""
+        return PackageTable(self)
+
+    def learn(self, request: Request) -> bool:
+        """Take what a host asked of the aircraft; whether it is about packages.
 
         A package with a topic of unknown length is forgotten: its pushes cannot be read.
         """
-        if cmd_id == ADD and len(value) >= _ADD_HEAD.size:
-            self.remove(value[0])
-            made = decode_add_package(value)
-            if made is not None:
-                self.add(made)
-        elif cmd_id == RESET:
-            self.clear()
-        elif cmd_id == REMOVE and value:
-            self.remove(value[0])
-        else:
-            return False
+        match request:
+            case AddPackage(number, rate_hz, with_timestamp, uids) if number in PACKAGE_IDS:
+                self.remove(number)
+                if all(uid in BY_UID for uid in uids):
+                    topics = tuple(BY_UID[uid] for uid in uids)
+                    self.add(Package(number, rate_hz, with_timestamp, topics))
+            case RemovePackage(number):
+                self.remove(number)
+            case ResetPackages():
+                self.clear()
+            case _:
+                return False
         return True
 
 
-def decode_add_package(value: bytes) -> Package | None:
-    """A request's package; None if it is cut or names an unknown topic."""
-    if len(value) < _ADD_HEAD.size:
-        return None
-    package_id, rate_hz, config, count = _ADD_HEAD.unpack_from(value)
-    if len(value) != _ADD_HEAD.size + 4 * count:
-        return None
-    uids = struct.unpack_from(f"<{count}I", value, _ADD_HEAD.size)
-    if any(uid not in BY_UID for uid in uids):
-        return None
-    return Package(
-        package_id, rate_hz, bool(config & _STAMPED), tuple(BY_UID[uid] for uid in uids)
-    )
-
-
-def encode_add_package(package: Package) -> bytes:
-    """The value of the request (set 0B, id 01) that makes a package."""
-    config = _STAMPED if package.with_timestamp else 0
-    uids = [topic.uid for topic in package.topics]
-    return struct.pack(f"<BHBB{len(uids)}I", package.id, package.rate_hz, config, len(uids), *uids)
-
-
 class _Plan(NamedTuple):
+    """How to read or write the pushes of a package."""
+
     whole: struct.Struct
     topics: tuple[tuple[str, int, int, Callable[[tuple[Any, ...]], Any]], ...]  # name, from, to
 
@@ -175,17 +166,15 @@ def _plan(package: Package) -> _Plan:
     form, at = ("<BII", 3) if package.with_timestamp else ("<B", 1)
     topics = []
     for topic in package.topics:
-        packed = struct.Struct(f"<{topic.form}")
-        count = len(packed.unpack(bytes(packed.size)))
-        topics.append((topic.name, at, at + count, topic.make))
-        form, at = form + topic.form, at + count
+        topics.append((topic.name, at, at + topic.numbers, topic.make))
+        form, at = form + topic.form, at + topic.numbers
     return _Plan(struct.Struct(form), tuple(topics))
 
 
 def decode_push(value: bytes, table: PackageTable) -> Push | None:
     """Read a push's value (what follows set and id).
 
-    None if its package is not known or does not have its length.
+    None if its package is not known or has another length.
     """
     package = table.get(value[0]) if value else None
     if package is None:
@@ -203,9 +192,15 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
 def encode_push(push: Push) -> bytes:
     """A push's value. DjiError for values that its package cannot hold."""
     plan = _plan(push.package)
-    stamp = (push.time_ms, push.time_ns) if push.package.with_timestamp else ()
-    parts = [push.values.get(topic.name) for topic in push.package.topics]
+    numbers: list[Any] = [push.package.id]
+    if push.package.with_timestamp:
+        numbers += [push.time_ms, push.time_ns]
+    for name, start, stop, _ in plan.topics:
+        part = flat(push.values.get(name))
+        if len(part) != stop - start:
+            raise DjiError(f"package {push.package.id}: {name} needs {stop - start} numbers")
+        numbers += part
     try:
-        return plan.whole.pack(push.package.id, *stamp, *flat(tuple(parts)))
+        return plan.whole.pack(*numbers)
     except (struct.error, OverflowError) as error:
-        raise DjiError(f"push of package {push.package.id}: {error}") from None
+        raise DjiError(f"package {push.package.id} cannot be sent: {error}") from None

@@ -5,17 +5,20 @@ Names, numbers and structures are those of DJI's Onboard SDK 3.9; the values are
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from tirgeo_ros.dji.blocks import (
     Battery,
+    Device,
     GimbalAngles,
     GpsDetail,
     GpsFused,
     GpsPosition,
     HardSync,
     Rc,
+    RelativePosition,
     RtkPosition,
     Velocity,
 )
@@ -26,9 +29,19 @@ class Topic(NamedTuple):
 
     name: str
     uid: int
-    max_hz: int
+    max_hz: int | None  # None where it is not documented
     form: str  # as in ``struct``, without its byte order
     make: Callable[[tuple[Any, ...]], Any]
+
+    @property
+    def length(self) -> int:
+        """Bytes in a push."""
+        return struct.calcsize(f"<{self.form}")
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers these bytes are."""
+        return len(struct.unpack(f"<{self.form}", bytes(self.length)))
 
 
 def _number(v: tuple[Any, ...]) -> Any:
@@ -77,7 +90,19 @@ TOPICS = (
     Topic("HARD_SYNC", 0xECBEF06D, 400, "3IHB4f3f3f", _hard_sync),
     Topic("GPS_CONTROL_LEVEL", 0xE30B17B0, 50, "B", _number),
     Topic("GPS_SIGNAL_LEVEL", 0xA6A0395F, 50, "B", _number),
-    Topic("RTK_CONNECT_STATUS", 0x6F349326, 50, "H", _number),
+    Topic("RTK_CONNECT_STATUS", 0x6F349326, 50, "H", _number),  # bit 0
+    Topic("HEIGHT_HOMEPOINT", 0x252C164B, 1, "f", _number),  # m
+    Topic("HOME_POINT_SET_STATUS", 0xB5C2211F, None, "B", _number),
+    Topic("HOME_POINT_INFO", 0xBFE4B520, None, "2d", tuple),  # latitude and longitude, rad
+    Topic("STATUS_LANDINGGEAR", 0x772D6E22, 50, "B", _number),
+    Topic("STATUS_MOTOR_START_ERROR", 0x3A41E909, 50, "H", _number),
+    Topic("CONTROL_DEVICE", 0x667BA86A, 50, "2B", Device._make),
+    Topic("RC_FULL_RAW_DATA", 0x16EC4D0E, None, "22h", tuple),
+    Topic("RC_WITH_FLAG_DATA", 0xFE04CFCD, None, "4fB", tuple),
+    Topic("ESC_DATA", 0xAAA0F589, None, "2hHhH" * 8, tuple),  # of each motor
+    Topic("FLIGHT_ANOMALY", 0x0A624B4B, None, "I", _number),  # bits
+    Topic("POSITION_VO", 0xD3462697, None, "3fB", tuple),  # m, NED of its own start; health
+    Topic("AVOID_DATA", 0xF6405DAA, None, "6fB", RelativePosition._make),
 )
 
 BY_NAME = {topic.name: topic for topic in TOPICS}
