@@ -1,0 +1,37 @@
+"""A free-running counter of few bits as a time that goes on."""
+
+from __future__ import annotations
+
+
+class RunningCounter:
+    """Unwraps a counter: the value nearest to the newest one taken, within half a turn."""
+
+    def __init__(self, tick_ns: int, bits: int) -> None:
+        self._tick_ns = tick_ns
+        self._mask = (1 << bits) - 1
+        self._half = 1 << (bits - 1)
+        self._newest = 0
+        self._newest_ns = 0
+        self.wraps = 0
+
+    def begin(self, ticks: int) -> int:
+        """Count from these ticks on; returns their time in nanoseconds."""
+        self._newest = ticks & self._mask
+        self._newest_ns = self._newest * self._tick_ns
+        return self._newest_ns
+
+    def time_ns(self, ticks: int) -> int:
+        """Time of the ticks; older than the newest where they went back."""
+        ahead = (ticks - self._newest) & self._mask
+        if ahead > self._half:
+            ahead -= self._mask + 1
+        return self._newest_ns + ahead * self._tick_ns
+
+    def go_on(self, ticks: int, time_ns: int) -> None:
+        """Take ticks and their whole time (of ``time_ns``) as the newest, if they are."""
+        if time_ns <= self._newest_ns:
+            return
+        ticks &= self._mask
+        if ticks < self._newest:
+            self.wraps += 1
+        self._newest, self._newest_ns = ticks, time_ns

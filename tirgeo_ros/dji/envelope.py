@@ -1,0 +1,171 @@
+"""A line below a stream of points: what a delay that only ever adds lies upon.
+
+``y`` is how much later than ``x`` something came, by another clock. Its smallest values lie on a
+line, whose slope is the drift between the two clocks; all else is delay. The line here is the
+highest one of the learned slope that no point of the last window lies below. The slope is that of
+the lower convex hull's edge over the middle of a longer time (Moon, Skelley, Towsley 1999, and
+Zhang, Liu, Xia 2002, take that edge for the skew of two clocks).
+
+With the slope, a minimum stays good for all of the window: a windowed minimum without it lags by
+drift times window, and jumps when it leaves the window.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import chain, pairwise
+from typing import NamedTuple
+
+#: The time that the drift is learned from is cut in so many bins, of which each keeps its lowest.
+_BINS = 64
+#: Drift is learned from three windows, but from no less and no more than this.
+_DRIFT_NS = 30e9, 300e9
+#: Minima are good to about 0.2 ms and clocks differ by about 30 ppm: from here on a slope that is
+#: measured is better than the one supposed before (0.2 ms / 30 ppm).
+_TRUST_NS = 7e9
+#: After a gap of the window's length the old line holds until there are new points for so long.
+_HOLD_NS = 2e9
+#: Heights above the line are kept for their distribution, about so many of each bin.
+_HEIGHTS = 64
+
+_INFINITY = float("inf")
+
+Point = tuple[float, float]
+
+
+class Spread(NamedTuple):
+    """How high the points of the last window lie above the line, in nanoseconds."""
+
+    median_ns: float
+    p95_ns: float
+    max_ns: float
+
+
+class _Bin(NamedTuple):
+    x: float
+    y: float
+    highest: float
+    heights: list[float]
+
+
+class LowerEnvelope:
+    """The line below the points of the last window; x and y in nanoseconds.
+
+    ``max_drift`` bounds the slope either way. A point costs a microsecond, and there are
+    ``_BINS`` points to look at again once a bin.
+    """
+
+    def __init__(self, window_ns: float, max_drift: float) -> None:
+        self._window_ns = window_ns
+        self._max_drift = max_drift
+        shortest, longest = _DRIFT_NS
+        self._memory_ns = max(shortest, window_ns, min(3 * window_ns, longest))
+        self._width_ns = self._memory_ns / _BINS
+        self._hold_ns = min(_HOLD_NS, window_ns / 2)
+        self.drift = self._drift_before = 0.0  # slope of the line
+        self.base = 0.0  # the line is ``base + drift * x``
+        self._bins: deque[_Bin] = deque()  # those done with
+        self._number = 0  # of points in the open one, and the rest of it:
+        self._bin_end = 0.0
+        self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)
+        self._highest = -_INFINITY
+        self._heights: list[float] = []
+        self._open(0.0)
+
+    def begin(self, x: float, y: float) -> None:
+        """Forget all points; the line goes through this one with the slope learned so far."""
+        self._bins.clear()
+        self._drift_before = self.drift
+        self.base = y - self.drift * x
+        self._open(x)
+
+    def add(self, x: float, y: float) -> None:
+        """Take a point. ``x`` may go back a little, within what is one bin."""
+        if x >= self._bin_end:
+            self._close(x)
+        key = y - self.drift * x
+        height = key - self.base
+        if key < self._lowest_key:
+            self._lowest_key, self._lowest = key, (x, y)
+            if height < 0.0:
+                self.base = key
+        self._highest = max(self._highest, height)
+        self._number += 1
+        if self._number % self._stride == 0:
+            self._heights.append(height)
+
+    @property
+    def spread(self) -> Spread | None:
+        """Distribution of the points' heights above the line; None without any."""
+        recent = self._recent(self._bin_end - self._width_ns)
+        heights = sorted(chain(self._heights, *(bin_.heights for bin_ in recent)))
+        if not heights:
+            return None
+        highest = max(self._highest, *(bin_.highest for bin_ in recent), heights[-1])
+        last = len(heights) - 1
+        middle, high = heights[last // 2], heights[round(0.95 * last)]
+        return Spread(max(middle, 0.0), max(high, 0.0), max(highest, 0.0))
+
+    def _open(self, x: float) -> None:
+        """Begin a bin; one in ``_stride`` of its heights is kept."""
+        self._stride = self._number // _HEIGHTS | 1  # odd, since bursts come by powers of two
+        self._bin_end = x + self._width_ns
+        self._lowest_key, self._lowest = _INFINITY, (x, 0.0)
+        self._highest, self._heights = -_INFINITY, []
+        self._number = 0
+
+    def _close(self, x: float) -> None:
+        """Put the open bin by; learn the slope and lay the line anew."""
+        if self._number and (not self._bins or self._lowest[0] > self._bins[-1].x):
+            self._bins.append(_Bin(*self._lowest, self._highest, self._heights))
+        newest = self._bins[-1].x if self._bins else x
+        if x - newest > self._window_ns - self._hold_ns:
+            self._bridge(x)
+        while self._bins and self._bins[0].x < x - self._memory_ns:
+            self._bins.popleft()
+        self._learn_drift()
+        self._lay(x)
+        self._open(x)
+
+    def _bridge(self, x: float) -> None:
+        """After a long gap the line goes on, for as long as new points need to show another."""
+        held_x = x - self._window_ns + self._hold_ns
+        self._bins.clear()
+        self._drift_before = self.drift
+        self._bins.append(_Bin(held_x, self.base + self.drift * held_x, 0.0, []))
+
+    def _learn_drift(self) -> None:
+        span = self._bins[-1].x - self._bins[0].x if self._bins else 0.0
+        if span <= 0.0:
+            return
+        slope = _middle_slope([(bin_.x, bin_.y) for bin_ in self._bins])
+        slope = min(max(slope, -self._max_drift), self._max_drift)
+        trust = span * span / (span * span + _TRUST_NS * _TRUST_NS)
+        self.drift = self._drift_before + trust * (slope - self._drift_before)
+
+    def _lay(self, x: float) -> None:
+        """The highest line of the slope that is below all of the window."""
+        keys = [bin_.y - self.drift * bin_.x for bin_ in self._recent(x)]
+        if keys:
+            self.base = min(keys)
+
+    def _recent(self, x: float) -> list[_Bin]:
+        return [bin_ for bin_ in self._bins if bin_.x >= x - self._window_ns]
+
+
+def _middle_slope(points: list[Point]) -> float:
+    """Slope of the lower hull's edge over the middle; points by increasing x, two at least."""
+    hull: list[Point] = []
+    for point in points:
+        while len(hull) > 1 and _is_above(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    middle = (points[0][0] + points[-1][0]) / 2
+    (x0, y0), (x1, y1) = next(edge for edge in pairwise(hull) if edge[1][0] >= middle)
+    return (y1 - y0) / (x1 - x0)
+
+
+def _is_above(first: Point, middle: Point, last: Point) -> bool:
+    """Whether the middle point is on or above the line from the first to the last."""
+    (x0, y0), (x1, y1), (x2, y2) = first, middle, last
+    return (y1 - y0) * (x2 - x0) >= (y2 - y0) * (x1 - x0)
