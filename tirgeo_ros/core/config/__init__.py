@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.aircraft import DjiConfig
-from tirgeo_ros.core.config.bags import BagPlayerConfig, RecorderConfig
+from tirgeo_ros.core.config.bags import (
+    BagPlayerConfig,
+    RecorderConfig,
+    SimulatedAircraftConfig,
+)
 from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.navigation import (
     METHODS,
@@ -42,5 +46,6 @@ __all__ = [
     "OverlayConfig",
     "RecorderConfig",
     "RtkConfig",
+    "SimulatedAircraftConfig",
     "TrustConfig",
 ]

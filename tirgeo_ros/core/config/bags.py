@@ -4,7 +4,47 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tirgeo_ros.core.parameter import param
+from tirgeo_ros.core.parameter import group, param
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedAircraftConfig:
+    """What an aircraft is like that says over a serial line what a flight recorded."""
+
+    geoid_undulation_m: float = param(
+        0.0,
+        "height of the sea level above the ellipsoid, by which it reports heights",
+        unit="m",
+        low=-120,
+        high=100,
+    )
+    baseline_offset_deg: float = param(
+        90.0,
+        "direction from its first RTK antenna to the second, from the nose, clockwise from above",
+        unit="deg",
+        low=-360,
+        high=360,
+    )
+    gimbal: str = param(
+        "joints",
+        "the gimbal's angles: joints (its own attitude with the recorded encoder angles, where "
+        "there are some) or reported (the recorded gimbal/attitude)",
+        choices=("joints", "reported"),
+    )
+    layout: str = param(
+        "modern",
+        "of the broadcast: modern (firmware 3.2.41) or legacy (3.2.15.62)",
+        choices=("modern", "legacy"),
+    )
+    clock_start_ms: int = param(
+        60_000, "what its clock shows at the start", unit="ms", low=0, high=2**32 - 1
+    )
+    clock_drift_ppm: float = param(
+        0.0, "by how much its clock is fast", unit="ppm", low=-1e4, high=1e4
+    )
+    pushes: bool = param(
+        False, "the usual subscription packages as well, as a host left them that went away"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +67,15 @@ class BagPlayerConfig:
         "",
         "topics to play, separated by commas; empty = all that the graph does not make itself",
     )
+    live: bool = param(
+        False, "every header's stamp is shifted so that the bag begins now; no /clock"
+    )
+    serial_port: str = param(
+        "",
+        "with live: the aircraft's topics are played as DJI's serial protocol, on a "
+        "pseudo-terminal of this path; empty = as topics",
+    )
+    aircraft: SimulatedAircraftConfig = group(SimulatedAircraftConfig)
 
 
 @dataclass(frozen=True, slots=True)
