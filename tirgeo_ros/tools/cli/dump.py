@@ -1,0 +1,77 @@
+"""The verb ``tirgeo dump``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import Subparsers
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "dump",
+        help="print the frames of a capture of the aircraft's serial port",
+        description="Prints one JSON object a frame on stdout (--json or not): offset and header, "
+        "its kind, and what it holds: raw values and SI values beside them, what cannot be read "
+        "as empty fields, NaN and infinities as null. One line of counts goes to stderr. Bytes "
+        "in no frame are skipped and counted: a capture may begin and end within a frame, and "
+        "a cable may lose bytes, so the exit code is 0 as soon as there is a frame, and 1 "
+        "where there is none.\n\n"
+        "What a subscription package holds is taken from the requests for packages if the "
+        "capture has both directions, else from --packages, else it is the usual five of DJI's "
+        "ROS wrapper. A push with a value that its package cannot have (a quaternion that is no "
+        "rotation) names it under 'implausible': then the table of packages is wrong.",
+        epilog="example:\n  tirgeo dump capture.bin | head -3\n\n"
+        "--packages takes\n"
+        "  packages:\n"
+        "    0:                       # the package's id\n"
+        "      rate_hz: 5\n"
+        "      with_timestamp: true\n"
+        "      topics: [RTK_POSITION, RTK_YAW]   # in the order of the request",
+    )
+    parser.add_argument("capture", type=Path, metavar="CAPTURE", help="bytes as they came")
+    parser.add_argument(
+        "--packages", type=Path, metavar="YAML", help="what the subscription packages hold"
+    )
+    parser.add_argument(
+        "--key", default="", metavar="HEX", help="application key, for encrypted frames"
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the frames."""
+    from tirgeo_ros.tools.dump import CaptureDump  # noqa: PLC0415 heavy
+
+    dump = CaptureDump(args.capture, args.packages, args.key)
+    for record in dump.records():
+        print(_line(record))
+    print(f"tirgeo dump: {_summary(dump.counts, dump.kinds)}", file=sys.stderr)
+    return 0
+
+
+def _line(record: dict[str, object]) -> str:
+    from tirgeo_ros.tools.cli.main import plain  # noqa: PLC0415 it imports the verbs
+
+    try:
+        return json.dumps(record, allow_nan=False)
+    except ValueError:  # a NaN: seldom, so that looking for it first would cost more
+        return json.dumps(plain(record), allow_nan=False)
+
+
+def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
+    damaged = counts["bad_crc32"] + counts["truncated"]
+    parts = [f"{number} {kind}" for kind, number in sorted(kinds.items())]
+    found = f"{counts['frames']} frames ({', '.join(parts)})"
+    rest = {
+        "bytes skipped": counts["skipped_bytes"],
+        "frames damaged or cut": damaged,
+        "unreadable": counts["unreadable"],
+        "implausible": counts["implausible"],
+        "not decrypted": kinds.get("encrypted", 0),
+    }
+    return "; ".join([found, *[f"{number} {name}" for name, number in rest.items() if number]])
