@@ -17,7 +17,7 @@ $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
 	$(if $(filter $(CURDIR),$(shell cat $(stamp))),,$(shell rm -f $(stamp)))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-floor lint types bench consistency states clean
+.PHONY: help setup demo test test-floor lint types bench fuzz consistency states clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -43,8 +43,11 @@ types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
 # As the nodes and the command set it themselves: idle threads of the matrix library spin.
-bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay and graph
+bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tirgeo_ros.tools.bench
+
+fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
+	$(BIN)/python -m tirgeo_ros.tools.fuzz
 
 consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
 	$(BIN)/python -m tirgeo_ros.tools.consistency

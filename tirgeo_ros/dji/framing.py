@@ -112,6 +112,11 @@ class FrameReader:
             **self._counts,
         }
 
+    @property
+    def held(self) -> int:
+        """Bytes that wait for those that follow; 1022 at the most."""
+        return len(self._held)
+
     def feed(self, data: bytes | bytearray | memoryview) -> list[Frame]:
         """The frames that are complete with these bytes, in the order of the stream."""
         self._held += data
