@@ -9,10 +9,8 @@ import pytest
 
 from tirgeo_ros.core.attitude import (
     euler_from_quat,
+    joint_angles,
     matrix_from_quat,
-    rotation_x,
-    rotation_y,
-    rotation_z,
     slerp,
     wrap_pi,
 )
@@ -28,7 +26,6 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
 )
 from tirgeo_ros.tools.simulate.flight import fly
-from tirgeo_ros.tools.simulate.gimbal import joint_angles
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.sensors import imu_bias
 
@@ -181,13 +178,6 @@ def test_the_camera_wanders_by_table_8_and_the_encoders_see_it(flight):
     true = joint_angles(np.swapaxes(rotation_pb, 1, 2) @ rotation_pg)
     said = np.array([(s.yaw_rad, s.roll_rad, s.pitch_rad) for _, s in samples])
     np.testing.assert_allclose(np.degrees(rms(said - true)), 0.02, rtol=4 / np.sqrt(2 * 5351))
-
-
-def test_joint_angles_are_those_of_the_chain():
-    angles = np.random.default_rng(4).uniform(-1.4, 1.4, (200, 3))
-    yaw, roll, pitch = angles.T
-    chain = rotation_z(yaw) @ rotation_x(roll) @ rotation_y(pitch)
-    np.testing.assert_allclose(joint_angles(chain), angles, atol=1e-12)
 
 
 def test_the_flight_controller_reports_the_command_and_its_own_heading(flight):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.attitude import (
     euler_from_matrix,
+    joint_angles,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
@@ -83,14 +84,6 @@ def gimbal_samples(
         samples.append((stamp, JointSample(stamp, float(yaw), float(roll), float(pitch))))
         samples.append((stamp, CameraAttitudeSample(stamp, q_ng)))
     return samples
-
-
-def joint_angles(rotation_bg: Array) -> Array:
-    """(N, 3) yaw, roll, pitch with ``R_bg = Rz(yaw) Rx(roll) Ry(pitch)`` of (N, 3, 3)."""
-    roll = np.arcsin(np.clip(rotation_bg[:, 2, 1], -1.0, 1.0))
-    yaw = np.arctan2(-rotation_bg[:, 0, 1], rotation_bg[:, 1, 1])
-    pitch = np.arctan2(-rotation_bg[:, 2, 0], rotation_bg[:, 2, 2])
-    return np.stack([yaw, roll, pitch], -1)
 
 
 def _reported(
