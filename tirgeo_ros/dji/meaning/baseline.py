@@ -1,0 +1,74 @@
+"""Whether the direction between the antennas is the one that is configured.
+
+RTK yaw is the azimuth of the line from the first antenna to the second. What is configured as its
+angle from the nose is off by 90 or 180 deg when the kit is mounted in another way than supposed,
+and the autopilot's own heading, right within some degrees, shows it. It is said, never corrected:
+the autopilot's heading may be what is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from tirgeo_ros.dji.meaning.attitudes import Attitudes, heading_of
+
+_SPAN_NS = 20_000_000_000
+_LEAST_NS = 10_000_000_000
+#: Ten seconds at 5 Hz, with some missing.
+_LEAST_NUMBER = 30
+#: More than a compass is usually off, less than a baseline mounted another way.
+_TOLERANCE_DEG = 15.0
+#: Length of the mean of unit vectors: below it the angles are spread by over 26 deg and their
+#: mean is no mounting.
+_LEAST_AGREEMENT = 0.9
+
+
+class BaselineCheck:
+    """The mean of RTK yaw less the aircraft's own heading over the newest 20 s."""
+
+    def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
+        """``offset_deg``: as configured, from the nose, clockwise."""
+        self._offset_deg = offset_deg
+        self._attitudes = attitudes
+        self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine
+
+    def add(self, stamp_ns: int, yaw_rad: float) -> None:
+        """Take the azimuth of a baseline that is fixed."""
+        q_nb = self._attitudes.near(stamp_ns)
+        if q_nb is None:
+            return
+        seen = self._seen
+        if seen and not 0 <= stamp_ns - seen[-1][0] <= _SPAN_NS:
+            seen.clear()
+        angle = yaw_rad - heading_of(q_nb)
+        seen.append((stamp_ns, math.cos(angle), math.sin(angle)))
+        while stamp_ns - seen[0][0] > _SPAN_NS:
+            seen.popleft()
+
+    @property
+    def seen_deg(self) -> float | None:
+        """The baseline's direction from the nose, 0 to 360; None before ten seconds agree."""
+        seen = self._seen
+        if len(seen) < _LEAST_NUMBER or seen[-1][0] - seen[0][0] < _LEAST_NS:
+            return None
+        cosine = sum(entry[1] for entry in seen) / len(seen)
+        sine = sum(entry[2] for entry in seen) / len(seen)
+        if math.hypot(cosine, sine) < _LEAST_AGREEMENT:
+            return None
+        return math.degrees(math.atan2(sine, cosine)) % 360.0
+
+    @property
+    def warning(self) -> str:
+        """What to set right, or empty."""
+        seen_deg = self.seen_deg
+        if seen_deg is None:
+            return ""
+        off_deg = math.remainder(seen_deg - self._offset_deg, 360.0)
+        if abs(off_deg) <= _TOLERANCE_DEG:
+            return ""
+        return (
+            f"heading.baseline_offset_deg is {self._offset_deg:g}, but RTK yaw less the "
+            f"aircraft's own heading is {seen_deg:.1f} deg ({off_deg:+.1f}): set it to that, or "
+            "look after the aircraft's compass"
+        )
