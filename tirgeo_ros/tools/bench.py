@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
 from tirgeo_ros.tools.bench_filter import filter_times, long_times
 from tirgeo_ros.tools.bench_overlay import overlay_times
 from tirgeo_ros.tools.bench_pyins import pyins_is_installed
@@ -45,6 +46,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from _filter_cost()
     yield from _filter_hour()
     yield from _overlay_cost()
+    yield from _dji_speed()
     if graph:
         yield from _graph_cost(folder, work)
 
@@ -94,6 +96,19 @@ def _overlay_cost() -> list[Figure]:
         Figure(f"overlay frame, {times.vertices} vertices in view", times.whole_s * 1e3, "ms"),
         Figure("the bare NumPy and OpenCV calls in it", times.bare_s * 1e3, "ms"),
         Figure("overlay frame over bare calls", times.whole_s / times.bare_s, "ratio"),
+    ]
+
+
+def _dji_speed() -> list[Figure]:
+    """Of a clean capture that fills a line of 921600 baud to four fifths."""
+    found = dji_speeds()
+    return [
+        Figure(f"DJI: decoded, reads of {FILE_READ} B", found.decoded, "MB/s", ">= 2"),
+        Figure(f"DJI: decoded, reads of {PORT_READ} B", found.decoded_port, "MB/s", ">= 2"),
+        Figure(f"DJI: frames alone, reads of {FILE_READ} B", found.framed, "MB/s"),
+        Figure(f"DJI: frames alone, reads of {PORT_READ} B", found.framed_port, "MB/s"),
+        Figure("DJI: bare zlib.crc32 and struct", found.bare, "MB/s"),
+        Figure("DJI: decoded over the line of 1 Mbaud", found.decoded / LINE_MB_S, "x", ">= 20"),
     ]
 
 
