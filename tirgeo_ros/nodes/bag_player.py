@@ -1,65 +1,117 @@
-"""Plays a bag onto topics in real time, with /clock, for subscribers that are already there."""
+"""Plays a bag onto topics in real time, for subscribers that are already there.
+
+With /clock, or live: stamped anew as if it were flown now. Live, what the aircraft said can go out
+as its bytes on a pseudo-terminal, in step with the pictures.
+"""
 
 from __future__ import annotations
 
+import heapq
 import threading
 import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.errors import BagError, ConfigError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.nodes.live_stamps import moved
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
-from tirgeo_ros.nodes.playlist import Audience, publishers_for
+from tirgeo_ros.nodes.playlist import Audience, aircraft_topics, publishers_for
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.serial_aircraft import SerialAircraft
 from tirgeo_ros.nodes.topics import advertise, message_class
 
 #: In all; a reader that lost nothing may answer only at the next heartbeat, every 3 s.
 _ACKNOWLEDGE_S = 5.0
+#: A live bag begins so much later, when its first messages have been read and moved.
+_LEAD_S = 0.5
+#: What is said before the number of nanoseconds.
+SHIFTED = "live: stamps are later than the bag's by"
+
+Due = tuple[int, Callable[[], None]]  # bag time in ns, and what happens then
 
 
 class BagPlayer(Node):
-    """One bag, its publishers and its clock."""
+    """One bag, its publishers and its clock; live also the aircraft that speaks on a port."""
 
     def __init__(self) -> None:
         super().__init__("bag_player")
         self._config = declare(self, BagPlayerConfig)
-        if not self._config.bag:
-            raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
+        _check(self._config)
         self._reader = BagReader(Path(self._config.bag))
-        self._topics = publishers_for(self, self._reader.topics(), self._config.topics)
-        self._clock_publisher = advertise(self, "/clock", output())
+        topics, wanted = self._reader.topics(), self._config.topics
+        port = self._config.serial_port
+        spoken = aircraft_topics(topics, wanted) if port else {}
+        self._topics = publishers_for(self, topics, wanted, spoken)
+        self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
         self._audience = Audience(self, [*self._topics.values()], self._config.wait_for)
         self._messages = Messages(message_class)
+        self._aircraft = SerialAircraft(port, self._config.aircraft, spoken) if port else None
+        self.resources = self._aircraft.terminal if self._aircraft else None
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; the exit code."""
-        if not self._audience.wait(self._config.wait_timeout_s, stop):
-            self.get_logger().warning(f"playing without {self._audience.missing()}")
+        attend = self._aircraft.attend if self._aircraft else lambda: True
+        if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
+            self.get_logger().warning(f"playing without {self._missing()}")
         self.get_logger().info(f"playing {self._config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
             self._play_once(stop)
         self._await_acknowledgement(stop)
+        if self._aircraft is not None and self._aircraft.losses:
+            self.get_logger().warning(f"not played: {self._aircraft.losses}")
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
 
+    def _missing(self) -> str:
+        if self._aircraft is not None and not self._aircraft.attend():
+            return f"a reader of {self._config.serial_port}"
+        return self._audience.missing()
+
     def _play_once(self, stop: threading.Event) -> None:
         clock = PlayClock(self._config.rate, self._config.clock_rate_hz, self._tick)
+        start_ns, shift_ns = self._start_ns(), 0
+        if self._config.live:
+            clock.begin(start_ns, _LEAD_S)
+            shift_ns = time.time_ns() + round(_LEAD_S * 1e9) - start_ns
+            self.get_logger().info(f"{SHIFTED} {shift_ns} ns")
         count = 0
-        for message in self._reader.messages(self._topics, self._start_ns()):
-            if not clock.wait_until(message.log_time_ns, stop):
+        for due_ns, give in self._schedule(start_ns, shift_ns):
+            if not clock.wait_until(due_ns, stop):
                 break
-            self._topics[message.topic].publish(message.data)
+            give()
             count += 1
         self.get_logger().info(f"played {count} messages of {self._config.bag}")
+
+    def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
+        """What is to be given out, in order of the bag's time."""
+        published = self._published(start_ns, shift_ns)
+        if self._aircraft is None:
+            return published
+        frames = self._aircraft.frames(self._reader, start_ns, shift_ns)
+        send = self._aircraft.send
+        spoken = ((due_ns, partial(send, data)) for due_ns, data in frames)
+        return heapq.merge(spoken, published, key=itemgetter(0))
+
+    def _published(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
+        for item in self._reader.messages(self._topics, start_ns):
+            message = item.data
+            if self._config.live:
+                kind = message_class(item.typename)
+                message = moved(deserialize_message(item.data, kind), shift_ns)
+            yield item.log_time_ns, partial(self._topics[item.topic].publish, message)
 
     def _await_acknowledgement(self, stop: threading.Event) -> None:
         end_s = time.monotonic() + _ACKNOWLEDGE_S
@@ -79,7 +131,19 @@ class BagPlayer(Node):
         return start_ns
 
     def _tick(self, bag_ns: int) -> None:
-        self._clock_publisher.publish(self._messages.clock(bag_ns))
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(self._messages.clock(bag_ns))
+
+
+def _check(config: BagPlayerConfig) -> None:
+    if not config.bag:
+        raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
+    if config.live and config.rate != 1:
+        raise ConfigError(f"parameter rate: a live bag plays at 1, not at {config.rate:g}")
+    if config.serial_port and not config.live:
+        raise ConfigError(
+            "parameter serial_port: bytes are stamped as they come, so it needs live: true"
+        )
 
 
 def main() -> int:

@@ -21,6 +21,10 @@ class PlayClock:
         self._begin: tuple[float, int] | None = None  # real s, bag ns
         self._next_tick_s = 0.0
 
+    def begin(self, bag_ns: int, in_s: float) -> None:
+        """Bag time will be ``bag_ns`` in so many seconds; else it begins with the first wait."""
+        self._begin = (time.monotonic() + in_s, bag_ns)
+
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:
         """Sleep and tick until the bag's time is ``bag_ns``; False if stopped before."""
         if self._begin is None:
@@ -40,5 +44,5 @@ class PlayClock:
         self._next_tick_s += self._period_s
         if self._next_tick_s <= now_s:  # a stall, or the start: missed ticks are left out
             self._next_tick_s = now_s + self._period_s
-        elapsed_ns = round((now_s - self._begin[0]) * self._rate * 1e9)
+        elapsed_ns = max(0, round((now_s - self._begin[0]) * self._rate * 1e9))
         self._tick(min(self._begin[1] + elapsed_ns, limit_ns))

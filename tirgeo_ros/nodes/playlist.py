@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.errors import BagError, ConfigError
+from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.nodes.qos import latched, output
 from tirgeo_ros.nodes.topics import message_class
 
@@ -23,24 +24,40 @@ _OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point"
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
 
 
-def publishers_for(node: Node, topics: Mapping[str, str], wanted: str) -> dict[str, Publisher]:
+def publishers_for(
+    node: Node, topics: Mapping[str, str], wanted: str, otherwise: Collection[str] = ()
+) -> dict[str, Publisher]:
     """A publisher for each topic of a bag (name -> type) that is to be played.
 
     ``wanted`` names topics, separated by commas; empty = all that the graph does not make itself.
-    Names are published relative, so the node's namespace applies. A type that is not installed is
-    passed over with a warning. Raises BagError for a wanted topic that the bag lacks.
+    ``otherwise`` are those of the bag that are played in another way. Names are published
+    relative, so the node's namespace applies. A type that is not installed is passed over with a
+    warning. Raises BagError for a wanted topic that the bag lacks.
     """
-    chosen = _chosen(topics, names(wanted))
     found = {}
-    for topic in chosen:
+    for topic in _chosen(topics, names(wanted)):
+        if topic in otherwise:
+            continue
         relative = topic.lstrip("/")
         qos = latched() if relative.endswith(_LATCHED) else output(_DEPTH)
         try:
             found[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
         except ConfigError as error:
             node.get_logger().warning(f"{topic} is not played: {error}")
-    if not found:
+    if not found and not otherwise:
         raise BagError(f"the bag has no topic to play (it has: {', '.join(topics) or 'none'})")
+    return found
+
+
+def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
+    """The topics of a bag that are the aircraft's, of those to be played: name -> type.
+
+    Raises BagError where there is none.
+    """
+    chosen = _chosen(topics, names(wanted))
+    found = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in SENSED_TOPICS}
+    if not found:
+        raise BagError(f"the bag has none of the aircraft's topics: {', '.join(SENSED_TOPICS)}")
     return found
 
 
@@ -81,22 +98,28 @@ class Audience:
         absent = sorted(name for name in self._awaited if not counts[name])
         return f"a subscriber of {', '.join(absent)}" if absent else "any steady subscriber"
 
-    def wait(self, timeout_s: float, stop: threading.Event) -> bool:
-        """Whether the awaited subscribers came, and none came or went for a second."""
+    def wait(
+        self, timeout_s: float, stop: threading.Event, attend: Callable[[], bool] = lambda: True
+    ) -> bool:
+        """Whether the awaited subscribers came, and none came or went for a second.
+
+        ``attend`` is called all the while and says whether others that are awaited are there.
+        """
         begin = changed = time.monotonic()
         counts = self._counts()
         while not stop.wait(_POLL_S):
             now = time.monotonic()
             before, counts = counts, self._counts()
             changed = now if counts != before else changed
-            if self._complete(counts) and now - changed >= _STEADY_S:
+            if attend() and self._complete(counts) and now - changed >= _STEADY_S:
                 return True
             if now - begin >= timeout_s:
                 return False
         return True
 
     def _complete(self, counts: Mapping[str, int]) -> bool:
-        return all(counts[name] for name in self._awaited) and any(counts.values())
+        heard = any(counts.values()) or not counts
+        return heard and all(counts[name] for name in self._awaited)
 
     def _counts(self) -> dict[str, int]:
         return {p.topic_name: p.get_subscription_count() for p in self._publishers}

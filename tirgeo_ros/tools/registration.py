@@ -25,11 +25,7 @@ from tirgeo_ros.io import messages as convert
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: What becomes of the messages of the sensors' topics.
-SAMPLES: Mapping[str, Callable[[Any], Sample]] = {
-    **dict(convert.NAVIGATION_INPUTS.values()),
-    "gimbal/joint_states": convert.joint_sample,
-    "gimbal/attitude": convert.camera_attitude,
-}
+SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
 
 #: The topics that each method takes.
 METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {

@@ -21,11 +21,17 @@ from tirgeo_ros.io.messages.decode import (
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_status
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
-from tirgeo_ros.io.messages.sensed import SENSED_TOPICS, SensedSample, sensed
+from tirgeo_ros.io.messages.sensed import (
+    SENSED_SAMPLES,
+    SENSED_TOPICS,
+    SensedSample,
+    sensed,
+)
 from tirgeo_ros.io.messages.topics import TOPIC_TYPES
 
 __all__ = [
     "NAVIGATION_INPUTS",
+    "SENSED_SAMPLES",
     "SENSED_TOPICS",
     "TOPIC_TYPES",
     "DiagnosticItem",

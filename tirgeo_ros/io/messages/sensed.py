@@ -1,8 +1,8 @@
-"""Which topic each of the aircraft's samples goes to, and as what message."""
+"""Which topic each of the aircraft's samples goes to, as what message, and the way back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from tirgeo_ros.core.samples import (
@@ -14,6 +14,7 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.io.messages.decode import NAVIGATION_INPUTS, camera_attitude, joint_sample
 from tirgeo_ros.io.messages.encode import Messages
 
 SensedSample = (
@@ -38,6 +39,13 @@ _SENSED: dict[Source | type, tuple[str, Callable[[Messages, Any], Any]]] = {
 
 #: The topics that the aircraft's samples go to.
 SENSED_TOPICS = tuple(topic for topic, _ in _SENSED.values())
+
+#: What becomes of the messages of these topics.
+SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
+    **dict(NAVIGATION_INPUTS.values()),
+    "gimbal/joint_states": joint_sample,
+    "gimbal/attitude": camera_attitude,
+}
 
 
 def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:

@@ -1,0 +1,75 @@
+"""The aircraft's part of a bag, played as bytes on a port that is not there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from rclpy.serialization import deserialize_message
+
+from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.errors import MessageError
+from tirgeo_ros.dji.aircraft import Aircraft, frames_of
+from tirgeo_ros.dji.pseudo_terminal import PseudoTerminal
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.messages import SENSED_SAMPLES, SensedSample
+from tirgeo_ros.nodes.topics import message_class
+
+
+class SerialAircraft:
+    """An aircraft on a pseudo-terminal, for one program that reads it."""
+
+    def __init__(
+        self, path: str, config: SimulatedAircraftConfig, topics: Mapping[str, str]
+    ) -> None:
+        """``topics`` of the bag, name -> type. Raises DjiError if the port cannot be made."""
+        self.terminal = PseudoTerminal(path)
+        self._config = config
+        self._topics = topics
+        self._arrivals = Arrivals()
+        self._unreadable: Counter[str] = Counter()
+        self._aircraft = Aircraft(config)
+
+    def attend(self) -> bool:
+        """Answer what the host has asked; whether it has the port open."""
+        self.terminal.write(self._aircraft.answer(self.terminal.read()))
+        return self.terminal.is_open
+
+    def send(self, data: bytes) -> None:
+        """Write a frame, as far as somebody reads, and answer the host."""
+        self.terminal.write(data)
+        self.attend()
+
+    def frames(
+        self, reader: BagReader, start_ns: int, shift_ns: int
+    ) -> Iterator[tuple[int, bytes]]:
+        """Frames with the times at which they are due in the bag, whose time now is later."""
+        for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
+            yield time_ns - shift_ns, data
+
+    @property
+    def losses(self) -> str:
+        """What of the flight did not get through, in one line, or an empty string."""
+        counts = dict(self._aircraft.counts)
+        found = {"samples that make no sense": counts.get("invalid", 0)}
+        found["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
+        found |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
+        found[f"bytes that nobody read from {self.terminal.path}"] = self.terminal.dropped
+        return ", ".join(f"{number} {what}" for what, number in found.items() if number)
+
+    def _samples(
+        self, reader: BagReader, start_ns: int, shift_ns: int
+    ) -> Iterator[tuple[int, SensedSample]]:
+        for item in reader.messages(self._topics, start_ns):
+            topic = item.topic.lstrip("/")
+            message = deserialize_message(item.data, message_class(item.typename))
+            try:
+                sample = SENSED_SAMPLES[topic](message)
+            except MessageError:
+                self._unreadable[topic] += 1
+                continue
+            sample = self._arrivals.stamped(topic, sample, item.log_time_ns)
+            moved = replace(sample, stamp_ns=sample.stamp_ns + shift_ns)
+            yield item.log_time_ns + shift_ns, moved
