@@ -52,16 +52,19 @@ class HostTraffic:
         request = decode_request(frame.data)
         if request is None:
             return None
-        number = (frame.session, frame.sequence)
-        again = self._open.get(number)
-        if again is not None and again.request == request:
-            return request  # sent once more: the table before the first counts
         if frame.session:
-            self._open[number] = _Open(request, self._packages.copy())
-        if len(self._open) > _MAX_OPEN:
-            self._open.popitem(last=False)
+            self._await(request, (frame.session, frame.sequence))
         self._packages.learn(request)
         return request
+
+    def _await(self, request: Request, number: tuple[int, int]) -> None:
+        same = self._open.pop(number, None)
+        if same is None or same.request != request:
+            self._open[number] = _Open(request, self._packages.copy())
+        else:
+            self._open[number] = same  # sent once more: what was known before the first counts
+        if len(self._open) > _MAX_OPEN:
+            self._open.popitem(last=False)
 
     def _answered(self, frame: Frame) -> Request | None:
         asked = self._open.pop((frame.session, frame.sequence), None)
