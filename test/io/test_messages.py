@@ -262,6 +262,20 @@ def test_joints_turn_the_camera_as_their_flu_chain_does():
     assert messages.joint_sample(message) == given.JOINTS
 
 
+@pytest.mark.parametrize("computed", [False, True])
+def test_joints_say_whether_they_are_computed(computed):
+    sample = dataclasses.replace(given.JOINTS, computed=computed)
+    message = through_cdr(made.joints(sample))
+    assert message.header.frame_id == ("gimbal/attitude" if computed else "base_link")
+    assert messages.joint_sample(message) == sample
+
+
+def test_joints_of_any_other_frame_are_encoders():
+    message = made.joints(given.JOINTS)
+    message.header.frame_id = "gimbal_link"
+    assert not messages.joint_sample(message).computed
+
+
 def test_joints_are_found_by_name():
     message = made.joints(given.JOINTS)
     message.name = ["propeller", *reversed(message.name)]

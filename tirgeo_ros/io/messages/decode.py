@@ -34,7 +34,7 @@ from tirgeo_ros.io.messages.axes import (
     quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.topics import JOINT_SIGNS
+from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 _ABSENT = -1.0  # first entry of a covariance whose value is not there (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0
@@ -113,6 +113,7 @@ NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]]
 def joint_sample(msg: Any) -> JointSample:
     """``sensor_msgs/JointState`` of the gimbal, FLU joints to FRD.
 
+    Computed are those whose frame is the topic ``gimbal/attitude``.
     Raises MessageError where one of the three joints is missing.
     """
     names = list(msg.name)
@@ -122,7 +123,8 @@ def joint_sample(msg: Any) -> JointSample:
             raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
         angles.append(sign * float(msg.position[names.index(joint)]))
     yaw, roll, pitch = angles
-    return JointSample(stamp_ns(msg), yaw_rad=yaw, roll_rad=roll, pitch_rad=pitch)
+    computed = msg.header.frame_id == COMPUTED_FROM
+    return JointSample(stamp_ns(msg), yaw, roll, pitch, computed=computed)
 
 
 def camera_attitude(msg: Any) -> CameraAttitudeSample:

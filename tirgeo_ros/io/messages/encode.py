@@ -35,7 +35,13 @@ from tirgeo_ros.io.messages.axes import (
 )
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.parts import COVARIANCE_KNOWN, Parts
-from tirgeo_ros.io.messages.topics import BODY_FRAME, JOINT_SIGNS, MAP_FRAME, OPTICAL_FRAME
+from tirgeo_ros.io.messages.topics import (
+    BODY_FRAME,
+    COMPUTED_FROM,
+    JOINT_SIGNS,
+    MAP_FRAME,
+    OPTICAL_FRAME,
+)
 
 #: Variance of what is not known, where a reader takes any number for a variance: so large that
 #: it weighs nothing. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
@@ -100,12 +106,17 @@ class Messages:
         )
 
     def joints(self, sample: JointSample) -> Any:
-        """``sensor_msgs/JointState`` of the gimbal, FLU."""
+        """``sensor_msgs/JointState`` of the gimbal, FLU.
+
+        Its frame is base_link, or of computed joints the topic that they are computed from: the
+        message has no other place to say so, and no reader needs the frame of angles.
+        """
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
+        frame_id = COMPUTED_FROM if sample.computed else BODY_FRAME
         angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
         return self._parts.new(
             "sensor_msgs/msg/JointState",
-            header=self._parts.header(sample.stamp_ns, BODY_FRAME),
+            header=self._parts.header(sample.stamp_ns, frame_id),
             name=list(JOINT_SIGNS),
             position=self._parts.doubles(angles),
             velocity=self._parts.doubles([]),

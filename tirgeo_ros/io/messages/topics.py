@@ -31,6 +31,8 @@ TOPIC_TYPES: dict[str, str] = {
 MAP_FRAME = "map"
 BODY_FRAME = "base_link"
 OPTICAL_FRAME = "tir_optical_frame"
+#: In place of the frame in messages of joints that no encoder saw: what they are computed from.
+COMPUTED_FROM = "gimbal/attitude"
 
 #: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes
 #: y and z point the other way, x does not.
