@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.attitude import (
     euler_from_matrix,
     euler_from_quat,
+    joint_angles,
     matrix_from_quat,
     matrix_from_rotvec,
     quat_from_euler,
@@ -25,6 +26,7 @@ from tirgeo_ros.core.attitude import (
 from tirgeo_ros.core.composition import (
     Mount,
     NorthBias,
+    from_computed,
     from_joints,
     from_reported,
     heading_row,
@@ -235,6 +237,47 @@ def test_covariance_covers_a_north_that_is_not_known():
         squares.append(error @ np.linalg.solve(pose.covariance, error))
     # chi-square of 6: its mean's sigma is sqrt(12 / 3000) = 0.06; 2 deg leave 0.1 of second order
     assert np.mean(squares) == pytest.approx(6.0, abs=3 * 0.063 + 0.1)
+
+
+def computed(autopilot_q_nb, camera_euler):
+    """Joints as they are computed from the two attitudes that the flight controller reports."""
+    rotation_bg = matrix_from_quat(autopilot_q_nb).T @ matrix_from_quat(
+        quat_from_euler(*camera_euler)
+    )
+    return JointSample(7, *joint_angles(rotation_bg).tolist(), computed=True)
+
+
+@given(attitudes, camera_attitudes, headings, headings)
+def test_computed_joints_are_equation_12_where_the_tilts_agree(euler, camera, heading, bias):
+    """Whatever the two headings and the gimbal's north are."""
+    autopilot = quat_from_euler(*euler)
+    body = body_at((euler[0], euler[1], heading))
+    north = NorthBias(bias, NORTH_VARIANCE)
+    pose = from_computed(FULL, body, computed(autopilot, camera), north)
+    reported = CameraAttitudeSample(7, quat_from_euler(*camera))
+    expected = from_reported(FULL, body, autopilot, reported, north)
+    # some tens of roundings, and over the cosine of the chain's roll
+    np.testing.assert_allclose(pose.position_n, expected.position_n, atol=1e-12)
+    np.testing.assert_allclose(
+        matrix_from_quat(pose.q_nc), matrix_from_quat(expected.q_nc), atol=1e-12
+    )
+
+
+@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
+def test_covariance_of_computed_joints_against_differences(euler, camera, heading, seed):
+    """Where the autopilot's tilt is the body's, so that the camera's is the reported one."""
+    body = body_at((euler[0], euler[1], heading), covariance=some_covariance(seed))
+    autopilot = quat_from_euler(*euler)
+
+    def compose(at, error):
+        joints = computed(autopilot, np.array(camera) + np.array([*error[:2], 0.0]))
+        return from_computed(FULL, at, joints, NorthBias(0.05 - error[2], NORTH_VARIANCE))
+
+    variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
+    expected = covariance_by_differences(compose, body, variances)
+    found = compose(body, np.zeros(3)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
 
 
 def test_heading_alone_comes_from_the_filter_in_reported():

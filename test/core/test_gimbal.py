@@ -202,6 +202,71 @@ def test_while_both_arrive_they_show_the_norths_difference():
     assert sigma == pytest.approx(np.hypot(0.237, 0.03 * np.sqrt(6.98)), abs=0.01)
 
 
+def computed(t_ms, bias=0.0):
+    """What a level aircraft's reported attitude of 0.1 rad off the nose gives as joints."""
+    return JointSample(t_ms * MS, 0.1 + bias, 0.0, -0.5, computed=True)
+
+
+def test_computed_joints_drive_and_say_so():
+    composer = GimbalComposer(GimbalConfig())
+    poses = []
+    for t_ms in range(0, 4001, 20):
+        poses += feed(composer, t_ms, joint=False)
+        poses += composer.add_joints(computed(t_ms))
+    assert composer.composition == "encoders"
+    assert composer.counts["composed"] == len(poses) == 201
+    assert composer.counts["joints_computed"] == 201
+    said = composer.diagnostics
+    assert said["joints"] == "computed from the reported attitude"
+    assert float(said["north_sigma_deg"]) == pytest.approx(np.hypot(3.0, 0.03 * 2), abs=1e-3)
+    real = GimbalComposer(GimbalConfig(composition="encoders"))
+    feed(real, 0)
+    assert "joints" not in real.diagnostics
+    assert "joints_computed" not in real.counts
+
+
+def test_computed_joints_are_no_reading_of_the_north():
+    """They would show none: the bias is in both."""
+    bias = np.radians(4.0)
+    composer = GimbalComposer(GimbalConfig())
+    for t_ms in range(0, 8000, 20):
+        feed(composer, t_ms, joint=False, bias=bias)
+        composer.add_joints(computed(t_ms, bias))
+    assert "north_used" not in composer.counts
+    assert composer.north.bias_rad == 0.0
+    assert composer.north.variance > np.radians(3.0) ** 2
+
+
+@pytest.mark.parametrize("composition", ["auto", "encoders"])
+def test_of_computed_joints_the_norths_bias_is_taken_out(composition):
+    bias_deg, sigma_deg = 4.0, 1.5
+    north = NorthConfig(bias_deg=bias_deg, sigma_deg=sigma_deg, walk_deg=0.0)
+    composer = GimbalComposer(GimbalConfig(composition=composition, north=north))
+    poses = []
+    for t_ms in range(0, 3001, 20):
+        composer.add_body(body(t_ms, 0.0))
+        poses += composer.add_joints(computed(t_ms, np.radians(bias_deg)))
+    assert heading(poses[-1]) == pytest.approx(0.1, abs=1e-12)
+    # as in paper: the body's 0.57 deg, reported roll's 0.27 by the sine of the pitch, the north's
+    sigma = np.degrees(np.sqrt(poses[-1].covariance[5, 5]))
+    rest = np.hypot(np.degrees(1e-2), 0.2704 * np.sin(0.5))
+    assert sigma == pytest.approx(np.hypot(rest, sigma_deg), rel=1e-6)
+
+
+def test_computed_joints_of_a_centred_gimbal_show_its_north():
+    """After they have taken over nothing else does: the reported attitudes drive no more."""
+    bias_deg = 2.0
+    north = NorthConfig(centred=True)
+    composer = GimbalComposer(GimbalConfig(composition="encoders", north=north))
+    for t_ms in range(0, 20_000, 50):
+        composer.add_body(body(t_ms, 0.7))
+        composer.add_joints(JointSample(t_ms * MS, np.radians(bias_deg), 0.0, -0.5, computed=True))
+    assert composer.counts["north_used"] == 16  # 3 s to settle, then one in 1.05 s
+    # hypot(0.2 / 4, 0.3) deg of the readings against 3 of the prior
+    assert np.degrees(composer.north.bias_rad) == pytest.approx(bias_deg, abs=0.03)
+    assert np.degrees(np.sqrt(composer.north.variance)) == pytest.approx(0.31, abs=0.02)
+
+
 def test_diagnostics_show_the_north_where_it_is_used():
     centred = {"centred": True, "sigma_deg": 3.0}
     composer = GimbalComposer(GimbalConfig(composition="paper", north=NorthConfig(**centred)))

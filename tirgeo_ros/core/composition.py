@@ -1,6 +1,6 @@
 """From the body's pose and the gimbal's angles to the camera's pose, with its covariance.
 
-Two ways (Ren et al. 2022, section 3.4):
+Two ways (Ren et al. 2022, section 3.4), and one that is both:
 
 ``from_reported``
     Equation 12: roll and pitch of the camera as the flight controller reports them, heading
@@ -11,6 +11,12 @@ Two ways (Ren et al. 2022, section 3.4):
     by a bias, which is taken out; what it is not known to goes into the covariance.
 ``from_joints``
     The whole chain: body attitude, then the encoder angles.
+``from_computed``
+    The same chain with angles that no encoder saw: they are the rotation from the autopilot's
+    attitude to the reported one. So they are wrong by what those are: the gimbal's north is taken
+    out of them, and its uncertainty and that of the reported roll and pitch go into the
+    covariance. Beside ``from_reported`` the camera's roll and pitch also change by what filter
+    and autopilot differ in tilt.
 
 Errors are ``phi_n`` as in the charter. The camera's are linear in the body's position error,
 the body's phi_n and the gimbal's angle errors, so its covariance follows from Jacobians.
@@ -105,6 +111,28 @@ class NorthBias:
     variance: float = 0.0  # rad2
 
 
+def from_computed(
+    mount: Mount, body: BodyPose, joints: JointSample, north: NorthBias
+) -> CameraPose:
+    """Return the camera's pose by the body's attitude and joints computed from reported ones.
+
+    The bias is taken out about the vertical, where it is; about the joint's axis it would tilt
+    the picture of a body that is not level.
+    """
+    q_nb: Quaternion = tuple(body.q_nb.tolist())
+    q_bg, _ = chain(joints)
+    swing = _about_vertical(-north.bias_rad)
+    q_ng = multiply(swing, multiply(q_nb, q_bg))
+    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
+    variances = np.append(mount.reported_variance, north.variance)
+    turned = matrix(rotation_of(swing))
+    return _camera_pose(mount, body, rotation_of(q_nb), q_ng, turned, axes_n, variances)
+
+
+def _about_vertical(angle_rad: float) -> Quaternion:
+    return (cos(angle_rad / 2), 0.0, 0.0, sin(angle_rad / 2))
+
+
 def from_reported(
     mount: Mount,
     body: BodyPose,
@@ -125,7 +153,7 @@ def from_reported(
         return None
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
     angle -= north.bias_rad
-    swing = (cos(angle / 2), 0.0, 0.0, sin(angle / 2))
+    swing = _about_vertical(angle)
     q_ng = multiply(swing, tuple(canonical(reported.q_ng).tolist()))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)

@@ -6,6 +6,11 @@ extrapolated: a sample that waits too long or falls into a gap is dropped and co
 
 The reported attitudes also show how far the gimbal's north is off the autopilot's, where they can
 (``tirgeo_ros.core.north_readings``): with a body pose or without.
+
+Joints may be computed from the reported attitudes (``JointSample.computed``). They drive as
+encoders' do, but they are no second witness: beside the reported attitudes they would always show
+a north without bias, so they are not read for it. What a centred gimbal shows is in them as it is
+in the reported attitudes, and is read.
 """
 
 from __future__ import annotations
@@ -16,8 +21,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import slerp
-from tirgeo_ros.core.composition import Mount, NorthBias, chain, from_joints, from_reported
+from tirgeo_ros.core.attitude import quat_multiply, slerp
+from tirgeo_ros.core.composition import (
+    Mount,
+    NorthBias,
+    chain,
+    from_computed,
+    from_joints,
+    from_reported,
+)
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal_north import GimbalNorth
 from tirgeo_ros.core.north_readings import NorthReadings
@@ -54,13 +66,15 @@ class GimbalComposer:
     Each ``add_`` returns the camera poses that became possible, one per gimbal sample, in order
     of their stamps. With ``composition: auto`` joint angles drive while they arrive steadily, and
     the reported attitude else. Where both arrive, they show the gimbal's north, so that it is
-    known when joints fall silent.
+    known when joints fall silent. Computed joints have the covariance and the north of reported
+    attitudes.
     """
 
     def __init__(self, config: GimbalConfig) -> None:
         self._mount = Mount.from_config(config)
         self._choice = config.composition
         self._by_joints = config.composition == "encoders"
+        self._computed = False  # the newest joints
         self._max_wait_ns = round(config.max_wait_s * 1e9)
         span_s = _HISTORY_S + config.max_wait_s
         self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s, config.max_gap_s)
@@ -88,6 +102,7 @@ class GimbalComposer:
         topic that does not drive), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
         of a Miss; ``went_back`` for gimbal stamps that cleared those waiting; ``body_invalid``,
         ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others;
+        ``joints_computed``, how many joints no encoder saw;
         ``joints_steady`` and ``joints_silent``, how often ``auto`` went over to joints and back;
         ``north_used``, ``north_refused`` and ``north_reset`` of the readings of the north.
         """
@@ -102,14 +117,22 @@ class GimbalComposer:
 
     @property
     def north(self) -> NorthBias:
-        """The bias of the gimbal's north, which ``paper`` takes out, at the newest sample."""
+        """The bias of the gimbal's north at the newest sample.
+
+        It is taken out of reported attitudes (``paper``) and of joints computed from them.
+        """
         return NorthBias(self._north.bias_rad, self._north.variance)
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """What the composer says of itself: the counts, and the north where it may be used."""
+        """What the composer says of itself: the counts, and the north where it may be used.
+
+        ``joints`` says that the joints are computed ones.
+        """
         found = {name: str(number) for name, number in self.counts.items()}
-        if self._choice != "encoders":
+        if self._computed:
+            found["joints"] = "computed from the reported attitude"
+        if self._choice != "encoders" or self._computed:
             found["north_bias_deg"] = f"{math.degrees(self.north.bias_rad):.3f}"
             found["north_sigma_deg"] = f"{math.degrees(math.sqrt(self.north.variance)):.3f}"
         return found
@@ -138,8 +161,11 @@ class GimbalComposer:
         if not all(map(math.isfinite, angles)):
             self._counts["invalid"] += 1
             return []
+        self._computed = sample.computed
+        self._counts["joints_computed"] += sample.computed
         if self._choice == "auto":
-            self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
+            if not sample.computed:
+                self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
             if self._presence.heard(sample.stamp_ns):
                 self._drive_by(joints=True)
         return self._take(sample, drives=self._by_joints)
@@ -203,6 +229,7 @@ class GimbalComposer:
 
     def _read_north(self, sample: JointSample | CameraAttitudeSample) -> None:
         if isinstance(sample, JointSample):
+            self._read_centred(sample)
             return
         joints = self._joints.around(sample.stamp_ns)
         if isinstance(joints, Miss) and not self._centred:
@@ -213,6 +240,16 @@ class GimbalComposer:
         q_bg = None if isinstance(joints, Miss) else slerp(*joints)
         self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
 
+    def _read_centred(self, sample: JointSample) -> None:
+        """What computed joints show of a centred gimbal's north; the angle has no other in it."""
+        if not (sample.computed and self._centred):
+            return
+        body = self._bodies.at(sample.stamp_ns)
+        if isinstance(body, Miss):
+            return
+        q_ng = quat_multiply(body.q_nb, np.array(chain(sample)[0]))
+        self._readings.read(self._north, sample.stamp_ns, q_ng, body.q_nb, None)
+
     def _overdue(self, stamp_ns: int) -> bool:
         newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
         return newest_ns - stamp_ns > self._max_wait_ns
@@ -222,7 +259,10 @@ class GimbalComposer:
         if isinstance(body, Miss):
             return _Lack.of("body", body)
         if isinstance(sample, JointSample):
-            return from_joints(self._mount, body, sample)
+            if not sample.computed:
+                return from_joints(self._mount, body, sample)
+            self._north.advance(sample.stamp_ns)
+            return from_computed(self._mount, body, sample, self.north)
         autopilot = self._autopilot.around(sample.stamp_ns)
         if isinstance(autopilot, Miss):
             return _Lack.of("autopilot", autopilot)
