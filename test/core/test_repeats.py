@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,19 @@ def test_one_value_again_later_is_a_measurement():
     assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
     assert repeats.compared(position(0.2, 2.0)) is Same.NOTHING
     assert repeats.compared(position(0.4, 1.0)) is Same.NOTHING
+
+
+@pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
+def test_the_same_position_with_a_worse_fix_is_news(worse):
+    """Whoever learns of it with the next position only believes centimetres until then."""
+    repeats = Repeats()
+    fixed = position(0.0, 1.0)
+    repeats.compared(fixed)
+    fallen = replace(fixed, stamp_ns=20_000_000, status=worse)
+    assert repeats.compared(fallen) is Same.NOTHING
+    assert repeats.compared(replace(fallen, stamp_ns=40_000_000)) is Same.MEASUREMENT
+    # Fixed again with the old place: it was no fixed one.
+    assert repeats.compared(replace(fixed, stamp_ns=60_000_000)) is Same.MEASUREMENT
 
 
 def test_sources_are_apart():

@@ -7,7 +7,13 @@ from enum import Enum
 from itertools import pairwise
 
 from tirgeo_ros.core.aiding.belief import Aiding, source_of
-from tirgeo_ros.core.samples import HeadingSample, Source, VelocitySample
+from tirgeo_ros.core.samples import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
 
 #: A receiver that says the same for longer means it (a test bench, an aircraft at rest).
 _LONGEST_NS = 900_000_000
@@ -26,12 +32,15 @@ class Same(Enum):
 class Repeats:
     """Compares each measurement with the one before of its source.
 
-    A position or velocity never says the same twice to all digits. A heading in whole degrees
+    A position or velocity never says the same twice to all digits; a position again whose fix
+    has become worse is news of the fix (one whose fix has become better was measured without
+    it). A heading in whole degrees
     does: how often the receiver measures is therefore learned from its positions' changes.
     """
 
     def __init__(self) -> None:
         self._newest: dict[Source, tuple[int, tuple[float, ...]]] = {}
+        self._status: dict[Source, FixStatus] = {}
         self._changes_ns: deque[int] = deque(maxlen=8)  # of RTK positions
 
     def compared(self, sample: Aiding) -> Same:
@@ -39,7 +48,7 @@ class Repeats:
         source, value = source_of(sample), _value(sample)
         known = self._newest.get(source)
         same = Same.NOTHING
-        if known is not None and known[1] == value:
+        if not self._fell(sample) and known is not None and known[1] == value:
             apart_ns = abs(sample.stamp_ns - known[0])
             heading = isinstance(sample, HeadingSample)
             if 0 < apart_ns < (self._interval_ns() if heading else _LONGEST_NS):
@@ -49,6 +58,14 @@ class Repeats:
             self._changes_ns.append(sample.stamp_ns)
         self._newest[source] = sample.stamp_ns, value
         return same
+
+    def _fell(self, sample: Aiding) -> bool:
+        """Whether a position's fix is worse than that of the one before."""
+        if not isinstance(sample, PositionSample):
+            return False
+        before = self._status.get(sample.source, sample.status)
+        self._status[sample.source] = sample.status
+        return sample.status < before
 
     def _interval_ns(self) -> float:
         """Within this after a heading, the same heading is no new one."""
