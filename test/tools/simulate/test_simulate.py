@@ -9,7 +9,13 @@ import pytest
 
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import (
+    BagPlayerConfig,
+    DjiConfig,
+    EkfConfig,
+    GimbalConfig,
+    OverlayConfig,
+)
 from tirgeo_ros.core.errors import ScenarioError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
@@ -195,6 +201,12 @@ def test_parameters_fit_the_flight(whole):
     overlay = load_config(path, "overlay_node", OverlayConfig)
     assert overlay.ground_height_m == 11.5
     assert overlay.video_latency_s == 0.05
+    dji = load_config(path, "dji_node", DjiConfig)
+    aircraft = load_config(path, "bag_player", BagPlayerConfig).aircraft
+    assert dji.geoid_undulation_m == aircraft.geoid_undulation_m == -9.0
+    assert dji.heading.baseline_offset_deg == aircraft.baseline_offset_deg
+    assert dji.rtk.delay_s == scenario.rtk.arrival_delay_s
+    assert dji.delay.gps_s == scenario.gps.arrival_delay_s
 
 
 def test_the_paper_flight_sees_twenty_points_three_times_each():

@@ -25,7 +25,7 @@ from tirgeo_ros.dji.blocks import (
     Vector,
 )
 from tirgeo_ros.dji.broadcast import Broadcast, Layout
-from tirgeo_ros.dji.units import STANDARD_GRAVITY_M_S2
+from tirgeo_ros.dji.meaning.acceleration import G_M_S2
 
 #: What no flight records: in the air, position mode; sticks at rest; a battery that lasts.
 _STATUS = Status(2, 6, 0, 0)
@@ -139,7 +139,7 @@ def _three(v: Array) -> Vector:
 
 
 def _force_g(i: Instant) -> Vector:
-    return _three(i.imu.specific_force_b / STANDARD_GRAVITY_M_S2)
+    return _three(i.imu.specific_force_b / G_M_S2)
 
 
 def _force(i: Instant) -> Vector:

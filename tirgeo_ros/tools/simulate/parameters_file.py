@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import yaml
 
+from tirgeo_ros.core.config import SimulatedAircraftConfig
 from tirgeo_ros.core.parameter import values_of
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -24,6 +25,7 @@ _IMU = (
 def parameters_text(scenario: Scenario) -> str:
     """A ROS 2 parameter file."""
     nodes = {
+        "dji_node": _dji(scenario),
         "ekf_node": _ekf(scenario),
         "gimbal_node": {
             "lever_arm_m": list(scenario.gimbal.lever_arm_m),
@@ -33,10 +35,30 @@ def parameters_text(scenario: Scenario) -> str:
             "ground_height_m": scenario.site.ground_height_m,
             "video_latency_s": scenario.video.latency_s,
         },
+        "bag_player": {"aircraft": _aircraft(scenario)},
     }
     tree = {f"/**/{node}": {"ros__parameters": values} for node, values in nodes.items()}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return _HEAD.format(name=scenario.name) + body
+
+
+def _aircraft(scenario: Scenario) -> dict[str, object]:
+    """What an aircraft is like that says the flight in DJI's protocol."""
+    return {
+        "geoid_undulation_m": scenario.site.geoid_undulation_m,
+        "baseline_offset_deg": SimulatedAircraftConfig().baseline_offset_deg,
+    }
+
+
+def _dji(scenario: Scenario) -> dict[str, object]:
+    """How to understand that aircraft."""
+    told = _aircraft(scenario)
+    return {
+        "geoid_undulation_m": told["geoid_undulation_m"],
+        "heading": {"baseline_offset_deg": told["baseline_offset_deg"]},
+        "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
+        "delay": {"gps_s": scenario.gps.arrival_delay_s},
+    }
 
 
 def _ekf(scenario: Scenario) -> dict[str, object]:

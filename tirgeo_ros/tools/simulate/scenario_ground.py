@@ -19,6 +19,13 @@ class SiteScenario:
     ground_height_m: float = param(
         11.5, "ellipsoidal height of the ground", unit="m", low=-500, high=9000
     )
+    geoid_undulation_m: float = param(
+        -9.0,
+        "height of the sea level above the ellipsoid, by which DJI's aircraft report heights",
+        unit="m",
+        low=-120,
+        high=100,
+    )
 
     @property
     def plane(self) -> TangentPlane:
