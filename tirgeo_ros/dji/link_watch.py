@@ -140,8 +140,8 @@ class LinkWatch:
             return "open, nothing understood yet"
         if condition is LinkCondition.SILENT:
             return (
-                f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the cable "
-                "(TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
+                f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
+                "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
             )
         others = ", ".join(str(baud) for baud in USUAL_BAUDS if baud != self._baud)
         return (
