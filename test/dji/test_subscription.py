@@ -205,12 +205,6 @@ def test_a_package_with_an_unknown_topic_is_unknown():
     assert decode_push(b"\x03" + bytes(63), table) is None
 
 
-def test_an_id_that_no_aircraft_has_is_not_learned():
-    table = PackageTable()
-    assert not table.learn(AddPackage(5, 50, with_timestamp=True, uids=(0xF45D73FD,)))
-    assert table.get(5) is None
-
-
 def test_a_copy_is_a_table_of_its_own():
     table = PackageTable()
     copy = table.copy()

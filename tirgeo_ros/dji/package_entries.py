@@ -91,12 +91,14 @@ def _topics(names: object, where: str) -> tuple[Topic, ...]:
     return tuple(_topic(name, where) for name in names)
 
 
-def _topic(name: object, where: str) -> Topic:
-    topic = BY_UID.get(name) if _is_number(name) else BY_NAME.get(name)  # type: ignore[call-overload]
-    if topic is None:
-        shown = f"0x{name:08x}" if _is_number(name) else str(name)
-        raise DjiError(f"{where}.topics: unknown topic {shown}{_hint(name, BY_NAME)}")
-    return topic  # type: ignore[no-any-return]
+def _topic(name: Any, where: str) -> Topic:
+    """A topic by its name or its number."""
+    if _is_number(name) and name in BY_UID:
+        return BY_UID[name]
+    if isinstance(name, str) and name in BY_NAME:
+        return BY_NAME[name]
+    shown = f"0x{name:08x}" if _is_number(name) else str(name)
+    raise DjiError(f"{where}.topics: unknown topic {shown}{_hint(name, BY_NAME)}")
 
 
 def _hint(name: object, known: Any) -> str:

@@ -13,13 +13,7 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.blocks import flat
-from tirgeo_ros.dji.commands import (
-    PACKAGE_IDS,
-    AddPackage,
-    RemovePackage,
-    Request,
-    ResetPackages,
-)
+from tirgeo_ros.dji.commands import AddPackage, RemovePackage, Request, ResetPackages
 from tirgeo_ros.dji.topics import BY_NAME, BY_UID, Topic
 
 #: What one push can carry: stamp and topics, without the package's id.
@@ -140,7 +134,7 @@ class PackageTable:
         A package with a topic of unknown length is forgotten: its pushes cannot be read.
         """
         match request:
-            case AddPackage(number, rate_hz, with_timestamp, uids) if number in PACKAGE_IDS:
+            case AddPackage(number, rate_hz, with_timestamp, uids):
                 self.remove(number)
                 if all(uid in BY_UID for uid in uids):
                     topics = tuple(BY_UID[uid] for uid in uids)
