@@ -66,10 +66,11 @@ def _line(record: dict[str, object]) -> str:
 def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
     damaged = counts["bad_crc32"] + counts["truncated"]
     parts = [f"{number} {kind}" for kind, number in sorted(kinds.items())]
-    found = f"{counts['frames']} frames ({', '.join(parts)})"
+    plural = "" if counts["frames"] == 1 else "s"
+    found = f"{counts['frames']} frame{plural} ({', '.join(parts)})"
     rest = {
         "bytes skipped": counts["skipped_bytes"],
-        "frames damaged or cut": damaged,
+        "damaged or cut": damaged,
         "unreadable": counts["unreadable"],
         "implausible": counts["implausible"],
         "not decrypted": kinds.get("encrypted", 0),
