@@ -122,6 +122,7 @@ def test_header_fields_that_are_refused(byte, value):
     frames, counts = read_all(raw_frame(head, KNOWN[12:16]) + KNOWN)
     assert [f.offset for f in frames] == [20]
     assert counts["skipped_bytes"] == 20
+    assert counts["truncated"] == counts["bad_crc32"] == 0  # refused before its length is believed
 
 
 @pytest.mark.parametrize("length", [*range(12), 13, 14, 15])

@@ -99,6 +99,30 @@ def test_a_byte_too_many_or_one_lost_costs_one_frame():
             assert offsets(frames) == [0, len(FRAMES[0]) + len(damaged)]
 
 
+@pytest.mark.parametrize("before", [b"\xaa", b"\xaa\xaa", b"\xaa\x20\x00"])
+def test_a_stray_start_costs_no_frame_of_any_length(before):
+    """It may make a header of the frame's own first bytes."""
+    for size in range(1008):
+        whole = encode_frame(bytes(size), session=1)
+        frames, counts = read_all(before + whole)
+        assert [(f.offset, f.length) for f in frames] == [(len(before), len(whole))]
+        assert counts["skipped_bytes"] == len(before)
+
+
+def test_no_byte_is_part_of_two_frames():
+    """Where the last of one could be the first of another."""
+    first = next(
+        whole
+        for sequence in range(10_000)
+        if (whole := encode_frame(b"\x02\x00", sequence=sequence))[-1] == 0xAA
+    )
+    stream = first + encode_frame(b"")[1:] + FRAMES[1]
+    expected = [0, len(first) + 11]
+    assert offsets(read_all(stream)[0]) == expected
+    for at in range(len(stream)):
+        assert offsets(read_in(cut_at(stream, [at]))[0]) == expected
+
+
 def test_a_frame_in_another_ones_data_is_its_data():
     outer = encode_frame(b"\x02\x02" + FRAMES[0] + FRAMES[1])
     frames, counts = read_all(outer + FRAMES[2])
@@ -187,12 +211,14 @@ def test_nothing_to_give_up():
 
 def test_every_byte_is_accounted_for_at_any_time():
     stream = damaged_stream(random.Random(5), 20_000)
-    reader, framed = FrameReader(KEY), 0
+    reader, framed, skipped = FrameReader(KEY), 0, 0
     for fed, piece in enumerate(cut_at(stream, range(1, len(stream))), 1):
         framed += sum(f.length for f in reader.feed(piece))
         counts = reader.counts
         assert counts["bytes"] == fed
         assert counts["skipped_bytes"] + framed + reader.held == fed
+        assert counts["skipped_bytes"] >= skipped
+        skipped = counts["skipped_bytes"]
     assert counts["frames"] > 20
 
 
