@@ -7,6 +7,8 @@ import math
 import random
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tirgeo_ros.core.errors import ConfigError, DjiError
 from tirgeo_ros.dji.blocks import Rtk, Velocity
@@ -251,6 +253,29 @@ def test_a_capture_is_read_piece_by_piece(tmp_path, monkeypatch):
     assert dump.counts["bytes"] == 1000
     assert [record["i"] for record in records] == list(range(1, 1000))
     assert dump.counts["skipped_bytes"] == 0
+
+
+COMMANDS = [b"\x02\x00", b"\x02\x05", b"\x02\x01", b"\x00\x00", b"\x00\x01", b"\x00\x10"]
+COMMANDS += [bytes((0x0B, number)) for number in range(8)]
+FRAMES = st.builds(
+    lambda command, value, session, is_ack: encode_frame(
+        value if is_ack else command + value, session=session, is_ack=is_ack
+    ),
+    st.sampled_from(COMMANDS) | st.binary(max_size=2),
+    st.binary(max_size=300) | st.sampled_from([bytes(64), b"\x03" + b"\xff" * 63, b"\xff" * 37]),
+    st.integers(0, 2),  # few, so that answers meet requests
+    st.booleans(),
+)
+
+
+@given(st.lists(FRAMES, min_size=1, max_size=20))
+def test_any_frames_print_as_json(tmp_path_factory, frames):
+    path = tmp_path_factory.getbasetemp() / "any.bin"
+    path.write_bytes(b"".join(frames))
+    records = list(CaptureDump(path).records())
+    assert len(records) == len(frames)
+    for record in records:
+        json.dumps(command.plain(record), allow_nan=False)
 
 
 @pytest.mark.parametrize("text", [b"", b"no frame in here", bytes(range(256)) * 10])
