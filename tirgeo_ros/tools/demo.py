@@ -41,10 +41,11 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
         raise BagError(f"{setup.bag}: needed topic absent: {', '.join(absent)}")
     first_ns, last_ns = reader.span_ns
     run = run_graph(setup, (last_ns - first_ns) * 1e-9, progress)
-    outputs = read_outputs(run.recording)
+    outputs = read_outputs(run.recording).earlier(run.shift_ns)
     files = make_pictures(run.recording, setup.folder, len(outputs.frame_stamps_ns))
     frames_in = sum(1 for _ in reader.messages(_IMAGES))
     result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
+    result["serial"] = setup.serial
     result |= summary(outputs, first_ns) | cost(run)
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
     result["error"] = run.error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import time
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import tirgeo_ros
 from tirgeo_ros.core.errors import GraphError
+from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.tools.node_process import NodeProcess
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.resources import find_resource
@@ -45,6 +47,7 @@ class GraphSetup:
     map: Path | None = None
     method: str | None = None
     rate: float = 1.0
+    serial: bool = False  # the aircraft as bytes on a port, through dji_node; rate 1
     topics: Sequence[str] = RECORDED
     environment: dict[str, str] = field(default_factory=dict)  # beside that of this process
 
@@ -58,6 +61,7 @@ class GraphRun:
     cpu_s: dict[str, float]  # from start to end
     cores: dict[str, float]  # while the bag played
     error: str | None  # what of the bag was lost
+    shift_ns: int = 0  # stamps of the recording less the bag's
 
 
 def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -> GraphRun:
@@ -83,7 +87,7 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
         time.sleep(_SETTLE_S)
         _stop([process for process in processes if process is not player])
     cpu_s = {process.name: process.cpu_s() for process in processes}
-    return GraphRun(recording, play_s, cpu_s, cores, _loss(player))
+    return GraphRun(recording, play_s, cpu_s, cores, _loss(player), _shift_ns(player))
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
@@ -116,23 +120,41 @@ def free_domain() -> int:
 
 
 def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
-    common = ["-p", "use_sim_time:=true"]
-    if setup.params is not None:
-        common += ["--params-file", str(setup.params)]
+    # The serial link has the host's clock, so all have it.
+    clock = [] if setup.serial else ["-p", "use_sim_time:=true"]
+    common = clock + _params(setup)
     method = ["-p", f"method:={setup.method}"] if setup.method else []
     map_file = ["-p", f"map:={setup.map}"] if setup.map else []
     record = ["-p", f"output:={recording}", "-p", f"topics:={','.join(setup.topics)}"]
-    return {
+    nodes = {
         "ekf_node": common + method,
         "gimbal_node": common,
         "overlay_node": common + map_file,
-        "recorder": ["-p", "use_sim_time:=true", *record],
+        "recorder": clock + record,
     }
+    if setup.serial:
+        port = ["-p", "source:=serial", "-p", f"port:={_port(setup)}"]
+        return {"dji_node": common + port, **nodes}
+    return nodes
 
 
 def _player(setup: GraphSetup) -> list[str]:
-    values = {"bag": setup.bag, "rate": float(setup.rate), "wait_for": ",".join(AWAITED)}
-    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+    values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
+    if setup.serial:
+        values |= {"live": "true", "serial_port": _port(setup)}
+    awaited = [name for name in AWAITED if not (setup.serial and name in SENSED_TOPICS)]
+    values["wait_for"] = ",".join(awaited)
+    words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+    return _params(setup) + words
+
+
+def _params(setup: GraphSetup) -> list[str]:
+    return [] if setup.params is None else ["--params-file", str(setup.params)]
+
+
+def _port(setup: GraphSetup) -> Path:
+    """The pseudo-terminal that the player makes."""
+    return setup.folder / "aircraft"
 
 
 @contextlib.contextmanager
@@ -190,6 +212,12 @@ def _watch(
     if ended is None or not player.said("played"):
         raise GraphError(player.last_line())
     return play_s, cores
+
+
+def _shift_ns(player: NodeProcess) -> int:
+    """By how much the player made the stamps later, as it says when it plays live."""
+    said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
+    return 0 if said is None else int(said[1])
 
 
 def _loss(player: NodeProcess) -> str | None:

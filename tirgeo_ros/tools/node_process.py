@@ -67,11 +67,15 @@ class NodeProcess:
 
     def said(self, words: str) -> bool:
         """Whether the words stand in its log."""
-        return words in self.log.read_text(errors="replace")
+        return words in self.text()
+
+    def text(self) -> str:
+        """Its log so far."""
+        return self.log.read_text(errors="replace")
 
     def last_line(self) -> str:
         """The last line of its log."""
-        lines = [line for line in self.log.read_text(errors="replace").splitlines() if line]
+        lines = [line for line in self.text().splitlines() if line]
         return lines[-1].strip() if lines else "it said nothing"
 
     def check_running(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,14 @@ class Outputs:
         """The finite values of a key of the diagnostics."""
         texts = self.diagnostics.get(item, {}).get(key, [])
         return [value for value in map(float, texts) if math.isfinite(value)]
+
+    def earlier(self, shift_ns: int) -> Outputs:
+        """The same with all stamps earlier: those of a bag that was played live, as in the bag."""
+        return replace(
+            self,
+            cameras=[replace(pose, stamp_ns=pose.stamp_ns - shift_ns) for pose in self.cameras],
+            frame_stamps_ns=[stamp_ns - shift_ns for stamp_ns in self.frame_stamps_ns],
+        )
 
     def last(self, item: str) -> dict[str, str]:
         """The newest values of an item."""

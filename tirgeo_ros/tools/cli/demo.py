@@ -27,6 +27,11 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument(
         "--method", metavar="M", choices=("raw", "rtk", "ekf", "ekf_heading"), help="%(choices)s"
     )
+    parser.add_argument(
+        "--serial",
+        action="store_true",
+        help="the aircraft speaks DJI's serial protocol to dji_node, on a pseudo-terminal",
+    )
     return parser
 
 
@@ -37,8 +42,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if not 0.01 <= args.rate <= 100:
         raise UsageError("--rate must be from 0.01 to 100")
+    if args.serial and args.rate != 1:
+        raise UsageError("--serial runs in real time: leave --rate out")
     bag = args.bag or sample_bag()
-    given = (args.params, args.map, args.method, args.rate)
+    given = (args.params, args.map, args.method, args.rate, args.serial)
     setup = with_sample(GraphSetup(bag.absolute(), args.output.absolute(), *given))
     with Progress("playing", unit="s") as bar:
         return demonstrate(setup, bar)
