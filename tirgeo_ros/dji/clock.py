@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from tirgeo_ros.core.config.aircraft import DjiClockConfig
-from tirgeo_ros.dji.counter import RunningCounter
+from tirgeo_ros.dji.counter import LONGEST_EXTRA_NS, RunningCounter
 from tirgeo_ros.dji.envelope import LowerEnvelope
 
 _SECOND_NS = 1_000_000_000
@@ -37,8 +37,6 @@ _SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
 #: How fast the published offset goes to the line, as a share of time: in haste while not settled,
 #: else beyond the largest drift.
 _HASTE, _SLEW = 0.5, 200e-6
-#: More than this after a tick is no part of it.
-_LONGEST_EXTRA_NS = 10_000_000
 
 
 class _Stranger(NamedTuple):
@@ -95,7 +93,7 @@ class AircraftClock:
         tells it, ``arrival_ns`` the host's time of the message's last byte.
         """
         self._number += 1
-        if extra_ns and not 0 <= extra_ns <= _LONGEST_EXTRA_NS:
+        if extra_ns and not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             self._counts["bad fractions"] += 1
             extra_ns = 0
         if self._number == 1:
@@ -120,6 +118,19 @@ class AircraftClock:
             self._newest_ns = aircraft_ns
             self._follow(x, float(step_ns))
         return aircraft_ns + self._offset_ns + int(self._published)
+
+    def lateness_ns(self, ticks: int, arrival_ns: int) -> float:
+        """How much later than with the smallest latency a message is, which is not taken."""
+        if not self._number:
+            return 0.0
+        aircraft_ns = self._counter.time_ns(ticks)
+        y = arrival_ns - aircraft_ns - self._offset_ns
+        return y - self._line.base - self._line.drift * (aircraft_ns - self._origin_ns)
+
+    @property
+    def drift(self) -> float:
+        """How much faster than the counter the host's clock is, as a share."""
+        return self._line.drift
 
     @property
     def state(self) -> str:

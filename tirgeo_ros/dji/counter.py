@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+#: More than this after a tick is no part of it (a tick has 1 or 2.5 ms).
+LONGEST_EXTRA_NS = 10_000_000
+
 
 class RunningCounter:
     """Unwraps a counter: the value nearest to the newest one taken, within half a turn."""
@@ -28,10 +31,8 @@ class RunningCounter:
         return self._newest_ns + ahead * self._tick_ns
 
     def go_on(self, ticks: int, time_ns: int) -> None:
-        """Take ticks and their whole time (of ``time_ns``) as the newest, if they are."""
-        if time_ns <= self._newest_ns:
-            return
+        """Take ticks, with their time as ``time_ns`` gave it, as the newest."""
         ticks &= self._mask
-        if ticks < self._newest:
+        if ticks < self._newest and time_ns > self._newest_ns:
             self.wraps += 1
         self._newest, self._newest_ns = ticks, time_ns

@@ -20,9 +20,9 @@ from typing import NamedTuple
 _BINS = 64
 #: Drift is learned from three windows, but from no less and no more than this.
 _DRIFT_NS = 30e9, 300e9
-#: Minima are good to about 0.2 ms and clocks differ by about 30 ppm: from here on a slope that is
-#: measured is better than the one supposed before (0.2 ms / 30 ppm).
-_TRUST_NS = 7e9
+#: A slope is supposed to be the old one within this share of the largest, and minima are good to
+#: so much: that quotient is how long a stretch must be until its slope is the better one.
+_USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
 #: After a gap of the window's length the old line holds until there are new points for so long.
 _HOLD_NS = 2e9
 #: Heights above the line are kept for their distribution, about so many of each bin.
@@ -138,9 +138,10 @@ class LowerEnvelope:
         span = self._bins[-1].x - self._bins[0].x if self._bins else 0.0
         if span <= 0.0:
             return
-        slope = _middle_slope([(bin_.x, bin_.y) for bin_ in self._bins])
+        slope = middle_slope([(bin_.x, bin_.y) for bin_ in self._bins])
         slope = min(max(slope, -self._max_drift), self._max_drift)
-        trust = span * span / (span * span + _TRUST_NS * _TRUST_NS)
+        known, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
+        trust = known / (known + measured)
         self.drift = self._drift_before + trust * (slope - self._drift_before)
 
     def _lay(self, x: float) -> None:
@@ -153,7 +154,7 @@ class LowerEnvelope:
         return [bin_ for bin_ in self._bins if bin_.x >= x - self._window_ns]
 
 
-def _middle_slope(points: list[Point]) -> float:
+def middle_slope(points: list[Point]) -> float:
     """Slope of the lower hull's edge over the middle; points by increasing x, two at least."""
     hull: list[Point] = []
     for point in points:
