@@ -38,10 +38,18 @@ def advertise(node: Node, topic: str, qos: QoSProfile) -> Publisher:
 
 
 def subscribe(
-    node: Node, topic: str, handle: Callable[[Any], None], qos: QoSProfile, monitor: Monitor
+    node: Node,
+    topic: str,
+    handle: Callable[[Any], None],
+    qos: QoSProfile,
+    monitor: Monitor,
+    typename: str = "",
 ) -> Subscription:
-    """A subscription to a contract topic; a message that cannot be read is counted, not raised."""
-    kind = message_class(TOPIC_TYPES[topic])
+    """A subscription to a contract topic; a message that cannot be read is counted, not raised.
+
+    ``typename`` is for a topic that is not of the contract.
+    """
+    kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
 
     def receive(message: Any) -> None:

@@ -1,0 +1,189 @@
+"""The topics of psdk_ros2 as dji_node's source, with its state for a person.
+
+Its own package of messages, psdk_interfaces, is asked for two topics and only if it is there; the
+others are of standard types.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.validate_topic_name import validate_topic_name
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.dji.psdk_road import PsdkRoad
+from tirgeo_ros.dji.readings import Quaternion, Reading, Vector
+from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
+from tirgeo_ros.nodes.diagnostics import item_name
+from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
+from tirgeo_ros.nodes.qos import sensor_input
+from tirgeo_ros.nodes.topics import message_class, subscribe
+
+#: How often values of RTK that wait for their flags are looked after.
+_DUE_S = 0.01
+Values = Callable[[Any], Any]
+
+
+def _vector(v: Any) -> Vector:
+    return v.x, v.y, v.z
+
+
+def _quaternion(q: Any) -> Quaternion:
+    return q.w, q.x, q.y, q.z
+
+
+def _place(m: Any) -> Vector:
+    return m.latitude, m.longitude, m.altitude
+
+
+def _imu(m: Any) -> tuple[Quaternion, Vector, Vector]:
+    return (
+        _quaternion(m.orientation),
+        _vector(m.angular_velocity),
+        _vector(m.linear_acceleration),
+    )
+
+
+def _gps_details(m: Any) -> tuple[float, Vector]:
+    return m.fix_state, (m.horizontal_accuracy, m.vertical_accuracy, m.speed_accuracy)
+
+
+#: Topic to type, and to what PsdkRoad takes of a message.
+_TOPICS: dict[str, tuple[str, Values]] = {
+    "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
+    "imu": ("sensor_msgs/msg/Imu", _imu),
+    "gimbal_angles": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
+    "gps_position": ("sensor_msgs/msg/NavSatFix", _place),
+    "gps_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
+    "gps_position_fused": ("sensor_msgs/msg/NavSatFix", _place),
+    "velocity_ground_fused": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
+    "rtk_position": ("sensor_msgs/msg/NavSatFix", _place),
+    "rtk_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
+    "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),
+    "rtk_yaw_info": ("std_msgs/msg/UInt8", lambda m: m.data),
+    "rtk_yaw": ("psdk_interfaces/msg/RTKYaw", lambda m: m.yaw),
+    "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
+}
+_WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
+#: What goes missing with a topic whose type need not be installed.
+_LOST = {
+    "rtk_yaw": "no rtk/heading",
+    "gps_details": "no accuracy and no kind of fix on gps/fix",
+}
+#: Without these there is no picture to lay a map on.
+_NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
+_INSTALL = (
+    "{lost}, as psdk_interfaces is not installed here: source the workspace that psdk_ros2 was "
+    "built in, or build its package psdk_interfaces, and start again"
+)
+_SILENT = (
+    "nothing comes from psdk_ros2 on {prefix}*: is its node running and active (it is a lifecycle "
+    "node), and is psdk_prefix right?"
+)
+
+
+class PsdkSource:
+    """Subscribes to psdk_ros2 and gives the readings of its messages to ``take``."""
+
+    def __init__(
+        self,
+        node: Node,
+        config: DjiConfig,
+        take: Callable[[list[Reading]], None],
+        monitor: Monitor,
+    ) -> None:
+        """Raise ConfigError for a prefix that names no topic."""
+        self._node, self._take, self._monitor = node, take, monitor
+        self._road = PsdkRoad()
+        self._prefix = _checked(config.psdk_prefix)
+        self._heard_s = time.monotonic()
+        self._told: list[str] = []
+        missing = [topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])]
+        self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
+        for topic in _TOPICS:
+            if topic not in missing:
+                self._listen(topic)
+        for topic in _NEEDED:
+            monitor.expects(self._prefix + topic)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_DUE_S, self._due, clock=steady)
+        self._tell()
+
+    @staticmethod
+    def serve(stop: threading.Event) -> None:
+        """Wait until told to stop: the node's executor does the work."""
+        stop.wait()
+
+    def items(self) -> list[DiagnosticItem]:
+        """What a person should know; a change of it is logged."""
+        said = self._tell()
+        values = {name: str(number) for name, number in self._road.counts.items()}
+        name, message = item_name(self._node, "psdk"), "; ".join(said) or "ok"
+        return [DiagnosticItem(name, WARN if said else OK, message, values)]
+
+    def handle(self, topic: str, message: Any) -> None:
+        """A message of psdk_ros2 came; ``topic`` without the prefix."""
+        self._heard_s = time.monotonic()
+        on_topic = getattr(self._road, f"on_{topic}")
+        values = _TOPICS[topic][1](message)
+        arrival_ns = self._node.get_clock().now().nanoseconds
+        if topic in _WITHOUT_HEADER:
+            self._give(on_topic(values, arrival_ns))
+        else:
+            self._give(on_topic(values, stamp_ns(message), arrival_ns))
+
+    def _listen(self, topic: str) -> None:
+        subscribe(
+            self._node,
+            self._prefix + topic,
+            lambda message: self.handle(topic, message),
+            sensor_input(),
+            self._monitor,
+            _TOPICS[topic][0],
+        )
+
+    def _due(self) -> None:
+        self._give(self._road.due(self._node.get_clock().now().nanoseconds))
+
+    def _give(self, readings: list[Reading]) -> None:
+        if readings:
+            self._take(readings)
+
+    def _tell(self) -> list[str]:
+        """What should be set right; the log has when each begins and is over."""
+        silent = time.monotonic() - self._heard_s > SILENT_S
+        said = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
+        said += [self._lost] if self._lost else []
+        logger = self._node.get_logger()
+        for text in said:
+            if text not in self._told:
+                logger.warning(text)
+        for over in (f"over: {text}" for text in self._told if text not in said):
+            logger.info(over)
+        self._told = said
+        return said
+
+
+def _is_installed(typename: str) -> bool:
+    try:
+        message_class(typename)
+    except ConfigError:
+        return False
+    return True
+
+
+def _checked(prefix: str) -> str:
+    """The prefix with its slash."""
+    topics = f"{prefix.rstrip('/')}/" if prefix else ""
+    try:
+        validate_topic_name(f"{topics}imu")
+    except InvalidTopicNameException:
+        raise ConfigError(f"psdk_prefix: {prefix!r} cannot stand in front of topics") from None
+    return topics
