@@ -1,0 +1,366 @@
+"""What the simulated aircraft says, part by part, and how it answers."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply, rotvec_from_quat
+from tirgeo_ros.core.composition import chain
+from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.samples import (
+    CameraAttitudeSample,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.dji.aircraft import Aircraft, frames_of
+from tirgeo_ros.dji.broadcast import Layout, decode_broadcast
+from tirgeo_ros.dji.commands import (
+    NOT_ACTIVATED,
+    Activate,
+    AddPackage,
+    GetVersion,
+    MatchVersion,
+    RemovePackage,
+    ResetPackages,
+    SetRates,
+    decode_code,
+    decode_version_ack,
+    encode_request,
+)
+from tirgeo_ros.dji.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.subscription import USUAL_PACKAGES, PackageTable, decode_push
+from tirgeo_ros.dji.topics import BY_NAME
+
+MS = 1_000_000
+START = 1_634_731_200_000_000_000  # 2021-10-20 12:00:00 UTC, 20:00:00 where its maker is
+Q_NB = quat_from_euler(0.02, -0.05, 2.0)
+FIX = np.diag([1e-4, 1e-4, 4e-4])
+
+
+def imu(k: int, period_ms: int = 10, **values) -> tuple[int, ImuSample]:
+    stamp = START + k * period_ms * MS
+    given = {"specific_force_b": np.array([0.3, -0.2, -9.80665]), "autopilot_q_nb": Q_NB}
+    given |= {"angular_rate_b": np.array([0.01, -0.02, 0.5])} | values
+    return stamp, ImuSample(stamp, **given)
+
+
+def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> PositionSample:
+    return PositionSample(
+        START + at_ms * MS, source, status, math.radians(39.85), math.radians(116.7), 31.5, FIX
+    )
+
+
+def told(samples, config=None, layout=Layout.MODERN):
+    """Broadcasts that an aircraft makes of samples, sorted by arrival."""
+    config = config or SimulatedAircraftConfig()
+    frames = list(frames_of(Aircraft(config), sorted(samples, key=lambda pair: pair[0])))
+    found = FrameReader().feed(b"".join(frame.data for frame in frames))
+    assert [frame.sequence for frame in found] == [k & 0xFFFF for k in range(1, len(found) + 1)]
+    assert all(frame.session == 0 for frame in found)
+    broadcasts = [decode_broadcast(frame.value) for frame in found if frame.cmd_id == 0]
+    assert all(said is not None and said.layout is layout for said in broadcasts)
+    return broadcasts
+
+
+def test_inertial_values_are_in_g_and_rad_per_second_of_frd():
+    for said in told(imu(k) for k in range(30)):
+        # Single precision: half a unit in the last of 24 bits.
+        assert said.acceleration_as_packed == pytest.approx(
+            (0.3 / 9.80665, -0.2 / 9.80665, -1.0), rel=2**-23
+        )
+        assert said.angular_rate_radps == pytest.approx((0.01, -0.02, 0.5), rel=2**-23)
+        assert said.quaternion_wxyz == pytest.approx(Q_NB.tolist(), abs=2**-24)
+
+
+def test_receivers_are_told_in_the_aircrafts_units():
+    config = SimulatedAircraftConfig(geoid_undulation_m=-9.0, baseline_offset_deg=90.0)
+    velocity_n = np.array([1.25, -2.5, 0.125])
+    arrivals = [
+        (START + 80 * MS, rtk(0)),
+        (START + 80 * MS, VelocitySample(START, Source.RTK_VELOCITY, velocity_n, FIX)),
+        (START + 80 * MS, HeadingSample(START, math.radians(123.4), 1e-4)),
+        (START + 10 * MS, rtk(10, FixStatus.SINGLE, Source.GPS_POSITION)),
+        (START + 10 * MS, VelocitySample(START, Source.GPS_VELOCITY, velocity_n, FIX)),
+    ]
+    said = told([*(imu(k) for k in range(20)), *arrivals], config)[-2]
+    assert said.rtk.lat_deg == pytest.approx(39.85, abs=1e-12)
+    assert said.rtk.lon_deg == pytest.approx(116.7, abs=1e-12)
+    assert said.rtk.hfsl_m == pytest.approx(40.5, abs=1e-6)  # above the sea, which is at -9 m
+    assert said.rtk.vel_cmps == (125.0, -250.0, 12.5)
+    assert (said.rtk.yaw_deg, said.rtk.pos_flag, said.rtk.yaw_flag) == (-147, 50, 50)
+    assert (said.rtk.date, said.rtk.time) == (20211020, 200000)
+    assert (said.gps.lat_1e7, said.gps.lon_1e7, said.gps.hfsl_mm) == (398500000, 1167000000, 40500)
+    assert said.gps.vel_ned_cmps == (125.0, -250.0, 12.5)
+    assert (said.gps.detail.fix, said.gps.detail.nsv, said.gps.detail.counter) == (3.0, 14, 1)
+    assert said.gps.detail.hacc_mm == pytest.approx(10.0)
+    assert said.gps.detail.vacc_mm == pytest.approx(20.0)
+    assert said.velocity.xyz_mps == (1.25, -2.5, -0.125)  # up, not down
+
+
+@pytest.mark.parametrize(
+    ("status", "flag"),
+    [(FixStatus.FIXED, 50), (FixStatus.FLOAT, 34), (FixStatus.SINGLE, 16), (FixStatus.NONE, 0)],
+)
+def test_a_fix_is_told_by_its_flag(status, flag):
+    said = told([*(imu(k) for k in range(3)), (START, rtk(0, status))])
+    assert {broadcast.rtk.pos_flag for broadcast in said if broadcast.rtk} == {flag}
+
+
+def test_what_is_new_at_an_instant_is_in_the_frame_of_that_instant_and_repeated_at_50_hz():
+    epochs = [replace(rtk(at_ms), height_m=31.5 + at_ms) for at_ms in (0, 200)]
+    arrivals = [(epoch.stamp_ns + 80 * MS, epoch) for epoch in epochs]
+    said = told([*(imu(k) for k in range(60)), *arrivals])
+    polled = {k: part.rtk.hfsl_m for k, part in enumerate(said) if part.rtk is not None}
+    assert list(polled) == list(range(0, 60, 2))
+    # From the frame of 80 ms on, though the fix came behind the IMU's sample of that time.
+    assert {k for k, height_m in polled.items() if height_m == 31.5} == set(range(8, 28, 2))
+    assert {k for k, height_m in polled.items() if height_m == 231.5} == set(range(28, 60, 2))
+
+
+def test_a_silent_receiver_has_no_solution():
+    samples = [*(imu(k, 20) for k in range(120)), (START, rtk(0))]
+    flags = [(k * 20, said.rtk.pos_flag) for k, said in enumerate(told(samples))]
+    assert {flag for at_ms, flag in flags if at_ms <= 1000} == {50}
+    assert {flag for at_ms, flag in flags if at_ms > 1000} == {0}
+
+
+def test_samples_that_make_no_sense_are_left_out_and_counted():
+    aircraft = Aircraft()
+    bad = [
+        imu(1, specific_force_b=np.array([np.nan, 0.0, 0.0])),
+        (START + 10 * MS, replace(rtk(10), latitude_rad=9.0)),
+        (START + 10 * MS, JointSample(START, math.nan, 0.0, 0.0)),
+        (START + 10 * MS, CameraAttitudeSample(START, np.zeros(4))),
+    ]
+    frames = list(frames_of(aircraft, [imu(0), *bad, imu(0), imu(2)]))
+    assert len(frames) == 2
+    assert aircraft.counts == {"broadcasts": 2, "pushes": 0, "invalid": 4, "imu_not_later": 1}
+
+
+def test_without_an_attitude_the_quaternion_is_absent():
+    said = told([imu(0), imu(1, autopilot_q_nb=None), imu(2, autopilot_q_nb=np.zeros(4))])
+    assert [broadcast.quaternion_wxyz is None for broadcast in said] == [False, True, True]
+
+
+JOINTS = {"yaw_rad": 0.3, "roll_rad": -0.04, "pitch_rad": -0.6}
+REPORTED = quat_from_euler(0.0, -0.5, 2.4)
+
+
+def gimbal_said(config, samples):
+    said = told([*(imu(k) for k in range(60)), *samples], config)
+    return [(k, part.gimbal) for k, part in enumerate(said) if part.gimbal is not None]
+
+
+def angle_of(gimbal, q_ng) -> float:
+    rpy = np.radians([gimbal.roll_deg, gimbal.pitch_deg, gimbal.yaw_deg])
+    turned = quat_multiply(quat_from_euler(*rpy), q_ng * [1, -1, -1, -1])
+    return float(np.linalg.norm(rotvec_from_quat(turned)))
+
+
+def both_gimbals(until_ms: int):
+    for at_ms in range(5, until_ms, 20):  # between the samples of the IMU
+        stamp = START + at_ms * MS
+        yield stamp, JointSample(stamp, **JOINTS)
+        yield stamp, CameraAttitudeSample(stamp, REPORTED)
+
+
+def test_joints_are_told_as_the_attitude_that_they_give_with_the_aircrafts():
+    said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(600))
+    q_ng = quat_multiply(Q_NB, np.array(chain(JointSample(0, **JOINTS))[0]))
+    assert len(said) >= 25
+    # Three angles of single precision, 2^-24 of 180 deg each.
+    assert max(angle_of(gimbal, q_ng) for _, gimbal in said) < 3 * math.pi * 2**-24
+
+
+def test_the_reported_attitude_is_told_where_it_is_wanted_or_joints_are_not_there():
+    reported = gimbal_said(SimulatedAircraftConfig(gimbal="reported"), both_gimbals(600))
+    alone = gimbal_said(SimulatedAircraftConfig(), list(both_gimbals(600))[1::2])
+    for said in (reported, alone):
+        assert max(angle_of(gimbal, REPORTED) for _, gimbal in said) < 3 * math.pi * 2**-24
+
+
+def test_a_silent_gimbal_is_left_out():
+    said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(300))
+    assert [k for k, _ in said] == list(range(2, 29, 2))  # from 5 ms to 285 ms
+
+
+def test_the_old_layout_has_no_more_than_it_can_hold():
+    samples = [*(imu(k) for k in range(5)), (START, rtk(0)), *both_gimbals(60)]
+    said = told(samples, SimulatedAircraftConfig(layout="legacy"), Layout.LEGACY)[2]
+    assert said.time[2:] == (None, None, 0)
+    assert said.relative_position is None
+    assert said.gps.detail is None
+    assert said.battery is None
+    assert said.status.mode is None
+    assert said.rtk.pos_flag == 50
+    assert said.gimbal is not None
+
+
+def test_its_clock_is_its_own_and_wraps():
+    config = SimulatedAircraftConfig(clock_start_ms=2**32 - 20, clock_drift_ppm=1000.0)
+    ms = [said.time.time_ms for said in told((imu(k) for k in range(5)), config)]
+    assert ms == [2**32 - 20, 2**32 - 10, 0, 10, 20]
+    late = told([imu(0), imu(1), imu(100), imu(101)], replace(config, clock_start_ms=0))
+    assert late[-2].time == (1001, 0, 400, 0, 0)  # a millisecond of a second fast
+
+
+def test_a_flight_that_starts_again_switches_it_on_anew():
+    said = told([imu(k) for k in range(300)])
+    assert said[-1].time.time_ms == 60_000 + 2990
+    aircraft = Aircraft()
+    back = [(START + 5_000 * MS + k * 10 * MS, imu(k)[1]) for k in range(3)]
+    frames = list(frames_of(aircraft, [*(imu(k) for k in range(300)), *back]))
+    found = FrameReader().feed(frames[-3].data)
+    assert decode_broadcast(found[0].value).time.time_ms == 60_000
+
+
+def test_frames_leave_in_order_when_their_samples_arrived():
+    rng = np.random.default_rng(3)
+    arrivals = sorted(START + k * 10 * MS + round(rng.exponential(8e6)) for k in range(200))
+    samples = [(at, imu(k)[1]) for k, at in enumerate(arrivals)]
+    times = [frame.time_ns for frame in frames_of(Aircraft(), samples)]
+    assert times == arrivals
+
+
+# What the host asks.
+
+
+class Host:
+    """Asks an aircraft, in frames of reliable sessions."""
+
+    def __init__(self, aircraft):
+        self.aircraft = aircraft
+        self.sequence = 0
+
+    def ask(self, request, session=2):
+        self.sequence += 1
+        asked = encode_frame(encode_request(request), session=session, sequence=self.sequence)
+        frames = FrameReader().feed(self.aircraft.answer(asked))
+        assert all(
+            (f.is_ack, f.session, f.sequence) == (True, session, self.sequence) for f in frames
+        )
+        return frames[0].data if frames else b""
+
+    def code(self, request):
+        return decode_code(request, self.ask(request))
+
+
+def package(number, rate_hz, *names):
+    return AddPackage(number, rate_hz, True, tuple(BY_NAME[name].uid for name in names))
+
+
+@pytest.fixture
+def host():
+    return Host(Aircraft(activation=(3, 0)))
+
+
+def test_it_tells_what_it_is_and_whether_it_is_activated(host):
+    said = decode_version_ack(host.ask(GetVersion()))
+    assert (said.code, said.hardware, said.firmware) == (
+        NOT_ACTIVATED,
+        "PM820V3PRO",
+        (3, 2, 41, 13),
+    )
+    activation = Activate(1234, said.firmware)
+    assert host.code(activation) == 3  # a new device: once more
+    assert host.code(activation) == 0
+    assert decode_version_ack(host.ask(GetVersion())).code == 0
+
+
+def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):
+    asked = encode_frame(encode_request(Activate(1, (3, 2, 41, 13))), session=2, sequence=9)
+    assert host.aircraft.answer(asked[:7]) == b""
+    ack = host.aircraft.answer(asked[7:])
+    assert ack
+    assert host.aircraft.answer(asked) == ack  # asked again: the same answer, not the next
+    assert host.ask(GetVersion(), session=0) == b""
+    assert host.aircraft.answer(encode_frame(b"\x07\x07\x01", session=2)) == b""  # never heard of
+
+
+def test_rates_are_set_by_their_codes():
+    aircraft = Aircraft()
+    host = Host(aircraft)
+    assert host.code(SetRates((9,) * 16)) == 1
+    assert host.code(SetRates((2, 5, 2) + (0,) * 13)) == 0
+    frames = list(frames_of(aircraft, (imu(k) for k in range(100))))
+    said = [decode_broadcast(f.value) for f in FrameReader().feed(b"".join(f[1] for f in frames))]
+    assert [k for k, part in enumerate(said) if part.time is not None] == list(range(0, 100, 10))
+    assert all(part.quaternion_wxyz is not None for part in said)
+    assert all(part.angular_rate_radps is part.rtk is part.gimbal is None for part in said)
+    assert host.code(SetRates((0,) * 16)) == 0
+    assert list(frames_of(aircraft, (imu(k) for k in range(100, 140)))) == []
+
+
+def test_packages_need_an_activation_and_are_checked(host):
+    imu_topics = package(0, 400, "HARD_SYNC")
+    assert host.code(imu_topics) == 0x23
+    host.code(Activate(1, (3, 2, 41, 13)))
+    host.code(Activate(1, (3, 2, 41, 13)))
+    assert host.code(MatchVersion()) == 0
+    assert host.code(MatchVersion(7)) == 2
+    assert host.code(imu_topics) == 0
+    assert host.code(imu_topics) == 4
+    assert host.code(imu_topics._replace(id=1)) == 0x24
+    assert host.code(package(5, 50, "VELOCITY")) == 3
+    assert host.code(package(1, 100, "VELOCITY", "RTK_YAW")) == 6
+    assert host.code(package(1, 50)) == 0x20
+    assert host.code(AddPackage(1, 50, True, (0xDEADBEEF,))) == 0x22
+    assert host.code(package(1, 5, "RTK_CONNECT_STATUS")) == 0x22  # not of this firmware
+    assert host.code(RemovePackage(3)) == 5
+    assert host.code(RemovePackage(0)) == 0
+    assert host.code(imu_topics) == 0
+    assert host.code(ResetPackages()) == 0
+    assert not list(host.aircraft.desk.packages)
+
+
+def test_a_request_of_wrong_length_is_told_so(host):
+    bad = encode_frame(b"\x0b\x01\x00", session=2, sequence=1)
+    (ack,) = FrameReader().feed(host.aircraft.answer(bad))
+    assert ack.data == b"\x01"
+
+
+def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
+    aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=1000, pushes=True))
+    samples = [
+        imu(
+            k,
+            angular_rate_b=np.array([0.001 * k, 0.0, 0.0]),
+            specific_force_b=np.array([0, 0, -9.8]),
+        )
+        for k in range(101)
+    ]
+    frames = list(frames_of(aircraft, samples))
+    assert [f.time_ns for f in frames] == sorted(f.time_ns for f in frames)
+    table = PackageTable(USUAL_PACKAGES)
+    found = [(f, FrameReader().feed(f.data)[0]) for f in frames]
+    pushes = [(f, decode_push(frame.value, table)) for f, frame in found if frame.cmd_id == 5]
+    sync = [(f, push) for f, push in pushes if push.package.id == 3]
+    assert len(sync) == 401  # a second of 400 Hz, both ends
+    for k, (frame, push) in enumerate(sync):
+        tick = push.values["HARD_SYNC"]
+        assert frame.time_ns == START + k * 2_500_000
+        assert (tick.time2p5ms, tick.time1ns, tick.reset_time2p5ms) == (400 + k, 0, k)
+        assert tick.gyro_radps[0] == pytest.approx(0.001 * k / 4, abs=1e-8)
+    # Nothing is known of the gimbal, which stands in package 1: it waits.
+    assert {push.package.id for _, push in pushes} == {0, 2, 3, 4}
+
+
+def test_numbers_are_those_of_the_wire():
+    """One frame by hand: mask, time, quaternion, acceleration, rate."""
+    aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=5000))
+    Host(aircraft).ask(SetRates((4, 4, 4, 0, 4) + (0,) * 11))
+    (frame,) = frames_of(aircraft, [imu(0)])
+    value = struct.pack("<HIIIHB", 0b10111, 5000, 0, 2000, 0, 0)
+    value += struct.pack("<4f", *Q_NB) + struct.pack("<3f", 0.3 / 9.80665, -0.2 / 9.80665, -1.0)
+    value += struct.pack("<3f", 0.01, -0.02, 0.5)
+    assert frame.data == encode_frame(b"\x02\x00" + value, sequence=1)

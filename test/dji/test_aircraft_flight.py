@@ -1,0 +1,193 @@
+"""The sample flight through the serial link: bytes on a wire in place of a bag's messages.
+
+Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a reader who is late ->
+frames -> readings -> samples -> the filter and the gimbal, beside the bag's samples themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.config import (
+    BagPlayerConfig,
+    DjiConfig,
+    EkfConfig,
+    GimbalConfig,
+    OverlayConfig,
+)
+from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.dji.aircraft import Aircraft, frames_of
+from tirgeo_ros.dji.clock import AircraftClock
+from tirgeo_ros.dji.framing import FrameReader
+from tirgeo_ros.dji.meaning import Interpreter
+from tirgeo_ros.dji.subscription import PackageTable
+from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import SENSED_SAMPLES
+from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.tools.ground_points import locate_observations
+from tirgeo_ros.tools.recording import body_errors, load_recording, load_truth, track_of
+
+#: The project's figure: heading and ground error of the serial run against those of the bag run.
+AS_GOOD = 1.25
+#: The sample's first clicks are 10 s into it.
+SETTLED_S = 10.0
+BYTE_NS = 10 * 1_000_000_000 // 921_600
+
+
+class Line:
+    """A wire that takes its time and a reader that takes his: he never sees a byte too early."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._free_ns = self._read_ns = 0
+
+    def read_ns(self, sent_ns: int, length: int) -> int:
+        """When the last byte of a frame is read: half a millisecond late, at times 20."""
+        self._free_ns = max(self._free_ns, sent_ns) + length * BYTE_NS
+        late_ns = self._rng.exponential(0.5e6) + 20e6 * (self._rng.random() < 0.01)
+        self._read_ns = max(self._read_ns, self._free_ns + round(late_ns))
+        return self._read_ns
+
+
+@dataclass(frozen=True)
+class Judged:
+    heading_deg: float
+    ground_m: dict[str, float]  # by composition
+    located: int
+
+
+class Flight:
+    """The sample, its parameters and what it is judged by."""
+
+    def __init__(self, folder):
+        params = ParameterFile(folder / "params.yaml")
+        self.dji = params.config("dji_node", DjiConfig)
+        self.aircraft = params.config("bag_player", BagPlayerConfig).aircraft
+        self._ekf = params.config("ekf_node", EkfConfig)
+        self._gimbal = params.config("gimbal_node", GimbalConfig)
+        self._overlay = params.config("overlay_node", OverlayConfig)
+        self._truth = load_truth(folder / "truth.mcap")
+        self._survey = load_survey(folder / "survey.geojson")
+        self._clicks = load_observations(folder / "observations.csv")
+        self._camera = load_recording(folder / "flight.mcap").camera
+        cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
+        self.samples = [
+            (
+                item.log_time_ns,
+                SENSED_SAMPLES[item.topic[1:]](cdr.deserialize(item.data, item.typename)),
+            )
+            for item in bag.messages([f"/{topic}" for topic in SENSED_SAMPLES])
+        ]
+
+    def heard(self, **changes):
+        """The samples that come out of the aircraft's bytes, and their interpreter."""
+        aircraft = Aircraft(replace(self.aircraft, **changes))
+        clocks = Clocks(
+            AircraftClock(self.dji.clock),
+            AircraftClock(self.dji.clock),
+            AircraftClock(self.dji.clock, 2_500_000),
+        )
+        reader, line = FrameReader(), Line(seed=7)
+        telemetry = Telemetry(clocks, PackageTable())
+        interpreter = Interpreter(self.dji)
+        samples = []
+        for sent_ns, data in frames_of(aircraft, self.samples):
+            read_ns = line.read_ns(sent_ns, len(data))
+            for frame in reader.feed(data):
+                for reading in telemetry.read(frame, read_ns):
+                    samples += interpreter.take(reading)
+        return samples + interpreter.flush(), interpreter
+
+    def judged(self, samples) -> Judged:
+        track = track_of(samples, self._ekf, self._gimbal)
+        errors = body_errors(track.bodies, self._truth, SETTLED_S)
+        ground = {
+            composition: locate_observations(
+                poses,
+                track.plane,
+                self._camera,
+                self._clicks,
+                self._survey,
+                ground_height_m=self._overlay.ground_height_m,
+                video_latency_s=self._overlay.video_latency_s,
+            )
+            for composition, poses in track.cameras.items()
+        }
+        return Judged(
+            math.degrees(errors.heading_rad),
+            {name: found.rmse_m for name, found in ground.items()},
+            min(len(found.located) for found in ground.values()),
+        )
+
+
+@pytest.fixture(scope="module")
+def flight(sample):
+    return Flight(sample)
+
+
+@pytest.fixture(scope="module")
+def bag(flight):
+    return flight.judged([found for _, found in flight.samples])
+
+
+@pytest.fixture(scope="module")
+def by_joints(flight):
+    return flight.heard()
+
+
+def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
+    serial = flight.judged(by_joints[0])
+    assert serial.located == bag.located >= 20
+    assert serial.heading_deg <= AS_GOOD * bag.heading_deg
+    # Encoders survive by the attitude that is composed of them; the reported one is better too.
+    assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["encoders"]
+    assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
+
+
+def test_the_reported_attitude_is_as_good_as_the_bags(flight, bag):
+    samples, _ = flight.heard(gimbal="reported", layout="legacy")
+    serial = flight.judged(samples)
+    assert serial.heading_deg <= AS_GOOD * bag.heading_deg
+    assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
+    # Joints are computed of it: they can be no better than it, and are no worse.
+    assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["paper"]
+
+
+def test_each_measurement_comes_once(flight, by_joints):
+    """The receivers are polled at 50 Hz and measure 5 and 10 times a second."""
+
+    def number(samples):
+        return Counter((type(s), getattr(s, "source", None)) for s in samples)
+
+    samples, interpreter = by_joints
+    assert interpreter.warnings == []
+    assert number(samples) == number(found for _, found in flight.samples)
+
+
+def imu_stamps(samples):
+    return np.array([s.stamp_ns for s in samples if isinstance(s, ImuSample)])
+
+
+def test_stamps_are_the_measurements_own(flight, by_joints):
+    """Late by the wire and the reader's best, early by no more than half a millisecond.
+
+    75 bytes take 0.81 ms at 921600 baud, and the fastest of some thousand reads none more.
+    """
+    said = imu_stamps([found for _, found in flight.samples])
+    settled = (imu_stamps(by_joints[0]) - said)[500:] / 1e6
+    assert settled.min() > -0.5
+    assert np.median(settled) == pytest.approx(0.8, abs=0.3)
+    assert settled.max() < 2.0
+
+
+def test_a_clock_that_drifts_and_wraps_changes_nothing(flight, by_joints):
+    samples, _ = flight.heard(clock_start_ms=2**32 - 10_000, clock_drift_ppm=50.0)
+    # A millisecond of the counter is truncated, and 50 ppm of a 20 s window is one more.
+    assert np.abs(imu_stamps(samples) - imu_stamps(by_joints[0]))[500:].max() < 2e6
