@@ -140,7 +140,7 @@ def test_version(capsys):
 
 @pytest.mark.parametrize("module", VERBS, ids=lambda module: module.__name__.rpartition(".")[2])
 def test_each_verbs_help_has_an_example_and_json(module):
-    name = module.__name__.rpartition(".")[2]
+    name = module.__name__.rpartition(".")[2].removesuffix("_")
     parser = command.parser_of([module])
     action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     assert list(action.choices) == [name]

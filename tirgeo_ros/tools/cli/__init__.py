@@ -1,6 +1,7 @@
 r"""The command ``tirgeo VERB``: one module of this package a verb.
 
-Every module here but ``main`` and those that begin with ``_`` is a verb of its own name. It has::
+Every module here but ``main`` and those that begin with ``_`` is a verb of its own name
+(``import_`` is ``import``). It has::
 
     def add_parser(subparsers: Subparsers) -> ArgumentParser:
         parser = subparsers.add_parser(

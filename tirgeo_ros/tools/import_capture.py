@@ -1,0 +1,170 @@
+"""A capture of the aircraft's serial port to the topics of the contract.
+
+The bytes tell no time of arrival. Stamps are the aircraft's own, placed in time by the date and
+time of day that its receivers send (whole seconds, of GMT+8 by DJI's headers), or by a start that
+is given. The log time is when the aircraft sent what a sample is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.errors import DjiError
+from tirgeo_ros.dji.broadcast import decode_broadcast
+from tirgeo_ros.dji.capture_clock import CaptureTimeline
+from tirgeo_ros.dji.civil_time import WholeSeconds, guess_utc_offset
+from tirgeo_ros.dji.encryption import parse_key
+from tirgeo_ros.dji.framing import Frame, FrameReader
+from tirgeo_ros.dji.package_entries import package_table
+from tirgeo_ros.dji.readings import Reading
+from tirgeo_ros.dji.subscription import PackageTable, decode_push
+from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.tools.import_sink import ImportSink
+from tirgeo_ros.tools.progress import Report, silent
+
+_CHUNK_BYTES = 1 << 16
+_HARD_SYNC_TICK_NS = 2_500_000
+_HOUR_NS = 3_600_000_000_000
+_PUSHES = 0x02
+_BROADCAST, _SUBSCRIPTION = 0x00, 0x05
+#: So many new seconds tell when the capture was made, to some milliseconds.
+_SECONDS = 60
+
+
+class CaptureOptions(NamedTuple):
+    """How a capture is to be read; what is not given is as dji_node's parameters say."""
+
+    packages: str = ""  # YAML file
+    key: str = ""  # 64 hexadecimal digits
+    start_ns: int | None = None  # UTC of the first message
+
+
+class _Placed(NamedTuple):
+    """Where a capture lies in time."""
+
+    timeline: CaptureTimeline
+    said: str
+    warning: str | None
+
+
+class _Pass:
+    """One reading of a capture, from its first byte on."""
+
+    def __init__(self, path: Path, packages: str, key: str, timeline: CaptureTimeline) -> None:
+        self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
+        self.frames = FrameReader(parse_key(key))
+        clocks = Clocks(timeline.clock(), timeline.clock(), timeline.clock(_HARD_SYNC_TICK_NS))
+        self.telemetry = Telemetry(clocks, self.table)
+        self._path = path
+        self._timeline = timeline
+
+    def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
+        """Each frame and what it says. DjiError where there is none."""
+        total = self._path.stat().st_size
+        with self._path.open("rb") as file:
+            while chunk := file.read(_CHUNK_BYTES):
+                yield from map(self._read, self.frames.feed(chunk))
+                progress(file.tell() * 1e-6, total * 1e-6)
+        yield from map(self._read, self.frames.rescan())
+        if not self.frames.counts["frames"]:
+            raise DjiError(
+                f"{self._path}: no frame in {total} bytes: neither a ROS 1 bag nor what an "
+                "aircraft's serial port sent at the right baud rate"
+            )
+
+    def _read(self, frame: Frame) -> tuple[Frame, list[Reading]]:
+        return frame, self.telemetry.read(frame, self._timeline.now_ns)
+
+
+def import_capture(
+    path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
+) -> dict[str, object]:
+    """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
+    packages, key = options.packages or config.packages, options.key or config.key
+    placed = _placed(path, packages, key, options.start_ns)
+    run = _Pass(path, packages, key, placed.timeline)
+    newest_ns = 0
+    for _, readings in run.readings(progress):
+        for reading in readings:
+            newest_ns = max(newest_ns, reading.stamp_ns)
+            sink.take(newest_ns, reading)
+    counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
+    warnings = [placed.warning, *_complaints(counts, run.telemetry.counts)]
+    return {
+        "kind": "capture",
+        "time": placed.said,
+        "frames": run.frames.counts,
+        "telemetry": run.telemetry.counts,
+        "warnings": [warning for warning in warnings if warning],
+        "damage": None,
+    }
+
+
+def _placed(path: Path, packages: str, key: str, start_ns: int | None) -> _Placed:
+    if start_ns is not None:
+        return _Placed(CaptureTimeline(start_ns), "of --start-time", None)
+    seconds = _seconds(path, packages, key)
+    if seconds.shift_ns is None or seconds.newest_ns is None:
+        return _Placed(
+            CaptureTimeline(),
+            "since the aircraft's power-up",
+            "the capture has no date: times count from the aircraft's power-up, in 1970; give "
+            "--start-time",
+        )
+    zone = guess_utc_offset(seconds.newest_ns, path.stat().st_mtime_ns)
+    said = f"of the aircraft's receivers, taken as GMT+{zone.hours}"
+    doubt = None if zone.is_known else f"{said}; give --start-time if that is wrong by hours"
+    shift_ns = seconds.shift_ns - zone.hours * _HOUR_NS
+    return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
+
+
+def _seconds(path: Path, packages: str, key: str) -> WholeSeconds:
+    """The seconds that the receivers say, against the aircraft's time since power-up."""
+    found, number, known = WholeSeconds(), 0, None
+    run = _Pass(path, packages, key, CaptureTimeline())
+    for frame, readings in run.readings(silent):
+        words = _words(frame, run.table) if readings else None
+        if words is None:
+            continue
+        found.take(readings[-1].stamp_ns, *words)
+        number += words != known
+        known = words
+        if number > _SECONDS:
+            break
+    return found
+
+
+def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
+    """Date and time of day that a frame has: RTK's, else those of the ordinary GPS."""
+    if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
+        broadcast = decode_broadcast(frame.value)
+        block = broadcast and (broadcast.rtk or broadcast.gps)
+        return None if block is None else (block.date, block.time)
+    if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _SUBSCRIPTION):
+        push = decode_push(frame.value, table)
+        values = {} if push is None else push.values
+        if "GPS_DATE" in values and "GPS_TIME" in values:
+            return int(values["GPS_DATE"]), int(values["GPS_TIME"])
+    return None
+
+
+def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[str]:
+    """What of a capture could not be used."""
+    if frames.get("not decrypted"):
+        yield f"{frames['not decrypted']} frames are encrypted: give --key"
+    damaged = frames["bad_crc32"] + frames["truncated"]
+    if damaged or frames["skipped_bytes"]:
+        yield (
+            f"{frames['skipped_bytes']} bytes are in no frame, {damaged} frames are damaged or cut"
+        )
+    if telemetry.get("unknown_layout"):
+        yield f"{telemetry['unknown_layout']} broadcasts are of a layout that is not known"
+    if telemetry.get("unknown_package"):
+        yield (
+            f"{telemetry['unknown_package']} pushes are of packages that are not known: give "
+            "--packages"
+        )
