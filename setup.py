@@ -9,7 +9,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "tirgeo"
-NODES = ("ekf_node", "gimbal_node", "overlay_node", "bag_player")
+NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player")
 VERSION = re.search(
     r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
@@ -58,6 +58,8 @@ setup(
         "zstandard",
         "rosbags>=0.10.11",
         "PyYAML>=5.4",
+        "pyserial>=3.5",
+        "cryptography>=41",
     ],
     extras_require={
         "ros": [

@@ -1,6 +1,7 @@
 """The node graph, live or on a bag.
 
-``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft;
+``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
+``dji:=false`` says that other drivers give its topics;
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson bag:=flight.mcap`` plays a flight in sim
 time and ends when it ends.
 """
@@ -22,6 +23,7 @@ ARGUMENTS = {
     "params_file": (str(SHARE / "config" / "m600_xt2.yaml"), "parameters of all nodes (YAML)"),
     "map": ("", "the map to draw; empty = as params_file says"),
     "bag": ("", "MCAP file to play instead of a live aircraft; the graph ends with it"),
+    "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),
     "namespace": ("", "namespace of the aircraft, as uav1; empty = none"),
 }
 
@@ -57,7 +59,17 @@ def graph(context: LaunchContext) -> list[Node]:
         played = [*params, *path_parameter("bag", given["bag"])]
         end = Shutdown(reason="the bag has ended")
         nodes.append(node("bag_player", given["namespace"], played, on_exit=end))
+    elif is_true("dji", given["dji"]):
+        nodes.append(node("dji_node", given["namespace"], common))
     return nodes
+
+
+def is_true(name: str, value: str) -> bool:
+    """A launch argument that is true or false, in any case, or 1 or 0."""
+    known = {"true": True, "1": True, "false": False, "0": False}
+    if value.lower() not in known:
+        raise ValueError(f"argument {name}:={value}: say true or false")
+    return known[value.lower()]
 
 
 def node(name: str, namespace: str, parameters: list[object], **more: object) -> Node:

@@ -10,7 +10,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-NODES = {"ekf_node", "gimbal_node", "overlay_node", "bag_player"}
+NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
 
 class Recorded(SimpleNamespace):
@@ -71,7 +71,7 @@ def test_launch_without_arguments_starts_the_live_graph(launch_file):
 def test_launch_on_a_bag_runs_in_sim_time_and_ends_with_it(launch_file, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     nodes = launched(launch_file, bag="7", map="my map.geojson", params_file="", namespace="uav1")
-    assert set(nodes) == NODES
+    assert set(nodes) == NODES - {"dji_node"}
     assert {node.namespace for node in nodes.values()} == {"uav1"}
     assert nodes["ekf_node"].parameters == [{"use_sim_time": True}]
     (sim_time, drawn) = nodes["overlay_node"].parameters
@@ -80,6 +80,16 @@ def test_launch_on_a_bag_runs_in_sim_time_and_ends_with_it(launch_file, monkeypa
     (played,) = nodes["bag_player"].parameters
     assert (played["bag"].positional, played["bag"].value_type) == ((str(tmp_path / "7"),), str)
     assert type(nodes["bag_player"].on_exit).__name__ == "Shutdown"
+
+
+@pytest.mark.parametrize("word", ["false", "False", "0"])
+def test_launch_leaves_dji_node_out_for_other_drivers(launch_file, word):
+    assert set(launched(launch_file, dji=word)) == NODES - {"bag_player", "dji_node"}
+
+
+def test_launch_asks_for_true_or_false(launch_file):
+    with pytest.raises(ValueError, match="argument dji:=maybe: say true or false"):
+        launched(launch_file, dji="maybe")
 
 
 def test_launch_leaves_a_users_dds_profile_alone(launch_file, monkeypatch):

@@ -19,7 +19,7 @@ import tirgeo_ros
 
 ROOT = Path(__file__).resolve().parents[1]
 NAME = "tirgeo"
-NODES = {"ekf_node", "gimbal_node", "overlay_node", "bag_player"}
+NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
 #: What the modules that the code imports are called in package.xml, where not the same.
 KEYS = {
@@ -28,11 +28,15 @@ KEYS = {
     "pyproj": "python3-pyproj",
     "yaml": "python3-yaml",
     "PIL": "python3-pil",
+    "serial": "python3-serial",
+    "cryptography": "python3-cryptography",
 }
 #: What they are called on PyPI.
-WHEELS = {"cv2": "opencv-python-headless", "yaml": "PyYAML", "PIL": "Pillow"}
+WHEELS = {"cv2": "opencv-python-headless", "yaml": "PyYAML", "PIL": "Pillow", "serial": "pyserial"}
 #: No key of rosdep that a system with an externally managed Python would take.
 BY_PIP_ALONE = {"mcap", "lz4", "zstandard", "rosbags"}
+#: Not in the distribution, and needed with an M300 or M350 alone.
+FROM_SOURCE = {"psdk_interfaces"}
 LAUNCH = {"launch", "launch_ros", "ros2launch"}
 
 
@@ -125,7 +129,7 @@ def test_pyproject_has_no_project_table():
 
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(ROOT / "tirgeo_ros") | message_packages(ROOT / "tirgeo_ros")
-    keys = {KEYS.get(name, name) for name in code - BY_PIP_ALONE}
+    keys = {KEYS.get(name, name) for name in code - BY_PIP_ALONE - FROM_SOURCE}
     assert dependencies(package_xml, "depend", "exec_depend") == keys | LAUNCH
     assert imported_modules(ROOT / "launch") <= LAUNCH
 

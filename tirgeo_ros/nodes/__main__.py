@@ -6,7 +6,7 @@ import sys
 
 from tirgeo_ros.nodes.start import start
 
-NAMES = ("ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder")
+NAMES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder")
 
 if __name__ == "__main__":
     if len(sys.argv) < 2 or sys.argv[1] not in NAMES:

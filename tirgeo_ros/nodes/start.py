@@ -30,6 +30,11 @@ def start(name: str) -> int:
     return int(module.main())
 
 
+def dji_node() -> int:
+    """Aircraft to topics."""
+    return start("dji_node")
+
+
 def ekf_node() -> int:
     """Navigation filter."""
     return start("ekf_node")

@@ -1,0 +1,97 @@
+"""The serial link as a whole, without the port: bytes in, readings out, and what to send.
+
+What was read goes through framing, telemetry and the host's side; the port itself is
+``dji.serial_link``'s, so that a capture and a test go the same way.
+"""
+
+from __future__ import annotations
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.dji.clock import AircraftClock
+from tirgeo_ros.dji.encryption import parse_key
+from tirgeo_ros.dji.framing import Frame, FrameReader
+from tirgeo_ros.dji.host_session import HostSession
+from tirgeo_ros.dji.readings import Reading
+from tirgeo_ros.dji.subscription import PackageTable
+from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+
+#: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
+_PAUSE_S = 0.05
+_HARD_SYNC_TICK_NS = 2_500_000
+
+
+class SerialRoad:
+    """What came over the link, as readings; ``due`` is what the host has to say."""
+
+    def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
+        """Raise DjiError for a key that is none."""
+        key = parse_key(config.key)
+        self._frames = FrameReader(key)
+        self._broadcast = AircraftClock(config.clock)
+        self._subscription = AircraftClock(config.clock)
+        self._hard_sync = AircraftClock(config.clock, _HARD_SYNC_TICK_NS)
+        clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
+        self._telemetry = Telemetry(clocks, packages)
+        self._host = HostSession(config.host, packages, key)
+        self._heard_s: float | None = None
+
+    def take(self, data: bytes, arrival_ns: int, now_s: float) -> list[Reading]:
+        """What these bytes say that came in at ``arrival_ns``; ``now_s`` is a steady clock's.
+
+        To be called without bytes as well, now and then: a frame whose rest does not come is
+        given up after a pause.
+        """
+        if data:
+            self._heard_s = now_s
+            frames = self._frames.feed(data)
+        elif self._heard_s is not None and now_s - self._heard_s > _PAUSE_S:
+            self._heard_s = None
+            frames = self._frames.rescan()
+        else:
+            return []
+        return [
+            reading for frame in frames for reading in self._take_frame(frame, arrival_ns, now_s)
+        ]
+
+    def _take_frame(self, frame: Frame, arrival_ns: int, now_s: float) -> list[Reading]:
+        self._host.take(frame, now_s)
+        return self._telemetry.read(frame, arrival_ns)
+
+    def due(self, now_s: float) -> bytes:
+        """What is to be sent now; nothing where the node only listens."""
+        return self._host.due(now_s)
+
+    def reopened(self) -> None:
+        """The port was opened anew: what was cut is given up, the host begins again."""
+        self._frames.rescan()
+        self._heard_s = None
+        self._host.restart()
+
+    @property
+    def bytes(self) -> int:
+        """How many bytes came in all."""
+        return self._frames.counts["bytes"]
+
+    @property
+    def frames(self) -> int:
+        """How many frames came in all."""
+        return self._frames.counts["frames"]
+
+    @property
+    def host_message(self) -> str:
+        """What the host's side says to a person."""
+        return self._host.message
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """Counts of frames, clocks that run, and the host's side."""
+        found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
+        found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
+        clocks = {
+            "broadcast": self._broadcast,
+            "subscription": self._subscription,
+            "hard sync": self._hard_sync,
+        }
+        for name, clock in clocks.items():
+            found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
+        return found | self._host.diagnostics

@@ -1,0 +1,77 @@
+"""The aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
+
+from __future__ import annotations
+
+import threading
+
+from rclpy.node import Node
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.dji.meaning import Interpreter
+from tirgeo_ros.dji.readings import Reading
+from tirgeo_ros.io.messages import SENSED_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
+from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.psdk_source import PsdkSource
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.serial_source import SerialSource
+from tirgeo_ros.nodes.topics import advertise, message_class
+
+
+class DjiNode(Node):
+    """One source of readings, one Interpreter, and the topics that the aircraft gives."""
+
+    def __init__(self) -> None:
+        super().__init__("dji_node")
+        config = declare(self, DjiConfig)
+        self._interpreter = Interpreter(config)
+        self._messages = Messages(message_class)
+        self._monitor = Monitor()
+        self._topics = {topic: advertise(self, topic, output()) for topic in SENSED_TOPICS}
+        self._lock = threading.Lock()  # the port is read beside the executor
+        self._told: set[str] = set()
+        if config.source == "serial":
+            self._source: SerialSource | PsdkSource = SerialSource(self, config, self._take)
+        else:
+            self._source = PsdkSource(self, config, self._take, self._monitor)
+        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+
+    def serve(self, stop: threading.Event) -> int:
+        """Read the source until told to stop; the exit code."""
+        self._source.serve(stop)
+        return 0
+
+    def _take(self, readings: list[Reading]) -> None:
+        with self._lock:
+            for reading in readings:
+                for sample in self._interpreter.take(reading):
+                    self._publish(sample)
+
+    def _publish(self, sample: SensedSample) -> None:
+        topic, message = sensed(self._messages, sample)
+        self._topics[topic].publish(message)
+        self._monitor.published(topic, self.get_clock(), sample.stamp_ns)
+
+    def _items(self) -> list[DiagnosticItem]:
+        with self._lock:
+            warnings = list(self._interpreter.warnings)
+            counts = {name: str(n) for name, n in self._interpreter.counts.items()}
+            values = self._interpreter.diagnostics | counts
+        for warning in warnings:
+            self._warn_once(warning)
+        name = item_name(self, "aircraft")
+        message = "; ".join(warnings) or "ok"
+        own = DiagnosticItem(name, WARN if warnings else OK, message, values)
+        return [*self._source.items(), own]
+
+    def _warn_once(self, warning: str) -> None:
+        if warning not in self._told:
+            self._told.add(warning)
+            self.get_logger().warning(warning)
+
+
+def main() -> int:
+    """Run the node; the exit code."""
+    return run("dji_node", DjiNode, DjiNode.serve)

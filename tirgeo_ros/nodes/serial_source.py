@@ -1,0 +1,100 @@
+"""The serial port of the aircraft as dji_node's source, with its state for a person."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.dji.link_watch import Level, LinkReport, LinkWatch
+from tirgeo_ros.dji.package_entries import package_table
+from tirgeo_ros.dji.readings import Reading
+from tirgeo_ros.dji.serial_link import SerialLink
+from tirgeo_ros.dji.serial_road import SerialRoad
+from tirgeo_ros.dji.subscription import PackageTable
+from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.nodes.diagnostics import item_name
+
+#: Longest wait for bytes: so often a link that is silent is looked after.
+_WAIT_S = 0.02
+
+
+class SerialSource:
+    """One port, what comes through it, and what the host sends."""
+
+    def __init__(
+        self, node: Node, config: DjiConfig, take: Callable[[list[Reading]], None]
+    ) -> None:
+        """Raise DjiError for a key or a table of packages that cannot be used."""
+        self._node = node
+        self._take = take
+        packages = PackageTable()
+        if config.packages:
+            packages = package_table(load_yaml(config.packages), config.packages)
+        self._road = SerialRoad(config, packages)
+        self._link = SerialLink(config.port, config.baud)
+        self._watch = LinkWatch(config.port, config.baud)
+        self._openings = 0
+        self._lock = threading.Lock()  # diagnostics look at what the reading changes
+        self._host_message = ""
+
+    def serve(self, stop: threading.Event) -> None:
+        """Read until told to stop. Nothing that happens to the cable ends it."""
+        try:
+            while not stop.is_set():
+                self._turn()
+        finally:
+            self._link.close()
+
+    def _turn(self) -> None:
+        data = self._link.read(_WAIT_S)
+        arrival_ns = self._node.get_clock().now().nanoseconds
+        now_s = time.monotonic()
+        with self._lock:
+            if self._link.openings != self._openings:
+                self._openings = self._link.openings
+                self._road.reopened()
+            readings = self._road.take(data, arrival_ns, now_s)
+            to_send = self._road.due(now_s)
+            report = self._look(now_s)
+        if to_send:
+            self._link.write(to_send)
+        self._take(readings)
+        self._tell(report)
+
+    def _look(self, now_s: float) -> LinkReport | None:
+        link, road = self._link, self._road
+        return self._watch.look(now_s, link.state, link.message, road.bytes, road.frames)
+
+    def _tell(self, report: LinkReport | None) -> None:
+        """Log what has changed, each once."""
+        if report is not None:
+            # Two lines of code: rclpy holds that one line logs with one severity.
+            if report.level is Level.OK:
+                self._node.get_logger().info(report.message)
+            else:
+                self._node.get_logger().warning(report.message)
+        if self._road.host_message != self._host_message:
+            self._host_message = self._road.host_message
+            self._node.get_logger().info(self._host_message)
+
+    def items(self) -> list[DiagnosticItem]:
+        """The state of the link, and counts of what came through it."""
+        with self._lock:
+            report = self._watch.report
+            values = self._road.diagnostics
+        name = item_name(self._node, "link")
+        if report is None:
+            return [DiagnosticItem(name, int(Level.WARN), "not opened yet", values)]
+        state = {
+            "state": report.condition.value,
+            "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
+            "bytes_per_s": f"{report.bytes_per_s:.0f}",
+            "frames_per_s": f"{report.frames_per_s:.1f}",
+            "openings": str(self._openings),
+        }
+        return [DiagnosticItem(name, int(report.level), report.message, state | values)]
