@@ -20,7 +20,7 @@ from tirgeo_ros.dji.commands import (
 )
 from tirgeo_ros.dji.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.host_session import HostSession, HostState
-from tirgeo_ros.dji.subscription import USUAL_PACKAGES, PackageTable
+from tirgeo_ros.dji.subscription import USUAL_PACKAGES, Package, PackageTable
 
 KEY = bytes(range(32))
 
@@ -312,6 +312,56 @@ def test_topics_that_an_m600_does_not_know_are_left_out():
     assert [topic.name for topic in flight.table.get(1).topics] == ["GIMBAL_ANGLES"]
     assert "package 1 added in part: without GIMBAL_CONTROL_MODE" in flight.session.message
     assert flight.kinds.count("AddPackage") == 2  # a topic that is not known stays so
+
+
+def test_a_package_with_topics_unknown_and_offline_is_tried_again_for_the_latter():
+    mixed = Package.of(2, 5, with_timestamp=True, names=("GPS_DATE", "RTK_YAW", "HEIGHT_FUSION"))
+    unknown = mixed.topics[2].uid
+    flight = Flight(packages=[mixed])
+    flight.aircraft.refusals = lambda r: (
+        rtk_is_off(r) or (0x22 if isinstance(r, AddPackage) and unknown in r.uids else None)
+    )
+    flight.fly(50.0)
+    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE"]
+    assert "without RTK_YAW, HEIGHT_FUSION: the source of a topic is off" in flight.session.message
+    flight.aircraft.refusals = lambda r: (
+        0x22 if isinstance(r, AddPackage) and unknown in r.uids else None
+    )
+    flight.fly(31.0)
+    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE", "RTK_YAW"]
+
+
+@pytest.mark.parametrize("at", [MatchVersion, AddPackage])
+def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
+    flight = Flight()
+    lost = []
+
+    def refusals(request):
+        if isinstance(request, at) and not lost:
+            lost.append(request)
+            flight.aircraft.switch_off_and_on()
+            return 0x23
+        return None
+
+    flight.aircraft.refusals = refusals
+    flight.fly(20.0, HostState.READY)
+    assert flight.kinds.count("Activate") == 2
+    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+
+
+def test_a_refused_subscription_ends_there():
+    flight = Flight()
+    flight.aircraft.refusals = lambda r: 0x50 if isinstance(r, AddPackage) else None
+    flight.fly(0.5)
+    assert flight.kinds.count("AddPackage") == 1
+    assert "subscription: not authorised: check host.app_id" in flight.session.message
+
+
+def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
+    flight = Flight(DjiHostConfig(app_id=5))
+    flight.broadcasts = False
+    flight.fly(400.0)
+    assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
 
 
 def test_another_version_of_the_subscription_is_told():

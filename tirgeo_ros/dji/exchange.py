@@ -70,11 +70,6 @@ class Exchange:
         """Run this dialogue from the next ``due`` on, instead of any other."""
         self._dialogue, self._step = dialogue, None
 
-    def wake(self) -> None:
-        """End a pause."""
-        if isinstance(self._step, Pause):
-            self._until_s = self.now_s
-
     def take(self, frame: Frame, now_s: float) -> None:
         """Take a frame that came; acks other than the one that is waited for are counted."""
         self.now_s = now_s

@@ -108,13 +108,12 @@ class HostSession:
         """Take a frame that came, of any kind."""
         if self._listens:
             return
-        was_silent, self._heard_s = self._heard_s is None, now_s
+        if self._heard_s is None:  # it was switched on just now: no need to wait any longer
+            self._failures = 0
+        self._heard_s = now_s
         if self._subscriber and (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH:
             self._subscriber.hear(frame.value, now_s)
         self._exchange.take(frame, now_s)
-        if was_silent:  # it was switched on just now
-            self._failures = 0
-            self._exchange.wake()
 
     def due(self, now_s: float) -> bytes:
         """The frame to send now; b"" if there is none."""

@@ -7,7 +7,6 @@ from enum import Enum
 
 from tirgeo_ros.dji.commands import (
     PACKAGE_IDS,
-    AddPackage,
     MatchVersion,
     RemovePackage,
     Request,
@@ -86,7 +85,7 @@ class Subscriber:
         self._table, self._exchange = table, exchange
         self._slots = {package.id: _Slot(package) for package in table}
         for package in table:
-            encode_request(_request(package))  # raises now, not in flight
+            encode_request(package.request)  # raises now, not in flight
         self._is_clean = False  # versions match and no package of another host is left
 
     def hear(self, value: bytes, now_s: float) -> None:
@@ -173,7 +172,7 @@ class Subscriber:
             refusals.append(code)
             fewer = _without(package, _DISPENSABLE.get(code, frozenset()))
             if fewer is None:
-                slot.set(_Status.REFUSED, code, explain(_request(package), code))
+                slot.set(_Status.REFUSED, code, explain(package.request, code))
                 return
             package = fewer
         self._note_added(slot, package, refusals)
@@ -184,12 +183,12 @@ class Subscriber:
             return
         refusal = _OFFLINE if _OFFLINE in refusals else refusals[-1]
         missing = [t.name for t in slot.package.topics if t not in package.topics]
-        words = explain(_request(package), refusal)
+        words = explain(package.request, refusal)
         slot.set(_Status.PARTIAL, refusal, f"without {', '.join(missing)}: {words}")
 
     def _put(self, package: Package) -> Dialogue[int]:
         """Add it; instead of one that has its id already, which an unheard ack leaves."""
-        request = _request(package)
+        request = package.request
         code = yield from self._code(request)
         if code == _EXISTS:
             yield from self._code(RemovePackage(package.id))
@@ -205,11 +204,6 @@ class Subscriber:
         if code in {_DONE, _UNKNOWN_PACKAGE}:
             self._table.learn(request)
         return code
-
-
-def _request(package: Package) -> AddPackage:
-    uids = tuple(topic.uid for topic in package.topics)
-    return AddPackage(package.id, package.rate_hz, package.with_timestamp, uids)
 
 
 def _without(package: Package, names: frozenset[str]) -> Package | None:
