@@ -14,10 +14,12 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
+    TwistWithCovarianceStamped,
     Vector3Stamped,
 )
+from graph_helpers import await_words
 from rclpy.node import Node
-from sensor_msgs.msg import Imu, NavSatFix
+from sensor_msgs.msg import Imu, JointState, NavSatFix
 from std_msgs.msg import UInt8
 
 from tirgeo_ros.core.config import DjiConfig
@@ -246,3 +248,51 @@ def test_another_prefix(meet):
 def test_a_prefix_that_names_no_topic_is_refused(meet):
     with pytest.raises(ConfigError, match="psdk_prefix: '1 2' cannot stand in front of topics"):
         Aircraft(meet(), prefix="1 2")
+
+
+def test_dji_node_gives_the_graph_its_topics(spawn, meet):
+    """Another process, with nothing but standard types."""
+    node = spawn("dji_node", "-p", "source:=psdk", "-p", "geoid_undulation_m:=40.0")
+    await_words(node, "ready")
+    wanted = {
+        "imu/data": Imu,
+        "rtk/fix": NavSatFix,
+        "rtk/vel": TwistWithCovarianceStamped,
+        "gps/fix": NavSatFix,
+        "gimbal/attitude": QuaternionStamped,
+        "gimbal/joint_states": JointState,
+    }
+    stranger = meet(**wanted)
+    imu, fix = Imu(), place(52.0)
+    attitude_of(imu.orientation)
+    imu.linear_acceleration.z = 9.8
+    topics = {
+        "imu": imu,
+        "rtk_position": fix,
+        "rtk_velocity": vector(TwistStamped, (1.0, 2.0, 3.0)),
+        "rtk_position_info": UInt8(data=50),
+        "gps_position": place(52.0),
+        "gimbal_angles": vector(Vector3Stamped, (0.0, 0.5, 1.571)),
+    }
+    got = stranger.received
+
+    def done() -> bool:
+        fix.latitude += 1e-7  # a centimetre: what does not change is a repeat
+        return all(map(got.get, wanted)) and got["rtk/fix"][-1].status.status == 2
+
+    send(stranger, topics, done)
+    rtk = got["rtk/fix"][-1]
+    assert rtk.latitude == pytest.approx(52.0, abs=1e-3)
+    assert rtk.altitude == pytest.approx(128.5)
+    assert rtk.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    assert rtk.position_covariance[0] == pytest.approx(0.01**2)
+    linear = got["rtk/vel"][-1].twist.twist.linear
+    assert (linear.x, linear.y, linear.z) == (2.0, 1.0, -3.0)
+    # Half a radian down, seen along the nose.
+    joints = got["gimbal/joint_states"][-1]
+    angles = dict(zip(joints.name, joints.position, strict=True))
+    assert angles["gimbal_pitch_joint"] == pytest.approx(0.5, abs=1e-9)
+    assert angles["gimbal_yaw_joint"] == pytest.approx(0.0, abs=1e-9)
+    assert got["imu/data"][-1].linear_acceleration.z == pytest.approx(9.80665)
+    node.check_running()
+    assert "Traceback" not in node.log.read_text()
