@@ -33,6 +33,13 @@ _LEAST, _MOST = 0.5, 2.0
 _UPSIDE = 0.5
 
 
+def factor_of(unit: AccelerationUnit) -> float | None:
+    """To m/s2; None where the road does not tell."""
+    if unit is AccelerationUnit.G:  # by identity: hashing an Enum's member takes longer
+        return G_M_S2
+    return 1.0 if unit is AccelerationUnit.M_S2 else None
+
+
 class Looks:
     """Means of vectors over a while each: of the first 0.4 s, then of 2 s."""
 
@@ -112,7 +119,7 @@ class UnitBySize:
         if mean is None:
             return
         self.size = math.hypot(*mean)
-        found = _factor_of(self.size)
+        found = _factor_by(self.size)
         if self.factor is None:
             self.factor = found
             return
@@ -144,7 +151,7 @@ class UnitBySize:
         return name if self.size is None else f"{name} (by its size, {self.size:.3f})"
 
 
-def _factor_of(size: float) -> float:
+def _factor_by(size: float) -> float:
     """To m/s2 from the unit in which gravity would have this size; 0 where it is not gravity."""
     for factor in (G_M_S2, 1.0):
         if _LEAST <= size * factor / G_M_S2 <= _MOST:
@@ -186,7 +193,3 @@ class ForceCheck:
                 "raw data in DJI Assistant 2, SDK)"
             )
         return ""
-
-
-#: To m/s2, where the road tells the unit.
-FACTORS = {AccelerationUnit.G: G_M_S2, AccelerationUnit.M_S2: 1.0}

@@ -25,6 +25,8 @@ _WAIT_NS = 250_000_000
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 #: Two streams of one gimbal mix within this; a stamp that goes back further is another clock.
 _CLOCK_NS = 1_000_000_000
+#: Whatever turn an angle is counted in, it is smaller.
+_LARGEST_RAD = 1e3
 #: Roll beyond 84 deg: a thousandth of an angle's error is a hundredth of yaw's.
 _SINGULAR_COSINE = 0.1
 
@@ -35,14 +37,15 @@ class GimbalMeaning:
     """The gimbal's readings to samples, each with the body's attitude at its own instant.
 
     A reading waits at most 0.25 s for that attitude, then goes out without joints; where yaw
-    counts from the nose it cannot go out without. Counted: ``gimbal_not_finite``,
-    ``gimbal_out_of_order``, ``gimbal_without_joints``, ``gimbal_without_heading`` (dropped) and
-    ``joints_near_singularity``.
+    counts from the nose it cannot go out without. Counted: ``gimbal_refused`` (not finite, or
+    no angle), ``gimbal_out_of_order``, ``gimbal_without_joints``, ``gimbal_without_heading``
+    (dropped) and ``joints_near_singularity``.
     """
 
     def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
         self._from_nose = config.gimbal_reference == "body"
         self._delay_ns = round(config.delay.gimbal_s * 1e9)
+        self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
         self._attitudes = attitudes
         self._counts = counts
         self._waiting: deque[GimbalReading] = deque()
@@ -57,8 +60,8 @@ class GimbalMeaning:
 
     def take(self, reading: GimbalReading) -> list[GimbalSample]:
         """Take a reading; samples of those before it, if it is of another clock."""
-        if not all(map(math.isfinite, reading[1:])):
-            self._counts["gimbal_not_finite"] += 1
+        if not all(abs(angle) < _LARGEST_RAD for angle in reading[1:]):
+            self._counts["gimbal_refused"] += 1
             return []
         reading = reading._replace(stamp_ns=reading.stamp_ns - self._delay_ns)
         newest_ns, before = self._newest_ns, []
@@ -74,13 +77,14 @@ class GimbalMeaning:
     def resolve(self, now_ns: int) -> list[GimbalSample]:
         """The samples of readings whose attitude has come or will not come any more.
 
-        ``now_ns``: the newest stamp of any reading.
+        ``now_ns``: the newest stamp of any reading, its delay not taken off.
         """
+        now_ns -= self._attitude_delay_ns
         found: list[GimbalSample] = []
         while self._waiting:
             stamp_ns = self._waiting[0].stamp_ns
             q_nb = self._attitudes.at(stamp_ns)
-            overdue = not -_CLOCK_NS < now_ns - stamp_ns <= _WAIT_NS
+            overdue = now_ns - stamp_ns > _WAIT_NS
             if isinstance(q_nb, Miss) and q_nb in _MAY_COME and not overdue:
                 break
             found += self._samples(self._waiting.popleft(), q_nb)

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.config.aiding import GpsConfig
 from tirgeo_ros.core.samples import FixStatus, PositionSample, VelocitySample
 from tirgeo_ros.dji.meaning.epochs import Value
 from tirgeo_ros.dji.meaning.flags import NO_FIX, UNKNOWN_SIGMA_M, Quality
@@ -26,6 +27,8 @@ _SIGMA_2D_DOWN_M = 1000.0
 #: Of the place of a 2D fix whose accuracy is not told: what a wrong height does to it too.
 _SIGMA_2D_M = 10.0
 
+_USUAL_SIGMA_M = GpsConfig().position_sigma_m
+
 _Sigmas = tuple[float | None, float | None, float | None]  # across, down (m), velocity (m/s)
 _NOT_TOLD: _Sigmas = (None, None, None)
 
@@ -36,7 +39,8 @@ class GpsMeaning:
     3D fixes (with dead reckoning or without) are single; so are 2D ones, with a height that says
     nothing; all others are no fix. What a reading lacks of fix and accuracy is the newest for
     1.5 s. A road that has never told the kind of fix has none to tell: its places are single.
-    Where the accuracy is not told the covariance is zero: not known, and the filter has its own.
+    Where no accuracy is told the covariance is zero: not known, and the filter has its own. Where
+    only that across or down is told, the other is the filter's default.
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
@@ -76,8 +80,10 @@ class GpsMeaning:
             horizontal = horizontal or _SIGMA_2D_M
             vertical = max(vertical or 0.0, _SIGMA_2D_DOWN_M)
         variance = (0.0, 0.0, 0.0)
-        if horizontal is not None and vertical is not None:
-            variance = (horizontal**2, horizontal**2, vertical**2)
+        if horizontal is not None or vertical is not None:
+            north, east, down = _USUAL_SIGMA_M
+            sigmas = (horizontal or north, horizontal or east, vertical or down)
+            variance = (sigmas[0] ** 2, sigmas[1] ** 2, sigmas[2] ** 2)
         return Quality(FixStatus.SINGLE, variance, (speed or 0.0) ** 2)
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:

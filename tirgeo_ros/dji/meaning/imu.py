@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from math import isfinite
 
 import numpy as np
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.samples import Array, ImuSample
-from tirgeo_ros.dji.meaning.acceleration import FACTORS, ForceCheck, UnitBySize
+from tirgeo_ros.dji.meaning.acceleration import ForceCheck, UnitBySize, factor_of
 from tirgeo_ros.dji.meaning.attitudes import Attitudes, unit_quaternion
 from tirgeo_ros.dji.meaning.streams import DrivingStream
 from tirgeo_ros.dji.readings import (
@@ -24,6 +23,8 @@ from tirgeo_ros.dji.readings import (
 #: A stamp that goes back further is another clock and passes; the filter judges it.
 _CLOCK_NS = 1_000_000_000
 
+#: Beyond this, in any unit, a number is none; what an aircraft cannot do the filter judges.
+_LARGEST = 1e6
 #: Held back at most: 5 s at 100 Hz of readings that are too sparse or too wild to tell by.
 _MOST_HELD = 500
 
@@ -34,12 +35,13 @@ class ImuMeaning:
     """The IMU's readings to samples, and every attitude to the history.
 
     While the unit of acceleration is not known yet, samples are held back (0.4 s, at least
-    twenty) and given out with it; without gravity they are dropped. Counted: ``imu_not_finite``,
-    ``imu_unused_`` with the name of a stream that does not drive, ``imu_out_of_order`` (a stamp
-    not later than the one before), ``imu_went_back`` (another clock; passes),
-    ``imu_without_gravity``, ``imu_unit_not_known`` (held back, then not to be told),
-    ``imu_without_attitude``, ``imu_attitude_carried`` (from another message's, by the rate),
-    ``attitude_not_unit``, ``imu_handovers`` and ``acceleration_unit_changes``.
+    twenty) and given out with it; without gravity they are dropped. Counted: ``imu_refused``
+    (not finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that
+    does not drive, ``imu_out_of_order`` (a stamp not later than the one before),
+    ``imu_went_back`` (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known``
+    (held back, then not to be told), ``imu_without_attitude``, ``imu_attitude_carried`` (from
+    another message's, by the rate), ``attitude_not_unit``, ``imu_handovers`` and
+    ``acceleration_unit_changes``.
     """
 
     def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
@@ -58,15 +60,15 @@ class ImuMeaning:
         """The sample of a reading, and those that were held back for it; or none."""
         stamp_ns, origin, (x, y, z), unit, (p, q, r), q_nb = reading
         stamp_ns -= self._delay_ns
-        finite = isfinite(x + y + z + p + q + r)
-        drives = finite and self._streams.drives(origin, stamp_ns)
+        sound = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST  # nor is NaN
+        drives = sound and self._streams.drives(origin, stamp_ns)
         attitude = None if q_nb is None else self._attitude(q_nb)
         if attitude is not None:
             (self._attitudes.put if drives else self._attitudes.offer)(stamp_ns, attitude)
-        if not finite:
-            self._counts["imu_not_finite"] += 1
+        if not sound:
+            self._counts["imu_refused"] += 1
             return []
-        factor = FACTORS.get(unit)
+        factor = factor_of(unit)
         if factor is None:
             by_size = self._units[origin]
             by_size.add(stamp_ns, reading.acceleration_b)
