@@ -145,13 +145,9 @@ def test_nonsense_is_counted_where_all_roads_meet(road):
         *road.on_gps_position((bad, 0.0, 0.0), START, START),
         *road.on_gps_velocity((bad, 0.0, 0.0), START, START),
     ]
-    samples = [sample for r in readings for sample in meaning.take(r)]
-    assert samples == []
-    counts = {name: meaning.counts.get(name) for name in ("imu_not_finite", "gimbal_not_finite")}
-    assert counts == {"imu_not_finite": 1, "gimbal_not_finite": 1}
-    assert meaning.counts["attitude_not_unit"] == 1
-    assert meaning.counts["gps_position_refused"] == 1
-    assert meaning.counts["gps_velocity_refused"] == 1
+    for number, reading in enumerate(readings, 1):
+        assert meaning.take(reading) == []
+        assert len(meaning.counts) == number, meaning.counts
 
 
 def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
