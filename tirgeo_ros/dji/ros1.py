@@ -4,15 +4,17 @@ Time. A reading has its message's stamp: when the wrapper got it, or with ``alig
 aircraft's clock as the wrapper placed it. A message without a header, or with a stamp of 0 (the
 gimbal's in the first versions), has the time when it was recorded, which is later by some
 milliseconds; RTK's yaw and flags, which have none, go with the position that was recorded at the
-same time and have its stamp. How old a value was when the aircraft sent it is a parameter
-(``rtk.delay_s``, ``delay``) and taken off where the readings get their meaning.
+same time and have its stamp. An IMU that is stamped in bursts (the serial port's, at 400 Hz) gets
+the stamps of its steady rate below them. How old a value was when the aircraft sent it is a
+parameter (``rtk.delay_s``, ``delay``) and taken off where the readings get their meaning.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from statistics import median
+from itertools import pairwise
+from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.errors import MessageError
@@ -20,6 +22,7 @@ from tirgeo_ros.dji import ros1_messages, ros1_older
 from tirgeo_ros.dji.readings import ImuReading, Reading, RtkReading
 from tirgeo_ros.dji.ros1_lags import StampLags, StampSurvey
 from tirgeo_ros.dji.rtk_epochs import RtkEpochs
+from tirgeo_ros.dji.steady_stamps import SteadyStamps
 
 #: The names that the wrapper's node goes by.
 WRAPPERS = ("dji_sdk", "dji_osdk_ros")
@@ -29,6 +32,9 @@ _ASTRAY_NS = 5_000_000_000
 #: What the wrapper multiplies g with. With broadcast it does so even where the aircraft is set to
 #: send m/s2; a specific force of more than 5 g that lasts shows that.
 _WRAPPER_GRAVITY, _TWICE_M_S2 = 9.801, 50.0
+#: A stream has bursts if half of its steps are off by half; whole milliseconds at 400 Hz are off
+#: by a fifth, and lost messages are few.
+_BURST_SHARE, _BURST_NUMBER = 0.5, 20
 
 _READERS: dict[tuple[str, str], Callable[[Any, int], Reading]] = {
     (name, typename): read
@@ -96,6 +102,7 @@ class Ros1Setup(NamedTuple):
 
     shift_ns: int = 0  # the recorder's clock less that of the stamps
     gravity: float = 1.0  # by which accelerations of ``imu`` are too large
+    bursts: bool = False  # ``imu`` is stamped in bursts
 
 
 class Ros1Survey:
@@ -104,6 +111,7 @@ class Ros1Survey:
     def __init__(self) -> None:
         self._stamps = StampSurvey()
         self._forces_m_s2: list[float] = []
+        self._imu_ns: list[int] = []
 
     @property
     def is_full(self) -> bool:
@@ -114,6 +122,7 @@ class Ros1Survey:
         """Look at a message of one of the wrapper's topics."""
         self._stamps.add(_header_ns(message), record_ns)
         if name == "imu":
+            self._imu_ns.append(_header_ns(message))
             force = message.linear_acceleration
             self._forces_m_s2.append(math.hypot(force.x, force.y, force.z))
 
@@ -122,7 +131,18 @@ class Ros1Survey:
         """What was found."""
         sizes = [size for size in self._forces_m_s2 if math.isfinite(size)]
         twice = bool(sizes) and median(sizes) > _TWICE_M_S2
-        return Ros1Setup(self._stamps.shift_ns, _WRAPPER_GRAVITY if twice else 1.0)
+        gravity = _WRAPPER_GRAVITY if twice else 1.0
+        return Ros1Setup(self._stamps.shift_ns, gravity, self._has_bursts)
+
+    @property
+    def _has_bursts(self) -> bool:
+        """Whether the IMU's steps are far from their mean; of aligned stamps they are whole ms."""
+        steps_ns = [after - before for before, after in pairwise(self._imu_ns)]
+        if len(steps_ns) < _BURST_NUMBER:
+            return False
+        mean_ns = fmean(steps_ns)
+        far = sum(abs(step_ns - mean_ns) > _BURST_SHARE * mean_ns for step_ns in steps_ns)
+        return far > _BURST_SHARE * len(steps_ns)
 
 
 class Ros1Road:
@@ -133,6 +153,7 @@ class Ros1Road:
         self._epochs = RtkEpochs()
         self._older = ros1_older.OlderImu()
         self._lags = StampLags()
+        self._steady = SteadyStamps() if setup.bursts else None
 
     def arrival_ns(self, record_ns: int) -> int:
         """When a message was recorded, by the clock of the stamps."""
@@ -176,6 +197,8 @@ class Ros1Road:
                 "imu has gravity multiplied in twice (broadcast, with m/s2 set in DJI Assistant "
                 f"2): its acceleration was divided by {_WRAPPER_GRAVITY}"
             )
+        if self._steady is not None:
+            found.append("imu is stamped in bursts: it has the stamps of its steady rate instead")
         return found + self._lags.warnings("imu", "gimbal_angle")
 
     def _stamp_ns(self, name: str, message: Any, arrival_ns: int) -> int:
@@ -186,6 +209,8 @@ class Ros1Road:
             off_s = (stamp_ns - arrival_ns) * 1e-9
             raise MessageError(f"stamped {off_s:+.0f} s from when it was recorded")
         self._lags.add(name, stamp_ns, arrival_ns)
+        if name == "imu" and self._steady is not None:
+            return self._steady.stamp_ns(stamp_ns)
         return stamp_ns
 
     def _read(self, name: str, typename: str, message: Any, stamp_ns: int) -> list[Reading]:

@@ -73,6 +73,19 @@ class Cdr:
             )
         return message
 
+    def from_ros1(self, data: bytes, typename: str, topic: str = "") -> bytes:
+        """A message as ROS 1 sends it to CDR. Raises MessageError where it is no such message.
+
+        The fields are those of ROS 2, without the ``seq`` of ROS 1's headers.
+        """
+        self.types(typename)
+        try:
+            return bytes(self._store.ros1_to_cdr(data, typename))
+        except _UNREADABLE as error:
+            raise MessageError(
+                f"{topic or typename}: {len(data)} bytes are no {typename} of ROS 1: {error}"
+            ) from None
+
     def definition(self, typename: str) -> str:
         """The text of the definition with all that it is made of, as an MCAP schema holds it."""
         self.types(typename)

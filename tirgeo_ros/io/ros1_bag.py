@@ -126,16 +126,6 @@ class Ros1Bag:
                 f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
             ) from None
 
-    def as_cdr(self, message: Ros1Message) -> bytes:
-        """The message as ROS 2 has it: CDR, headers without ``seq``. Raises MessageError."""
-        store = self._store(self._contents.connections[message.connection])
-        try:
-            return bytes(store.ros1_to_cdr(message.data, message.typename))
-        except _UNREADABLE as error:
-            raise MessageError(
-                f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
-            ) from None
-
     def _store(self, connection: Connection) -> Typestore:
         key = connection.typename, connection.definition
         if key not in self._stores:

@@ -161,6 +161,10 @@ def contents_of(data: mmap, name: str) -> Contents:
             indexed = _is_indexed(data, record, name)
         else:
             _TAKE.get(record.op, _nothing)(found, data, record)
+            if found.chunks and found.chunks[-1].size is None:
+                break  # to the end of the file: what looks like records in it is packed
+            if record.cut and record.op != Op.CHUNK:
+                found.losses[record.start] = f"the record at byte {record.start} is cut off"
     if not indexed:
         found.losses[len(data)] = "no index at the end: it is cut off, or was not closed"
     _complete(found, data)

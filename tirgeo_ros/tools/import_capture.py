@@ -15,7 +15,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.broadcast import decode_broadcast
 from tirgeo_ros.dji.capture_clock import CaptureTimeline
-from tirgeo_ros.dji.civil_time import WholeSeconds, guess_utc_offset
+from tirgeo_ros.dji.civil_time import WholeSeconds, guess_utc_offset, utc_from_words
 from tirgeo_ros.dji.encryption import parse_key
 from tirgeo_ros.dji.framing import Frame, FrameReader
 from tirgeo_ros.dji.package_entries import package_table
@@ -140,16 +140,17 @@ def _seconds(path: Path, packages: str, key: str) -> WholeSeconds:
 
 def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
     """Date and time of day that a frame has: RTK's, else those of the ordinary GPS."""
+    found: list[tuple[int, int]] = []
     if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
-        broadcast = decode_broadcast(frame.value)
-        block = broadcast and (broadcast.rtk or broadcast.gps)
-        return None if block is None else (block.date, block.time)
-    if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _SUBSCRIPTION):
+        parts = decode_broadcast(frame.value)
+        blocks = () if parts is None else (parts.rtk, parts.gps)
+        found = [(block.date, block.time) for block in blocks if block is not None]
+    elif (frame.cmd_set, frame.cmd_id) == (_PUSHES, _SUBSCRIPTION):
         push = decode_push(frame.value, table)
         values = {} if push is None else push.values
         if "GPS_DATE" in values and "GPS_TIME" in values:
-            return int(values["GPS_DATE"]), int(values["GPS_TIME"])
-    return None
+            found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
+    return next((words for words in found if utc_from_words(*words, 0) is not None), None)
 
 
 def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[str]:

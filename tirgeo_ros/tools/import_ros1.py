@@ -115,7 +115,8 @@ class Ros1Import:
         """Raise MessageError for a message that cannot be used."""
         contract = self._passed.get(message.topic)
         if contract is not None:
-            sink.pass_on(self.road.arrival_ns(message.record_ns), contract, self._picture(message))
+            data = self._cdr.from_ros1(message.data, TOPIC_TYPES[contract], message.topic)
+            sink.pass_on(self.road.arrival_ns(message.record_ns), contract, data)
             return
         name = self.names[message.topic]
         if message.typename not in types_of(name):
@@ -123,12 +124,6 @@ class Ros1Import:
         decoded = self.bag.decoded(message)
         for arrived in self.road.take(name, message.typename, decoded, message.record_ns):
             sink.take(*arrived)
-
-    def _picture(self, message: Ros1Message) -> bytes:
-        """The message's CDR. MessageError where ROS 2's type of that name reads it otherwise."""
-        data = self.bag.as_cdr(message)
-        self._cdr.deserialize(data, message.typename)
-        return data
 
     def _row(self, message: Ros1Message) -> TopicIn:
         key = message.topic, message.typename
