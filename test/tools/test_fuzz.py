@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import random
 import re
 
+import numpy as np
 import pytest
 
+from tirgeo_ros.core.samples import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.dji.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.meaning.interpreter import Interpreter
 from tirgeo_ros.tools import fuzz
 from tirgeo_ros.tools.dji_damage import KEY, damaged_stream
 from tirgeo_ros.tools.progress import silent
@@ -15,11 +19,22 @@ from tirgeo_ros.tools.progress import silent
 FRAME = encode_frame(b"\x02\x00\x00\x00")
 
 
-def test_ten_million_bytes_of_damage():
+def test_ten_million_bytes_of_damage(monkeypatch):
+    kinds = set()
+
+    class Watched(Interpreter):
+        def take(self, reading):
+            samples = super().take(reading)
+            kinds.update(map(type, samples))
+            return samples
+
+    monkeypatch.setattr(fuzz, "Interpreter", Watched)
     found = fuzz.fuzz(10_000_000, 1000, silent)
     assert found.difference == ""
     assert found.bytes == 10_000_000
     assert found.frames > 20_000
+    # Else there would be nothing that could be found not finite.
+    assert kinds > {ImuSample, PositionSample, CameraAttitudeSample}
 
 
 def test_ten_million_bytes_of_noise_hold_no_frame():
@@ -141,14 +156,32 @@ def test_a_wrong_reader_is_found_out(reader, message, monkeypatch, capsys):
     assert fuzz.main(["--bytes", "1", "--seed", again[1]]) == 1
 
 
-def test_what_raises_is_told_with_its_seed(monkeypatch, capsys):
-    def broken(value):
+class Chokes(Interpreter):
+    """Cannot take what it is given."""
+
+    def take(self, _reading):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(fuzz, "decode_broadcast", broken)
+
+class Spreads(Interpreter):
+    """Hands on what is no number."""
+
+    def take(self, reading):
+        wrong = np.array([0.0, math.nan, -9.8])
+        return [*super().take(reading), ImuSample(reading.stamp_ns, wrong, np.zeros(3))]
+
+
+def test_what_raises_is_told_with_its_seed(monkeypatch, capsys):
+    monkeypatch.setattr(fuzz, "Interpreter", Chokes)
     with pytest.raises(ZeroDivisionError):
         fuzz.main(["--bytes", "1", "--seed", "9"])
     assert "raised by --seed 9 --bytes 1" in capsys.readouterr().err
+
+
+def test_what_is_not_finite_is_found_out(monkeypatch, capsys):
+    monkeypatch.setattr(fuzz, "Interpreter", Spreads)
+    assert fuzz.main(["--bytes", "1"]) == 1
+    assert re.search(r"not finite: ImuSample\(.*nan.*--seed 0", capsys.readouterr().out)
 
 
 def test_a_frame_made_up_in_a_pause_is_found_out(monkeypatch):

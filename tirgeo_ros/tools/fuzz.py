@@ -1,8 +1,9 @@
-"""``make fuzz``: 1e8 bytes of damage and frames through the frame reader and the decoders.
+"""``make fuzz``: 1e8 bytes of damage and frames through the frame reader and on to samples.
 
 The frames must be those that the rules give when they are read one byte at a time, for whatever
-pieces the bytes come in, with the same counts and little held between the pieces; no bytes may
-raise. The exit code is 1 if a stretch differs; it is told how to repeat that one alone.
+pieces the bytes come in, with the same counts and little held between the pieces; the samples
+that are made of what they say must be finite. No bytes may raise. The exit code is 1 if a stretch
+differs; it is told how to repeat that one alone.
 """
 
 from __future__ import annotations
@@ -12,19 +13,28 @@ import random
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import cycle
 
-from tirgeo_ros.dji.broadcast import decode_broadcast
+import numpy as np
+
+from tirgeo_ros.core.config.aircraft import DjiConfig, DjiHostConfig
 from tirgeo_ros.dji.crc import crc16, crc32
 from tirgeo_ros.dji.framing import HEADER_BYTES, MAX_BYTES, MIN_BYTES, Frame, FrameReader
-from tirgeo_ros.dji.subscription import PackageTable, decode_push
+from tirgeo_ros.dji.meaning.interpreter import Interpreter, Sample
+from tirgeo_ros.dji.serial_road import SerialRoad
+from tirgeo_ros.dji.subscription import PackageTable
 from tirgeo_ros.tools.dji_damage import KEY, damaged_stream
 from tirgeo_ros.tools.progress import Progress, Report
 
 STRETCH_BYTES = 250_000
 #: Most bytes of a piece: as single bytes, as read from a serial port, as read from a file.
 PIECES = (1, 3, 64, 512, 4096, STRETCH_BYTES)
+#: A host that asks for all it can, so that answers are looked at as well.
+_CONFIG = DjiConfig(
+    key=KEY.hex(), host=DjiHostConfig(app_id=1, broadcast_rates=(4,) * 16, subscribe=True)
+)
+_START_NS, _STEP_NS = 1_700_000_000_000_000_000, 70_000_000  # two pauses of seven are long
 
 
 @dataclass
@@ -33,7 +43,7 @@ class Found:
 
     bytes: int = 0
     frames: int = 0
-    seconds: float = 0.0  # of the reader alone, all bytes at once
+    seconds: float = 0.0  # of CPU, in the reader alone, all bytes at once
     difference: str = ""
 
 
@@ -79,14 +89,14 @@ def pieces(data: bytes, rng: random.Random, most: int) -> Iterable[bytes]:
 def stretch(data: bytes, rng: random.Random) -> Found:
     """Read ``data`` in every way; the first difference is told."""
     reader = FrameReader(KEY)
-    begun = time.perf_counter()
+    begun = time.process_time()
     frames = reader.feed(data) + reader.rescan()
-    seconds = time.perf_counter() - begun
-    _decode(frames)
+    seconds = time.process_time() - begun
     wrong = (
         _against_the_rules(data, frames)
         or _in_pieces(data, rng, frames, reader.counts)
         or _with_pauses(data, rng)
+        or _to_samples(data, rng)
     )
     return Found(len(data), len(frames), seconds, wrong)
 
@@ -121,11 +131,27 @@ def _with_pauses(data: bytes, rng: random.Random) -> str:
     return f"no frame is at {wrong[0]}, with pauses" if wrong else ""
 
 
-def _decode(frames: Iterable[Frame]) -> None:
-    table = PackageTable()
-    for frame in frames:
-        decode_broadcast(frame.value)
-        decode_push(frame.value, table)
+def _to_samples(data: bytes, rng: random.Random) -> str:
+    """All the way that dji_node goes, with pauses; no sample may hold what is not finite."""
+    road, meaning = SerialRoad(_CONFIG, PackageTable()), Interpreter(_CONFIG)
+    samples: list[Sample] = []
+    now_ns = _START_NS
+    for piece in pieces(data, rng, 2000):
+        for part in (piece, b""):
+            now_ns += rng.randrange(_STEP_NS)
+            for reading in road.take(part, now_ns, now_ns * 1e-9):
+                samples += meaning.take(reading)
+        road.due(now_ns * 1e-9)
+    samples += meaning.flush()
+    assert road.diagnostics
+    assert meaning.diagnostics
+    wrong = next((sample for sample in samples if not _is_finite(sample)), None)
+    return f"not finite: {wrong}" if wrong else ""
+
+
+def _is_finite(sample: Sample) -> bool:
+    values = (getattr(sample, field.name) for field in fields(sample))
+    return all(np.isfinite(v).all() for v in values if isinstance(v, (float, np.ndarray)))
 
 
 def fuzz(size: int, seed: int, progress: Report) -> Found:
