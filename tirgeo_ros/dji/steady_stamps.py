@@ -14,28 +14,34 @@ from tirgeo_ros.dji.clock import AircraftClock
 from tirgeo_ros.dji.envelope import Point, middle_slope
 
 _SECOND_NS = 1_000_000_000
-#: The period is learned from so many messages and so long; from more where that has failed.
-_LEARN_NUMBER, _LEARN_NS, _LEARN_AGAIN_NUMBER = 8, _SECOND_NS, 128
-#: A half of them with a slope smaller by this share has no loss in it, the whole has.
-_LOSSLESS = 0.01
-#: The quarters of so many messages have slopes that differ by less, if they are periodic.
-_QUARTERED_NUMBER, _ALIKE = 64, 0.1
+#: The period is learned from so many messages and so long; from twice as many each time that it
+#: proves wrong, up to this.
+_LEARN_NUMBER, _LEARN_NS, _LEARN_MOST = 8, _SECOND_NS, 128
+#: From so many on their parts are looked at. Quarters have slopes that differ by less from the
+#: whole's, if the messages are periodic; a half with one that is smaller by that has no loss in
+#: it, the whole has.
+_PARTED_NUMBER, _ALIKE, _LOSSLESS = 64, 0.1, 0.01
 #: What the period may be wrong by after that, and how long minima count.
 _CONFIG = DjiClockConfig(window_s=10.0, max_drift_ppm=10_000.0)
 #: Silent for longer, and for more than so many periods: what was lost cannot be counted.
 _PAUSE_NS, _PAUSE_PERIODS = 500_000_000, 2.5
-#: Nothing is held up for so long that all are late by a period: one was lost.
-_HELD_UP_NS, _HELD_UP_PERIODS, _LOST_PERIODS = 100_000_000, 0.75, 0.6
-#: A message that is early by whole periods, to so much, shows that what was taken for lost came
-#: late.
-_WHOLE_NS = 300_000.0
+#: A message is late by a period from here on.
+_LOST_PERIODS = 0.8
+#: Nothing is held up for longer; where runs of late messages end sooner, for so many times as long
+#: as the longest of late (it is forgotten in 10 s).
+_HELD_UP_NS, _RUN_TIMES, _FORGOTTEN_NS = 200_000_000, 3.0, 10e9
+#: A message of a slower stream than this that is late by a period shows the loss at once.
+_SLOW_NS = 150_000_000
+#: If a message comes early so soon after some were taken for lost, they were not.
+_UNDONE_NS = 2 * _SECOND_NS
 #: Stamps are not earlier than the arrival by more.
 _EARLIEST_NS = 250_000_000
 #: Arrivals that are out of order by less were stamped by two threads.
 _DISORDER_NS = 50_000_000
-#: A stream is not periodic if so many of so many messages came where the count was wrong, or so
-#: many were lost in between.
-_JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
+#: A stream is not periodic if so many of so many messages came where the count was wrong, if so
+#: many were lost in between, or if they push the line down by so many periods in all, which is
+#: found once.
+_JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER, _FALLEN_PERIODS = 128, 12, 64, 3.0
 #: A stream that was periodic for so many messages and is not now has changed its rate.
 _LASTED_NUMBER = 256
 
@@ -56,8 +62,9 @@ class SteadyStamps:
     changed, and for a stream that has none, a stamp is the arrival. Otherwise, once settled, it
     is when the message would have come with the smallest delay of the last 10 s.
 
-    When messages are lost the stamps are early by their periods until it shows, after 0.1 s (at
-    once where a period is longer); never by more than 0.25 s before the arrival. After a pause
+    When messages are lost the stamps are early by their periods until it shows: after three times
+    as long as messages are late in a row otherwise, 0.2 s at most, at once where a period has
+    over 0.15 s. They are never more than 0.25 s before the arrival. After a pause
     (over 0.5 s and 2.5 periods), and when the host's clock is set back by over 50 ms, the count
     begins anew at the arrival, which stamps then follow.
     """
@@ -71,7 +78,10 @@ class SteadyStamps:
         self._clock = AircraftClock(_CONFIG, tick_ns=1, bits=64)
         self._index = 0
         self._run: _Run | None = None
+        self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
+        self._assumed, self._assumed_ns = 0, 0  # lost ones that were counted last, and when
         self._lasted = self._judged = self._wrong = self._missing = 0
+        self._fallen_ns = 0.0
         self._counts = {"lost": 0, "pauses": 0, "rate changes": 0, "host steps": 0}
 
     def stamp_ns(self, arrival_ns: int) -> int:
@@ -91,7 +101,7 @@ class SteadyStamps:
         """``learning`` the period, ``uneven`` (none was found), ``settling`` or ``settled``."""
         if self._period_ns:
             return self._clock.state
-        return "learning" if self._learn_number == _LEARN_NUMBER else "uneven"
+        return "learning" if self._learn_number < _LEARN_MOST else "uneven"
 
     @property
     def diagnostics(self) -> dict[str, str]:
@@ -137,6 +147,10 @@ class SteadyStamps:
         self._clock = AircraftClock(_CONFIG, tick_ns=1, bits=64)
         self._index = 0
         self._run = None
+        self._assumed = 0
+        self._judged = -_JUDGED_NUMBER  # the line has to be found first
+        self._wrong = self._missing = 0
+        self._fallen_ns = 0.0
         self._arrivals_ns.clear()
 
     def _learn(self, arrival_ns: int) -> None:
@@ -149,10 +163,10 @@ class SteadyStamps:
         arrivals_ns = known.copy()
         self._begin()
         if period_ns is None:
-            self._learn_number = _LEARN_AGAIN_NUMBER
+            self._learn_number = _LEARN_MOST
             return
         self._period_ns = period_ns
-        self._lasted = self._judged = self._wrong = self._missing = 0
+        self._lasted = 0
         for arrival in arrivals_ns:
             self._index += 1
             self._clock.stamp_ns(round(self._index * period_ns), arrival)
@@ -163,12 +177,13 @@ class SteadyStamps:
         self._index += 1
         late_ns = self._clock.lateness_ns(round(self._index * period_ns), arrival_ns)
         if late_ns > _LOST_PERIODS * period_ns:
-            self._count_lost(self._lost(late_ns, arrival_ns))
+            self._count_lost(self._lost(late_ns, arrival_ns), arrival_ns)
         else:
-            self._run = None
-            self._wrong += late_ns < -period_ns / 2
-            if late_ns < _WHOLE_NS - period_ns:
-                self._index -= int((_WHOLE_NS - late_ns) / period_ns)
+            self._end_run(arrival_ns)
+            if late_ns < -period_ns / 2:
+                late_ns += self._count_found(arrival_ns) * period_ns
+            if late_ns < 0 <= self._judged:
+                self._fallen_ns -= late_ns
         stamp_ns = self._clock.stamp_ns(round(self._index * period_ns), arrival_ns)
         self._judge()
         return stamp_ns
@@ -176,47 +191,78 @@ class SteadyStamps:
     def _lost(self, late_ns: float, arrival_ns: int) -> int:
         """How many were lost before a late message, once no queue explains that it is late."""
         run, period_ns = self._run, self._period_ns
-        if _LOST_PERIODS * period_ns > _HELD_UP_NS:
+        if period_ns > _SLOW_NS:
             return round(late_ns / period_ns)
         if run is None or late_ns < run.first_ns - _LOST_PERIODS * period_ns:
             self._run = _Run(arrival_ns, late_ns, late_ns)
             return 0
         self._run = run._replace(least_ns=min(late_ns, run.least_ns))
-        if arrival_ns - run.since_ns < max(_HELD_UP_NS, _HELD_UP_PERIODS * period_ns):
+        held_up_ns = min(_RUN_TIMES * self._longest_run_ns, _HELD_UP_NS)
+        if arrival_ns - run.since_ns < max(held_up_ns, 2 * period_ns):
             return 0
         return round(self._run.least_ns / period_ns)
 
-    def _count_lost(self, lost: int) -> None:
+    def _end_run(self, arrival_ns: int) -> None:
+        """Note how long the messages were late that are not now."""
+        self._longest_run_ns -= self._longest_run_ns * self._period_ns / _FORGOTTEN_NS
+        if self._run is not None:
+            lasted_ns = arrival_ns - self._run.since_ns
+            self._longest_run_ns = max(self._longest_run_ns, lasted_ns)
+            self._run = None
+
+    def _count_lost(self, lost: int, arrival_ns: int) -> None:
         if lost:
             self._index += lost
             self._run = None
+            self._assumed, self._assumed_ns = lost, arrival_ns
             self._counts["lost"] += lost
             self._missing += lost
             self._wrong += 1
+
+    def _count_found(self, arrival_ns: int) -> int:
+        """Take back what was taken for lost, if that was just now: it was held up."""
+        found = self._assumed if arrival_ns - self._assumed_ns < _UNDONE_NS else 0
+        self._assumed = 0
+        self._wrong += 1
+        if found:
+            self._index -= found
+            self._counts["lost"] -= found
+            self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
+        return found
 
     def _judge(self) -> None:
         """Learn again if the count is wrong too often."""
         self._lasted += 1
         self._judged += 1
-        bound = abs(self._clock.drift) > 0.9e-6 * _CONFIG.max_drift_ppm
-        if bound or self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER:
+        if self._is_uneven():
             has_lasted = self._lasted >= _LASTED_NUMBER
-            self._learn_number = _LEARN_NUMBER if has_lasted else _LEARN_AGAIN_NUMBER
+            more = min(2 * self._learn_number, _LEARN_MOST)
+            self._learn_number = _LEARN_NUMBER if has_lasted else more
             self._counts["rate changes"] += has_lasted
             self._begin()
             self._period_ns = 0.0
         elif self._judged >= _JUDGED_NUMBER:
             self._judged = self._wrong = self._missing = 0
+            self._fallen_ns = 0.0
+
+    def _is_uneven(self) -> bool:
+        if self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER:
+            return True
+        if self._fallen_ns > _FALLEN_PERIODS * self._period_ns:
+            return True
+        return abs(self._clock.drift) > 0.9e-6 * _CONFIG.max_drift_ppm
 
 
 def _period_ns(arrivals_ns: list[int]) -> float | None:
     """Period of messages that arrived then, of which some may be missing; None without one."""
     points = [(float(n), float(arrival)) for n, arrival in enumerate(arrivals_ns)]
     whole = middle_slope(points)
-    if whole <= 0 or (len(points) >= _QUARTERED_NUMBER and not _is_even(points, whole)):
-        return None
-    least = min(_slopes(points, 2))
-    return least if 0 < least < (1 - _LOSSLESS) * whole else whole
+    if len(points) >= _PARTED_NUMBER:
+        if not _is_even(points, whole):
+            return None
+        least = min(_slopes(points, 2))
+        whole = least if least < (1 - _LOSSLESS) * whole else whole
+    return whole if whole > 0 else None
 
 
 def _is_even(points: list[Point], slope: float) -> bool:
