@@ -71,6 +71,8 @@ class Epochs:
 
 
 def _same(value: Value, other: Value | None) -> bool:
+    if value == other:
+        return True
     return other is not None and all(
         isclose(a, b, rel_tol=0, abs_tol=_ROUNDING) for a, b in zip(value, other, strict=True)
     )

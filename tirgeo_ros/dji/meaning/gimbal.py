@@ -12,13 +12,16 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 
-from tirgeo_ros.core.attitude import joint_angles, matrix_from_quat, quat_from_euler
+import numpy as np
+
+from tirgeo_ros.core.attitude import canonical, joint_angles, quat_conjugate
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.pose_history import Miss
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.strapdown import matrix, multiply, rotation_of
 from tirgeo_ros.dji.meaning.attitudes import Attitudes, heading_of
 from tirgeo_ros.dji.meaning.stamps import Sequence
-from tirgeo_ros.dji.readings import GimbalReading
+from tirgeo_ros.dji.readings import GimbalReading, Quaternion
 
 #: For so long a reading waits for the attitude after it: as far apart as two attitudes may be.
 _WAIT_NS = 250_000_000
@@ -105,20 +108,20 @@ class GimbalMeaning:
                 self._counts["gimbal_without_heading"] += 1
                 return []
             self._counts["gimbal_without_joints"] += 1
-            return [self._camera(stamp_ns, quat_from_euler(roll, pitch, yaw))]
+            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
         nose = heading_of(q_nb)
         if self._from_nose:
             yaw += nose
         self._psi_coder = math.remainder(yaw - nose, math.tau)
-        q_ng = quat_from_euler(roll, pitch, yaw)
+        q_ng = _camera_attitude(roll, pitch, yaw)
         return [self._camera(stamp_ns, q_ng), self._joint(stamp_ns, q_nb, q_ng)]
 
-    def _camera(self, stamp_ns: int, q_ng: Array) -> CameraAttitudeSample:
-        return CameraAttitudeSample(self._cameras.after(stamp_ns), q_ng)
+    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
+        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
 
-    def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Array) -> JointSample:
-        rotation_bg = matrix_from_quat(q_nb).T @ matrix_from_quat(q_ng)
-        yaw, roll, pitch = joint_angles(rotation_bg).tolist()
+    def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
+        q_bg = multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
+        yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
         if math.cos(roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
         return JointSample(self._joints.after(stamp_ns), yaw, roll, pitch, computed=True)
@@ -129,3 +132,11 @@ class GimbalMeaning:
         if self._psi_coder is None:
             return {}
         return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}
+
+
+def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """``q_ng`` of yaw, then pitch, then roll; in scalars, as there are a hundred a second."""
+    yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
+    pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
+    roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)
+    return multiply(multiply(yaw, pitch), roll)
