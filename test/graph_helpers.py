@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import defaultdict
 
@@ -11,6 +12,31 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from tirgeo_ros.tools.node_process import NodeProcess
+
+#: By default a reader that halts for a few tenths of a second, as on a machine with other work,
+#: finds the newest samples only. Here each one counts.
+INPUTS = (
+    "/imu/data",
+    "/rtk/fix",
+    "/rtk/vel",
+    "/rtk/heading",
+    "/gps/fix",
+    "/gps/vel",
+    "/gimbal/joint_states",
+    "/gimbal/attitude",
+    "/thermal/image_raw/compressed",
+)
+BETWEEN = ("/tirgeo/odometry", "/tirgeo/camera_pose")
+PICTURES = ("/tirgeo/overlay/image", "/tirgeo/overlay/image/compressed")
+
+
+def deep_queues() -> str:
+    """A parameter file's part that lets no message be lost."""
+    deep, whole = {"depth": 300}, {"depth": 300, "reliability": "reliable"}
+    overrides = {topic: {"publisher": deep, "subscription": whole} for topic in INPUTS}
+    overrides |= {topic: {"publisher": deep, "subscription": deep} for topic in BETWEEN}
+    overrides |= {topic: {"publisher": {"depth": 30}} for topic in PICTURES}
+    return f"/**: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
 
 
 class Stranger:

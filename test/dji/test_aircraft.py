@@ -8,10 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from aircraft_on_port import hovering
 
 from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply, rotvec_from_quat
 from tirgeo_ros.core.composition import chain
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.config.aircraft import DjiHostConfig
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,
@@ -38,6 +40,7 @@ from tirgeo_ros.dji.commands import (
     encode_request,
 )
 from tirgeo_ros.dji.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.serial_road import SerialRoad
 from tirgeo_ros.dji.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.topics import BY_NAME
 
@@ -364,3 +367,19 @@ def test_numbers_are_those_of_the_wire():
     value += struct.pack("<4f", *Q_NB) + struct.pack("<3f", 0.3 / 9.80665, -0.2 / 9.80665, -1.0)
     value += struct.pack("<3f", 0.01, -0.02, 0.5)
     assert frame.data == encode_frame(b"\x02\x00" + value, sequence=1)
+
+
+def test_dji_nodes_own_host_gets_what_it_asks_for():
+    """Activation, rates and packages, over a link that brings and takes at once."""
+    host = DjiHostConfig(app_id=7, broadcast_rates=(4, 4, 4, 0, 4) + (0,) * 11, subscribe=True)
+    aircraft, road = Aircraft(), SerialRoad(DjiConfig(host=host), PackageTable())
+    for time_ns, data in frames_of(aircraft, hovering(8.0, START)):
+        now_s = time_ns * 1e-9
+        road.take(data, time_ns, now_s)
+        road.take(aircraft.answer(road.due(now_s)), time_ns, now_s)
+    assert aircraft.desk.activated
+    assert aircraft.desk.rates[:5] == (4, 4, 4, 0, 4)
+    assert list(aircraft.desk.packages) == list(USUAL_PACKAGES)
+    assert road.diagnostics["host state"] == "ready"
+    assert int(road.diagnostics["telemetry subscription"]) > 400
+    assert aircraft.counts["pushes"] > 400

@@ -3,18 +3,29 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
 import signal
+import time
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from geometry_msgs.msg import PoseStamped
+from graph_helpers import await_words
+from nav_msgs.msg import Path as PathMessage
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.errors import BagError
+from tirgeo_ros.dji.commands import GetVersion, decode_version_ack, encode_request
+from tirgeo_ros.dji.framing import FrameReader, encode_frame
 from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.nodes.playlist import names, publishers_for
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.nodes.live_stamps import moved
+from tirgeo_ros.nodes.playlist import aircraft_topics, names, publishers_for
 
 pytestmark = pytest.mark.graph
 
@@ -95,12 +106,78 @@ def test_nobody_listens_and_it_says_so(spawn, flight_bag):
     assert player.said("playing without a subscriber of /imu/data")
 
 
+def test_live_the_flight_is_now(spawn, meet, flight_bag):
+    """All stamps are later by one number, told in the log, and near the host's time."""
+    stranger = meet(imu__data=Imu, rtk__fix=NavSatFix, clock=Clock)
+    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "live:=true")
+    stranger.spin_until(lambda: bool(stranger.received["imu/data"]))
+    age_s = time.time() - seconds(stranger.received["imu/data"][0].header.stamp)
+    assert -1.0 < age_s < 10.0  # what it is late by is the machine's affair
+    stranger.spin_until(lambda: player.poll() is not None)
+    assert player.ended.exit_code == 0, player.text()
+    shift_ns = int(re.search(r"stamps are later than the bag's by (\d+) ns", player.text())[1])
+    cdr = Cdr()
+    for topic in ("imu/data", "rtk/fix"):
+        sent = [
+            stamp_ns(cdr.deserialize(item.data, item.typename)) + shift_ns
+            for item in BagReader(flight_bag).messages([f"/{topic}"])
+        ]
+        stranger.spin_until(lambda t=topic, s=sent: len(stranger.received[t]) >= len(s))
+        assert [stamp_ns(message) for message in stranger.received[topic]] == sent
+    assert not stranger.received["clock"]
+
+
+def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag, tmp_path):
+    port = tmp_path / "aircraft"
+    stranger = meet(imu__data=Imu)
+    arguments = ("-p", "live:=true", "-p", f"serial_port:={port}")
+    player = spawn("bag_player", "-p", f"bag:={flight_bag}", *arguments)
+    await_words(player, "ready")
+    host = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    os.set_blocking(host, False)
+    reader, frames = FrameReader(), []
+
+    def listen() -> bool:
+        with contextlib.suppress(OSError):
+            frames.extend(reader.feed(os.read(host, 65536)))
+        return player.poll() is not None
+
+    os.write(host, encode_frame(encode_request(GetVersion()), session=2, sequence=5))
+    end_s = time.monotonic() + 60
+    while not listen():
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
+    listen()
+    os.close(host)
+    assert player.ended.exit_code == 0, player.text()
+    acks = [decode_version_ack(frame.data) for frame in frames if frame.is_ack]
+    assert [ack.hardware for ack in acks] == ["PM820V3PRO"]
+    said = sum(1 for _ in BagReader(flight_bag).messages(["/imu/data"]))
+    broadcasts = [frame for frame in frames if (frame.cmd_set, frame.cmd_id) == (2, 0)]
+    assert len(broadcasts) == said
+    assert not stranger.received["imu/data"]
+    assert not port.is_symlink()
+
+
+def test_a_port_that_nobody_opens_is_told_of(spawn, flight_bag, tmp_path):
+    arguments = ("-p", "live:=true", "-p", f"serial_port:={tmp_path / 'aircraft'}")
+    player = spawn(
+        "bag_player", "-p", f"bag:={flight_bag}", *arguments, "-p", "wait_timeout_s:=0.5"
+    )
+    assert player.wait(60.0).exit_code == 0
+    assert player.said(f"playing without a reader of {tmp_path / 'aircraft'}")
+    assert player.said(f"bytes that nobody read from {tmp_path / 'aircraft'}")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["-p", "topics:=rtk/fix,radar"], "the bag has no radar"),
         (["-p", "wait_for:=radar"], "wait_for: /radar is not played"),
         (["-p", "start_offset_s:=60.0", "-p", "wait_timeout_s:=0.0"], "is beyond the bag's 4.1 s"),
+        (["-p", "live:=true", "-p", "rate:=2.0"], "rate: a live bag plays at 1, not at 2"),
+        (["-p", "serial_port:=/tmp/x"], "serial_port: bytes are stamped as they come"),
+        (["-p", "live:=true", "-p", "serial_port:=/no/where"], "/no/where: no pseudo-terminal"),
     ],
 )
 def test_what_the_bag_lacks_is_named(spawn, flight_bag, arguments, message):
@@ -155,3 +232,29 @@ def test_a_bag_of_outputs_alone_has_nothing_to_play():
     topics = {"/tirgeo/odometry": "nav_msgs/msg/Odometry"}
     with pytest.raises(BagError, match=r"no topic to play \(it has: /tirgeo/odometry\)"):
         publishers_for(_Publishing(), topics, "")
+
+
+def test_the_aircrafts_topics_are_told_apart():
+    topics = {"/imu/data": "sensor_msgs/msg/Imu", "/thermal/image_raw": "sensor_msgs/msg/Image"}
+    assert aircraft_topics(topics, "") == {"/imu/data": "sensor_msgs/msg/Imu"}
+    made = publishers_for(_Publishing(), topics, "", ["/imu/data"])
+    assert list(made) == ["/thermal/image_raw"]
+    assert publishers_for(_Publishing(), {"/imu/data": "x"}, "", ["/imu/data"]) == {}
+    with pytest.raises(BagError, match=r"none of the aircraft's topics: imu/data, "):
+        aircraft_topics(topics, "thermal/image_raw")
+
+
+def test_stamps_are_moved_wherever_they_stand():
+    path = PathMessage(poses=[PoseStamped(), PoseStamped()])
+    path.header.stamp.sec = 1
+    path.poses[0].header.stamp.sec = 5
+    path.poses[0].header.stamp.nanosec = 900_000_000
+    moved(path, 200_000_000)
+    assert [stamp_ns(part) for part in (path, *path.poses)] == [
+        1_200_000_000,
+        6_100_000_000,
+        0,  # no stamp stays none
+    ]
+    imu = Imu()
+    imu.header.stamp.sec = 7
+    assert stamp_ns(moved(imu, -1)) == 6_999_999_999

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import signal
 import subprocess
@@ -17,7 +16,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import Stranger
+from graph_helpers import Stranger, deep_queues
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
 from sensor_msgs.msg import Image
 
@@ -41,30 +40,6 @@ pytestmark = pytest.mark.graph
 LATENCY_NS = 50_000_000
 #: The filter starts a second after the bag and has settled by then.
 SETTLED_NS = 12_000_000_000
-#: By default a reader that halts for a few tenths of a second, as on a machine with other work,
-#: finds the newest samples only. Here each one counts.
-INPUTS = (
-    "/imu/data",
-    "/rtk/fix",
-    "/rtk/vel",
-    "/rtk/heading",
-    "/gps/fix",
-    "/gps/vel",
-    "/gimbal/joint_states",
-    "/gimbal/attitude",
-    "/thermal/image_raw/compressed",
-)
-BETWEEN = ("/tirgeo/odometry", "/tirgeo/camera_pose")
-PICTURES = ("/tirgeo/overlay/image", "/tirgeo/overlay/image/compressed")
-
-
-def deep_queues() -> str:
-    """A parameter file's part that lets no message be lost."""
-    deep, whole = {"depth": 300}, {"depth": 300, "reliability": "reliable"}
-    overrides = {topic: {"subscription": whole} for topic in INPUTS}
-    overrides |= {topic: {"publisher": deep, "subscription": deep} for topic in BETWEEN}
-    overrides |= {topic: {"publisher": {"depth": 30}} for topic in PICTURES}
-    return f"/**: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
 
 
 class Watched:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import socket
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, Navigati
 from tirgeo_ros.io.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools import resources
+from tirgeo_ros.tools.cli import demo
+from tirgeo_ros.tools.cli._verb import UsageError
 from tirgeo_ros.tools.demo import against_truth, demonstrate, make_pictures, summary, with_sample
 from tirgeo_ros.tools.graph import GraphSetup, free_domain, graph_environment
-from tirgeo_ros.tools.outputs import read_outputs
+from tirgeo_ros.tools.outputs import Outputs, read_outputs
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
@@ -139,3 +142,20 @@ def test_resources_are_found_in_a_prefix(tmp_path, monkeypatch):
     assert resources.find_resource("bags/x.mcap") is None
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
     assert resources.find_resource("bags/x.mcap") == installed
+
+
+def test_a_flight_that_was_played_live_is_judged_in_its_own_time():
+    found = Outputs(PLANE, [pose(7_000 * MS)], [7_050 * MS], {"item": {"key": ["1"]}})
+    earlier = found.earlier(5_000 * MS)
+    assert [made.stamp_ns for made in earlier.cameras] == [2_000 * MS]
+    assert earlier.frame_stamps_ns == [2_050 * MS]
+    assert (earlier.plane, earlier.diagnostics) == (PLANE, found.diagnostics)
+    assert found.cameras[0].stamp_ns == 7_000 * MS
+
+
+def test_the_serial_link_runs_in_real_time(tmp_path):
+    parser = argparse.ArgumentParser()
+    demo.add_parser(parser.add_subparsers())
+    given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
+    with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
+        demo.run(parser.parse_args(given))
