@@ -49,6 +49,16 @@ class SerialRoad:
             frames = self._frames.rescan()
         else:
             return []
+        return self._read(frames, arrival_ns, now_s)
+
+    def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
+        """The port was opened anew: what was cut is given up, the host begins again."""
+        self._heard_s = None
+        readings = self._read(self._frames.rescan(), arrival_ns, now_s)
+        self._host.restart()
+        return readings
+
+    def _read(self, frames: list[Frame], arrival_ns: int, now_s: float) -> list[Reading]:
         return [
             reading for frame in frames for reading in self._take_frame(frame, arrival_ns, now_s)
         ]
@@ -60,12 +70,6 @@ class SerialRoad:
     def due(self, now_s: float) -> bytes:
         """What is to be sent now; nothing where the node only listens."""
         return self._host.due(now_s)
-
-    def reopened(self) -> None:
-        """The port was opened anew: what was cut is given up, the host begins again."""
-        self._frames.rescan()
-        self._heard_s = None
-        self._host.restart()
 
     @property
     def bytes(self) -> int:

@@ -54,11 +54,12 @@ class SerialSource:
         data = self._link.read(_WAIT_S)
         arrival_ns = self._node.get_clock().now().nanoseconds
         now_s = time.monotonic()
+        readings: list[Reading] = []
         with self._lock:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
-                self._road.reopened()
-            readings = self._road.take(data, arrival_ns, now_s)
+                readings += self._road.reopened(arrival_ns, now_s)
+            readings += self._road.take(data, arrival_ns, now_s)
             to_send = self._road.due(now_s)
             report = self._look(now_s)
         if to_send:

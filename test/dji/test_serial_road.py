@@ -1,0 +1,79 @@
+"""Bytes of the serial link to readings, with what the host says."""
+
+from __future__ import annotations
+
+import pytest
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.errors import DjiError
+from tirgeo_ros.dji.blocks import Time
+from tirgeo_ros.dji.broadcast import Broadcast, encode_broadcast
+from tirgeo_ros.dji.framing import encode_frame
+from tirgeo_ros.dji.readings import AttitudeReading
+from tirgeo_ros.dji.serial_road import SerialRoad
+from tirgeo_ros.dji.subscription import PackageTable
+
+Q = (0.5, 0.5, -0.5, 0.5)
+NOW_NS = 1_800_000_000_000_000_000
+
+
+def frame(time_ms, key=None):
+    parts = Broadcast(time=Time(time_ms, 0, 0, 0, 0), quaternion_wxyz=Q)
+    return encode_frame(b"\x02\x00" + encode_broadcast(parts), key=key)
+
+
+@pytest.fixture
+def road():
+    return SerialRoad(DjiConfig(), PackageTable())
+
+
+def test_bytes_become_readings_at_the_aircrafts_pace(road):
+    # Sent every 10 ms, read in pairs: the first of a pair is 10 ms older than its arrival tells.
+    stamps = []
+    for k in range(2, 200, 2):
+        arrival_ns = NOW_NS + k * 10_000_000
+        pair = frame(10 * (k - 1)) + frame(10 * k)
+        readings = road.take(pair, arrival_ns, k * 0.01)
+        assert [type(reading) for reading in readings] == [AttitudeReading] * 2
+        stamps += [reading.stamp_ns for reading in readings]
+    last = NOW_NS + 198 * 10_000_000
+    assert stamps[-2:] == pytest.approx([last - 10_000_000, last], abs=100_000)
+    assert road.frames == 198
+    assert road.bytes == 198 * len(frame(0))
+
+
+def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
+    whole = frame(10)
+    promising = encode_frame(bytes(600))[:20]  # its header promises 618 bytes
+    assert road.take(promising + whole, NOW_NS, 1.0) == []
+    assert road.take(b"", NOW_NS, 1.04) == []
+    (reading,) = road.take(b"", NOW_NS, 1.06)
+    assert reading.q_nb == Q
+    assert road.take(b"", NOW_NS, 2.0) == []
+
+
+def test_what_was_cut_is_given_up_when_the_port_is_opened_anew(road):
+    assert road.take(encode_frame(bytes(600))[:20] + frame(10), NOW_NS, 1.0) == []
+    (reading,) = road.reopened(NOW_NS, 1.01)
+    assert reading.q_nb == Q
+    assert road.take(b"", NOW_NS, 2.0) == []
+
+
+def test_encrypted_frames_need_the_key():
+    key = bytes(range(32))
+    locked = frame(10, key)
+    assert SerialRoad(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []
+    road = SerialRoad(DjiConfig(key=key.hex()), PackageTable())
+    assert [reading.q_nb for reading in road.take(locked, NOW_NS, 1.0)] == [Q]
+    assert road.diagnostics["frames encrypted"] == "1"
+    with pytest.raises(DjiError, match="^key: "):
+        SerialRoad(DjiConfig(key="abc"), PackageTable())
+
+
+def test_diagnostics_tell_of_frames_and_of_the_clock_that_runs(road):
+    road.take(frame(10), NOW_NS, 1.0)
+    told = road.diagnostics
+    assert told["frames frames"] == "1"
+    assert told["telemetry broadcast"] == "1"
+    assert told["host state"] == "listening"
+    assert any(name.startswith("broadcast clock") for name in told)
