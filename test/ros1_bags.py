@@ -52,7 +52,7 @@ class State:
 class Flight:
     """The flight, and what the receivers' clocks and the recorder add to it."""
 
-    duration_s: float = 8.0
+    duration_s: float = 6.0
     velocity_ned: tuple[float, float, float] = (4.0, -3.0, -0.5)
     turn_deg_s: float = 5.0
     baseline_deg: int = 90  # of the antennas, from the nose
@@ -65,7 +65,7 @@ class Flight:
         north, east, down = (v * t_s for v in self.velocity_ned)
         latitude = 52.0116 + math.degrees(north / EARTH_M)
         longitude = 4.3575 + math.degrees(east / EARTH_M / math.cos(math.radians(52.0116)))
-        heading = (10.0 + self.turn_deg_s * t_s) % 360.0
+        heading = (75.0 + self.turn_deg_s * t_s) % 360.0
         stamp_ns = self.begun_ns + round(t_s * 1e9)
         gimbal = (1.5, -75.0 + t_s, math.remainder(heading + 3.0, 360.0))
         return State(stamp_ns, latitude, longitude, 28.25 - down, heading, gimbal)
