@@ -66,7 +66,7 @@ def test_encrypted_frames_need_the_key():
     road = SerialRoad(DjiConfig(key=key.hex()), PackageTable())
     assert [reading.q_nb for reading in road.take(locked, NOW_NS, 1.0)] == [Q]
     assert road.diagnostics["frames encrypted"] == "1"
-    with pytest.raises(DjiError, match="^key: "):
+    with pytest.raises(DjiError, match=r"^key: "):
         SerialRoad(DjiConfig(key="abc"), PackageTable())
 
 

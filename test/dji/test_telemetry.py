@@ -238,6 +238,22 @@ def _gps_push(telemetry, raw):
     return telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
 
 
+@pytest.mark.parametrize(
+    ("topic", "value", "reading"),
+    [
+        ("RTK_YAW_INFO", 50, RtkReading(5_000_000_000, yaw_flag=50)),
+        ("GPS_DETAILS", DETAIL, GpsReading(5_000_000_000, None, None, 3, 0.75, 1.5, 0.25)),
+    ],
+)
+def test_a_topic_alone_in_its_package_is_read(telemetry, topic, value, reading):
+    alone = Package.of(8, 5, True, (topic,))
+    telemetry.read(
+        frame_of(*encode_request(alone.request)[:2], encode_request(alone.request)[2:]), 0
+    )
+    pushed = encode_push(Push(alone, 5000, 0, {topic: value}))
+    assert telemetry.read(frame_of(2, 5, pushed), ARRIVAL_NS) == [reading]
+
+
 def test_a_package_that_is_not_known_is_counted(telemetry):
     value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": GpsPosition(0, 0, 0)}))
     assert telemetry.read(frame_of(2, 5, value), ARRIVAL_NS) == []

@@ -32,6 +32,8 @@ from tirgeo_ros.dji.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.subscription import PackageTable, Push, decode_push
 
 _PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
+_RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
+_GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
 _RAW_DEG = math.radians(1e-7)
 
 
@@ -157,20 +159,20 @@ class Telemetry:
 
     def _satellites(self, stamp_ns: int, values: dict[str, Any]) -> list[Reading]:
         readings: list[Reading] = []
-        position, velocity = values.get("RTK_POSITION"), values.get("RTK_VELOCITY")
-        yaw, flag = values.get("RTK_YAW"), values.get("RTK_POSITION_INFO")
-        if not (position is None and velocity is None and yaw is None and flag is None):
-            place = None
+        if not _RTK_TOPICS.isdisjoint(values):
+            position = values.get("RTK_POSITION")
             if position is not None:
-                place = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
-                self._known = place
-            yaw_flag = values.get("RTK_YAW_INFO")
-            readings.append(RtkReading(stamp_ns, place, flag, _metres(velocity), yaw, yaw_flag))
-        position, velocity = values.get("GPS_POSITION"), values.get("GPS_VELOCITY")
-        if not (position is None and velocity is None):
+                position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
+                self._known = position
+            flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
+            velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
+            readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
+        if not _GPS_TOPICS.isdisjoint(values):
+            position = values.get("GPS_POSITION")
             place = None if position is None else self._gps_place(position)
+            velocity = _metres(values.get("GPS_VELOCITY"))
             quality = _quality(values.get("GPS_DETAILS"))
-            readings.append(GpsReading(stamp_ns, place, _metres(velocity), *quality))
+            readings.append(GpsReading(stamp_ns, place, velocity, *quality))
         return readings
 
     def _gps_place(self, raw: GpsPosition) -> Place:

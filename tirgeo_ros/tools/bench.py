@@ -13,8 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+import yaml
+
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
 from tirgeo_ros.tools.bench_filter import filter_times, long_times
 from tirgeo_ros.tools.bench_overlay import overlay_times
@@ -49,6 +52,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from _dji_speed()
     if graph:
         yield from _graph_cost(folder, work)
+        yield from _serial_cost(folder, work)
 
 
 def _process_speed(folder: Path, work: Path, *, images: bool) -> Figure:
@@ -124,6 +128,20 @@ def _graph_cost(folder: Path, work: Path) -> list[Figure]:
     cores = run_graph(setup, (last_ns - first_ns) * 1e-9).cores
     single = [Figure(f"graph: {name}", used, "cores") for name, used in cores.items()]
     return [*single, Figure("graph: whole, rate 1", sum(cores.values()), "cores", "<= 1.2")]
+
+
+def _serial_cost(folder: Path, work: Path) -> list[Figure]:
+    """CPU cores of dji_node with hard sync at 400 Hz, broadcasts at 100 Hz and all else on it."""
+    params = work / "serial.yaml"
+    given = load_yaml(folder / "params.yaml")
+    player = given.setdefault("/**/bag_player", {"ros__parameters": {}})["ros__parameters"]
+    player.setdefault("aircraft", {})["pushes"] = True
+    params.write_text(yaml.safe_dump(given))
+    bag, map_file = folder / "flight.mcap", folder / "map.geojson"
+    setup = GraphSetup(bag, work / "serial", params=params, map=map_file, serial=True)
+    first_ns, last_ns = BagReader(bag).span_ns
+    used = run_graph(setup, (last_ns - first_ns) * 1e-9).cores["dji_node"]
+    return [Figure("graph: dji_node, 400 Hz hard sync and 100 Hz", used, "cores", "<= 0.25")]
 
 
 @contextmanager
