@@ -264,6 +264,34 @@ def test_a_queue_that_drains_is_no_step(held_s):
     assert clock.diagnostics["clock resets"] == "0"
 
 
+def test_a_queue_that_drains_slowly_is_no_step():
+    # Held for 3 s, then read at 1.25 times the speed of what comes: 12 s until it is empty.
+    flown = link(100, 60, exponential(0.5), seed=21)
+    held_s = 30 + 3.0
+    read_ns = HOST_NS + np.round((held_s + (flown.since_s - 30) / 1.25) * SECOND).astype(np.int64)
+    arrival_ns = np.where(flown.since_s >= 30, np.maximum(flown.arrival_ns, read_ns), 0)
+    flown = flown._replace(arrival_ns=np.maximum(flown.arrival_ns, arrival_ns))
+    clock = AircraftClock(CONFIG)
+    errors = errors_ms(stamps_of(flown, clock), flown)
+    assert clock.diagnostics["clock host steps"] == "0"
+    assert np.abs(errors).max() < 0.1
+
+
+def test_an_aircraft_that_was_off_for_longer_than_it_had_been_on():
+    flown = link(100, 60, exponential(2), seed=22, start_s=0.0)
+    ticks, later = flown.ticks.copy(), np.where(flown.since_s >= 10, 300 * SECOND, 0)
+    ticks[1000:] += 20_000  # on for 30 s when the link is there again, after 300 s
+    flown = flown._replace(
+        ticks=ticks, arrival_ns=flown.arrival_ns + later, truth_ns=flown.truth_ns + later
+    )
+    clock = AircraftClock(CONFIG)
+    stamps = stamps_of(flown, clock)
+    assert clock.diagnostics["clock resets"] == "1"
+    errors = errors_ms(stamps, flown, 0)
+    assert np.abs(errors[1000:1100]).max() < 20  # a delay: exp(-10) for 20 ms
+    assert np.abs(errors[1300:]).max() < 0.1
+
+
 @pytest.mark.parametrize(("gap_s", "bound_ms"), [(5, 0.1), (600, 2.0)])
 def test_a_pulled_cable(gap_s, bound_ms):
     # Over 600 s the slope learned from 60 s before (0.04 ms / 30 s, see above) is off by 0.8 ms.

@@ -52,8 +52,9 @@ class _Above(NamedTuple):
 
     number: int  # of the run's newest
     length: int
-    height: float  # the smallest, nanoseconds
-    aircraft_ns: int  # when it became that small
+    first: float  # height of the first of them, nanoseconds
+    least: float
+    aircraft_ns: int  # of the first of them
     arrival_ns: int
     is_counter: bool
 
@@ -84,7 +85,7 @@ class AircraftClock:
         self._early: tuple[float, float] | None = None
         self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
         self._stranger = _Stranger(-1, 0, is_counter=False)
-        self._above = _Above(-1, 0, 0.0, 0, 0, is_counter=False)
+        self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
         """Host time of a message, as if it had come with the smallest latency.
@@ -110,7 +111,7 @@ class AircraftClock:
             if height < 0:
                 y += self._believed(x, y, height) - height
             elif self._is_set(height, aircraft_ns, arrival_ns):
-                late_ns = round(height - self._above.height)
+                late_ns = round(height - self._above.least)
                 return self._begin(ticks, extra_ns, arrival_ns - late_ns)
         self._line.add(x, y)
         if step_ns > 0:
@@ -219,12 +220,14 @@ class AircraftClock:
         """Whether messages have come far above the line for so long that the offset is another."""
         above = self._above
         goes_on = above.number == self._number - 1
-        if not goes_on or height < above.height - _DRAINS_NS:
+        if not goes_on or height < above.first - _DRAINS_NS:
             is_counter = above.is_counter if goes_on else aircraft_ns < self._newest_ns
-            self._above = _Above(self._number, 1, height, aircraft_ns, arrival_ns, is_counter)
+            self._above = _Above(
+                self._number, 1, height, height, aircraft_ns, arrival_ns, is_counter
+            )
             return False
-        length, height = above.length + 1, min(height, above.height)
-        self._above = above._replace(number=self._number, length=length, height=height)
+        length, least = above.length + 1, min(height, above.least)
+        self._above = above._replace(number=self._number, length=length, least=least)
         lasted_ns = min(aircraft_ns - above.aircraft_ns, arrival_ns - above.arrival_ns)
         if length < _STEP_NUMBER or lasted_ns < _STEP_LASTS_NS:
             return False

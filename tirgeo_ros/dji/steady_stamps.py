@@ -38,10 +38,9 @@ _UNDONE_NS = 2 * _SECOND_NS
 _EARLIEST_NS = 250_000_000
 #: Arrivals that are out of order by less were stamped by two threads.
 _DISORDER_NS = 50_000_000
-#: A stream is not periodic if so many of so many messages came where the count was wrong, if so
-#: many were lost in between, or if they push the line down by so many periods in all, which is
-#: found once.
-_JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER, _FALLEN_PERIODS = 128, 12, 64, 3.0
+#: A stream is not periodic if so many of so many messages came where the count was wrong, or so
+#: many were lost in between.
+_JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
 #: A stream that was periodic for so many messages and is not now has changed its rate.
 _LASTED_NUMBER = 256
 
@@ -57,16 +56,18 @@ class _Run(NamedTuple):
 class SteadyStamps:
     """Stamps one stream by its count and the line below its arrivals.
 
-    Stamps increase, and are no later than the arrival (by more than the nanoseconds that makes
-    them increase). Until the period is known (a second, 8 messages at least), after it has
-    changed, and for a stream that has none, a stamp is the arrival. Otherwise, once settled, it
-    is when the message would have come with the smallest delay of the last 10 s.
+    Stamps increase, unless the host's clock is set back, and are no later than the arrival (by
+    more than the nanoseconds that make them increase). Until the period is known (a second, 8
+    messages at least), after it has changed, and for a stream that has none, a stamp is the
+    arrival. Otherwise, once settled, it is when the message would have come with the smallest
+    delay of the last 10 s.
 
     When messages are lost the stamps are early by their periods until it shows: after three times
     as long as messages are late in a row otherwise, 0.2 s at most, at once where a period has
-    over 0.15 s. They are never more than 0.25 s before the arrival. After a pause
-    (over 0.5 s and 2.5 periods), and when the host's clock is set back by over 50 ms, the count
-    begins anew at the arrival, which stamps then follow.
+    over 0.15 s. They are never more than 0.25 s before the arrival. After a pause (over 0.5 s and
+    2.5 periods), and when the host's clock is set back by over 50 ms, the count begins anew at
+    the arrival, and stamps settle from there. Intervals that vary at random by less than half may
+    pass for periods for a while; the bound of 0.25 s holds for them as well.
     """
 
     def __init__(self) -> None:
@@ -81,7 +82,6 @@ class SteadyStamps:
         self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
         self._assumed, self._assumed_ns = 0, 0  # lost ones that were counted last, and when
         self._lasted = self._judged = self._wrong = self._missing = 0
-        self._fallen_ns = 0.0
         self._counts = {"lost": 0, "pauses": 0, "rate changes": 0, "host steps": 0}
 
     def stamp_ns(self, arrival_ns: int) -> int:
@@ -148,9 +148,7 @@ class SteadyStamps:
         self._index = 0
         self._run = None
         self._assumed = 0
-        self._judged = -_JUDGED_NUMBER  # the line has to be found first
-        self._wrong = self._missing = 0
-        self._fallen_ns = 0.0
+        self._judged = self._wrong = self._missing = 0
         self._arrivals_ns.clear()
 
     def _learn(self, arrival_ns: int) -> None:
@@ -181,9 +179,7 @@ class SteadyStamps:
         else:
             self._end_run(arrival_ns)
             if late_ns < -period_ns / 2:
-                late_ns += self._count_found(arrival_ns) * period_ns
-            if late_ns < 0 <= self._judged:
-                self._fallen_ns -= late_ns
+                self._count_found(arrival_ns)
         stamp_ns = self._clock.stamp_ns(round(self._index * period_ns), arrival_ns)
         self._judge()
         return stamp_ns
@@ -219,16 +215,14 @@ class SteadyStamps:
             self._missing += lost
             self._wrong += 1
 
-    def _count_found(self, arrival_ns: int) -> int:
+    def _count_found(self, arrival_ns: int) -> None:
         """Take back what was taken for lost, if that was just now: it was held up."""
-        found = self._assumed if arrival_ns - self._assumed_ns < _UNDONE_NS else 0
+        if self._assumed and arrival_ns - self._assumed_ns < _UNDONE_NS:
+            self._index -= self._assumed
+            self._counts["lost"] -= self._assumed
+            self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
         self._assumed = 0
         self._wrong += 1
-        if found:
-            self._index -= found
-            self._counts["lost"] -= found
-            self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
-        return found
 
     def _judge(self) -> None:
         """Learn again if the count is wrong too often."""
@@ -243,12 +237,9 @@ class SteadyStamps:
             self._period_ns = 0.0
         elif self._judged >= _JUDGED_NUMBER:
             self._judged = self._wrong = self._missing = 0
-            self._fallen_ns = 0.0
 
     def _is_uneven(self) -> bool:
         if self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER:
-            return True
-        if self._fallen_ns > _FALLEN_PERIODS * self._period_ns:
             return True
         return abs(self._clock.drift) > 0.9e-6 * _CONFIG.max_drift_ppm
 
