@@ -1,8 +1,10 @@
 """A capture of the aircraft's serial port to the topics of the contract.
 
 The bytes tell no time of arrival. Stamps are the aircraft's own, placed in time by the date and
-time of day that its receivers send (whole seconds, of GMT+8 by DJI's headers), or by a start that
-is given. The log time is when the aircraft sent what a sample is made of.
+time of day that its receivers send, or by a start that is given. The receivers' words are whole
+seconds, late by ``rtk.delay_s`` as their positions are, of GMT+8 by DJI's headers; of UTC if the
+file was last changed at about that time. The log time is when the aircraft sent what a sample is
+made of.
 """
 
 from __future__ import annotations
@@ -85,7 +87,10 @@ def import_capture(
 ) -> dict[str, object]:
     """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
     packages, key = options.packages or config.packages, options.key or config.key
-    placed = _placed(path, packages, key, options.start_ns)
+    if options.start_ns is None:
+        placed = _placed(path, packages, key, round(config.rtk.delay_s * 1e9))
+    else:
+        placed = _Placed(CaptureTimeline(options.start_ns), "of --start-time", None)
     run = _Pass(path, packages, key, placed.timeline)
     newest_ns = 0
     for _, readings in run.readings(progress):
@@ -104,9 +109,8 @@ def import_capture(
     }
 
 
-def _placed(path: Path, packages: str, key: str, start_ns: int | None) -> _Placed:
-    if start_ns is not None:
-        return _Placed(CaptureTimeline(start_ns), "of --start-time", None)
+def _placed(path: Path, packages: str, key: str, delay_ns: int) -> _Placed:
+    """By the seconds that the receivers say; ``delay_ns``: how late they are said."""
     seconds = _seconds(path, packages, key)
     if seconds.shift_ns is None or seconds.newest_ns is None:
         return _Placed(
@@ -118,7 +122,7 @@ def _placed(path: Path, packages: str, key: str, start_ns: int | None) -> _Place
     zone = guess_utc_offset(seconds.newest_ns, path.stat().st_mtime_ns)
     said = f"of the aircraft's receivers, taken as GMT+{zone.hours}"
     doubt = None if zone.is_known else f"{said}; give --start-time if that is wrong by hours"
-    shift_ns = seconds.shift_ns - zone.hours * _HOUR_NS
+    shift_ns = seconds.shift_ns + delay_ns - zone.hours * _HOUR_NS
     return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
 
 
