@@ -17,6 +17,7 @@ from tirgeo_ros.core.attitude import (
     matrix_from_rotvec,
     quat_from_euler,
     quat_from_matrix,
+    quat_multiply,
     rotation_x,
     rotation_y,
     rotation_z,
@@ -270,12 +271,14 @@ def test_covariance_of_computed_joints_against_differences(euler, camera, headin
     autopilot = quat_from_euler(*euler)
 
     def compose(at, error):
-        joints = computed(autopilot, np.array(camera) + np.array([*error[:2], 0.0]))
-        return from_computed(FULL, at, joints, NorthBias(0.05 - error[2], NORTH_VARIANCE))
+        tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), autopilot)
+        joints = computed(tilted, np.array(camera) + np.array([*error[:2], 0.0]))
+        return from_computed(FULL, at, joints, NorthBias(0.05 - error[4], NORTH_VARIANCE))
 
-    variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
+    tilt = FULL.tilt_variance
+    variances = np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))
     expected = covariance_by_differences(compose, body, variances)
-    found = compose(body, np.zeros(3)).covariance
+    found = compose(body, np.zeros(5)).covariance
     np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
     np.testing.assert_array_equal(found, found.T)
 

@@ -14,9 +14,8 @@ Two ways (Ren et al. 2022, section 3.4), and one that is both:
 ``from_computed``
     The same chain with angles that no encoder saw: they are the rotation from the autopilot's
     attitude to the reported one. So they are wrong by what those are: the gimbal's north is taken
-    out of them, and its uncertainty and that of the reported roll and pitch go into the
-    covariance. Beside ``from_reported`` the camera's roll and pitch also change by what filter
-    and autopilot differ in tilt.
+    out of them, and its uncertainty, that of the reported roll and pitch and that of the
+    autopilot's tilt go into the covariance. The last is not in ``from_reported``.
 
 Errors are ``phi_n`` as in the charter. The camera's are linear in the body's position error,
 the body's phi_n and the gimbal's angle errors, so its covariance follows from Jacobians.
@@ -57,6 +56,7 @@ from tirgeo_ros.core.strapdown import (
 _LEAST_HORIZONTAL = 1e-3
 _IDENTITY = np.eye(6)
 _DOWN_N = np.array([[0.0], [0.0], [1.0]])
+_AXES_N = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class Mount:
     q_gc: Array  # (4,) optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
+    tilt_variance: float  # the autopilot's own attitude about north and east, each, rad2
 
     @classmethod
     def from_config(cls, config: GimbalConfig) -> Mount:
@@ -78,6 +79,7 @@ class Mount:
             quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
             np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
             np.radians(np.array(config.reported_sigma_deg)) ** 2,
+            np.radians(config.autopilot_tilt_sigma_deg) ** 2,
         )
 
 
@@ -123,8 +125,9 @@ def from_computed(
     q_bg, _ = chain(joints)
     swing = _about_vertical(-north.bias_rad)
     q_ng = multiply(swing, multiply(q_nb, q_bg))
-    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
-    variances = np.append(mount.reported_variance, north.variance)
+    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _AXES_N], 1)
+    tilt = mount.tilt_variance
+    variances = np.append(mount.reported_variance, (tilt, tilt, north.variance))
     turned = matrix(rotation_of(swing))
     return _camera_pose(mount, body, rotation_of(q_nb), q_ng, turned, axes_n, variances)
 

@@ -116,6 +116,14 @@ class GimbalConfig:
         low=0,
         high=90,
     )
+    autopilot_tilt_sigma_deg: float = param(
+        0.5,
+        "standard deviation of the autopilot's own tilt, per axis, which joint angles computed "
+        "from its attitude take over",
+        unit="deg",
+        low=0,
+        high=90,
+    )
     max_wait_s: float = param(
         0.5,
         "a gimbal sample waits this long for the body pose around it",
