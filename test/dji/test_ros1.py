@@ -21,6 +21,7 @@ SECOND = 1_000 * MS
 START = 1_718_091_879 * SECOND
 LAG = 2 * MS
 IMU = "sensor_msgs/msg/Imu"
+ATTITUDE = "geometry_msgs/msg/QuaternionStamped"
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
 FIX = "sensor_msgs/msg/NavSatFix"
 ROUNDING = 1e-12
@@ -54,6 +55,10 @@ def fix(stamp_ns: int, latitude=52.0, longitude=4.0, altitude=30.0) -> Message:
     return Message(
         header=header(stamp_ns), latitude=latitude, longitude=longitude, altitude=altitude
     )
+
+
+def attitude(stamp_ns: int, w: float) -> Message:
+    return Message(header=header(stamp_ns), quaternion=Message(w=w, x=0.0, y=0.0, z=0.0))
 
 
 def readings(name, typename, message, record_ns=START + LAG, setup=None):
@@ -90,6 +95,19 @@ def test_an_attitude_that_is_marked_as_absent():
     message.orientation_covariance = [-1.0] + [0.0] * 8
     (reading,) = readings("imu", IMU, message)
     assert reading.q_nb is None
+
+
+def test_an_imu_with_a_bad_attitude_is_still_an_imu():
+    (reading,) = readings("imu", IMU, imu(START, q=(0.0, 0.0, 0.0, 0.0)))
+    assert reading.acceleration_b == (0.5, 0.25, -9.8)
+    assert reading.q_nb == (0.0, 0.0, 0.0, 0.0)  # for the interpreter to count
+
+
+def test_attitude_is_turned_to_ned_and_frd():
+    """Level with the nose to the east, where ENU has no turn: a heading of 90 deg."""
+    (reading,) = readings("attitude", ATTITUDE, attitude(START, 1.0))
+    expected = quat_from_euler(0.0, 0.0, math.radians(90.0))
+    assert reading.q_nb == pytest.approx(tuple(expected), abs=ROUNDING)
 
 
 def test_fused_velocity_is_east_north_up():
@@ -133,7 +151,7 @@ def test_another_frame_tells_no_order():
     ("name", "typename", "message", "because"),
     [
         ("imu", IMU, imu(START, force=(math.nan, 0.0, 9.8)), "not finite: nan, 0, 9.8"),
-        ("imu", IMU, imu(START, q=(0.0, 0.0, 0.0, 0.0)), "a quaternion of length 0"),
+        ("attitude", ATTITUDE, attitude(START, 0.0), "a quaternion of length 0"),
         ("velocity", VECTOR, vector(START, math.inf, 0.0, 0.0), "not finite: inf"),
         ("gps_position", FIX, fix(START, latitude=0.0, longitude=0.0), "no position yet"),
         ("rtk_position", FIX, fix(START, latitude=91.0), "no place on the earth: 91, 4"),

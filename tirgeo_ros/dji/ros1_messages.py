@@ -45,23 +45,28 @@ _GROUND_FRAME = "ground_ENU"
 
 
 def imu(message: Any, stamp_ns: int) -> ImuReading:
-    """``imu``: specific force (m/s2) and rate in FLU, attitude FLU to ENU."""
+    """``imu``: specific force (m/s2) and rate in FLU, attitude FLU to ENU.
+
+    An attitude that is none is handed on, to be counted where readings get their meaning: the
+    rest of the message may be good.
+    """
     force = vector(message.linear_acceleration)
     rate = vector(message.angular_velocity)
-    absent = message.orientation_covariance[0] == _ABSENT
+    absent, q = message.orientation_covariance[0] == _ABSENT, message.orientation
     return ImuReading(
         stamp_ns,
         ImuOrigin.MESSAGE,
         (force[0], -force[1], -force[2]),
         AccelerationUnit.M_S2,
         (rate[0], -rate[1], -rate[2]),
-        None if absent else _attitude(message.orientation),
+        None if absent else quat_turned_both(q.w, q.x, q.y, q.z),
     )
 
 
 def attitude(message: Any, stamp_ns: int) -> AttitudeReading:
     """``attitude``: FLU to ENU."""
-    return AttitudeReading(stamp_ns, _attitude(message.quaternion))
+    q = message.quaternion
+    return AttitudeReading(stamp_ns, quat_turned_both(*unit(q.w, q.x, q.y, q.z)))
 
 
 def velocity(message: Any, stamp_ns: int) -> GpsReading:
@@ -179,7 +184,3 @@ def unit(w: float, x: float, y: float, z: float) -> Quaternion:
     if not abs(length - 1) <= _LENGTH_TOLERANCE:
         raise MessageError(f"no attitude: a quaternion of length {length:g}")
     return float(w), float(x), float(y), float(z)
-
-
-def _attitude(q: Any) -> Quaternion:
-    return quat_turned_both(*unit(q.w, q.x, q.y, q.z))
