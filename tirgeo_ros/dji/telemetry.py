@@ -121,7 +121,7 @@ class Telemetry:
         self._counts["subscription"] += 1
         stamp_ns = self._sent_ns(push, arrival_ns)
         values = self._believed(push)
-        readings = self._hard_sync(values.get("HARD_SYNC"), stamp_ns)
+        readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
         readings += _inertial(
             stamp_ns,
             ImuOrigin.SUBSCRIPTION,
@@ -149,11 +149,11 @@ class Telemetry:
         steady = self._steady.setdefault(push.package.id, SteadyStamps())
         return steady.stamp_ns(arrival_ns)
 
-    def _hard_sync(self, tick: HardSync | None, sent_ns: int) -> list[Reading]:
+    def _hard_sync(self, tick: HardSync | None, arrival_ns: int) -> list[Reading]:
         if tick is None:
             return []
-        # The push's own time stands in for its arrival: it has the link's jitter taken out.
-        stamp_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, sent_ns, tick.time1ns)
+        # Not by the push's own time, which is cut to milliseconds.
+        stamp_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
         given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
         return _inertial(stamp_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
 
