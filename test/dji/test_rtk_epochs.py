@@ -44,13 +44,17 @@ def test_five_topics_make_one_reading():
     st.lists(st.integers(0, 45), min_size=30, max_size=30),
 )
 def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delays_ms):
-    """The stamp is the position's; every part is with those of its own epoch."""
+    """The stamp is the position's; every part is with those of its own epoch.
+
+    Yaw and flags have the time of their record for a stamp, and the velocity one of its own.
+    """
     events = []
     for number, order in enumerate(orders):
         for place, name in enumerate(order):
             late = sum(delays_ms[5 * number : 5 * number + place]) % 90
             at_ns = number * PERIOD + late * MS
-            events.append((at_ns, part(name, number, number * PERIOD)))
+            stamps = {"place": number * PERIOD, "velocity_n": number * PERIOD + 1}
+            events.append((at_ns, part(name, number, stamps.get(name, at_ns + 2))))
     events.sort(key=lambda event: event[0])
     found = told(events)
     assert [reading.stamp_ns for _, reading in found] == [k * PERIOD for k in range(len(orders))]
@@ -78,6 +82,12 @@ def test_a_lost_part_costs_itself_alone(lost):
     for number, reading in enumerate(found):
         absent = {name for name in PARTS if getattr(reading, name) is None}
         assert absent == ({lost} if number == 1 else set())
+
+
+def test_without_a_position_the_velocitys_stamp_counts():
+    given_parts = [("yaw_flag", 5 * MS), ("velocity_n", 1 * MS), ("position_flag", 6 * MS)]
+    ((_, reading),) = told((k * MS, part(name, 0, at)) for k, (name, at) in enumerate(given_parts))
+    assert reading.stamp_ns == 1 * MS
 
 
 def test_without_positions_yaw_has_the_time_of_its_record():
