@@ -383,3 +383,26 @@ def test_dji_nodes_own_host_gets_what_it_asks_for():
     assert road.diagnostics["host state"] == "ready"
     assert int(road.diagnostics["telemetry subscription"]) > 400
     assert aircraft.counts["pushes"] > 400
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
+def test_parts_are_polled_in_step_with_any_imu(rate_hz):
+    """50 Hz from the first frame on, whatever the IMU's rate; else a fix is told of late."""
+    step_ns = 1_000_000_000 // rate_hz
+    samples = [(START + k * step_ns, replace(imu(0)[1], stamp_ns=START + k * step_ns))
+               for k in range(rate_hz)]  # fmt: skip
+    said = told(samples)
+    polled_ms = [1000 * k // rate_hz for k, part in enumerate(said) if part.rtk is not None]
+    assert polled_ms == list(range(0, 1000, 20))
+
+
+def test_beside_packages_a_broadcast_leaves_room_on_the_line():
+    """An IMU of 400 Hz, everything on: less than what 921600 baud bring."""
+    samples = [(START + k * 2_500_000, replace(imu(0)[1], stamp_ns=START + k * 2_500_000))
+               for k in range(800)]  # fmt: skip
+    aircraft = Aircraft(SimulatedAircraftConfig(pushes=True))
+    joints = [
+        (START + k * 20 * MS, JointSample(START + k * 20 * MS, **JOINTS)) for k in range(100)
+    ]
+    frames = list(frames_of(aircraft, sorted(samples + joints, key=lambda pair: pair[0])))
+    assert sum(len(frame.data) for frame in frames) / 2.0 < 0.9 * 92_160

@@ -38,7 +38,7 @@ _CODE_HZ = (0, 1, 10, 50, 100, 0, 200, 400)
 #: The gimbal is read between its samples, so frames are made when those of so long are known.
 _AHEAD_S = 0.25
 _AHEAD_NS = round(_AHEAD_S * 1e9)
-#: A sample of the IMU may be so much early and still be the one that is due.
+#: A sample of the IMU may be so much early, or half of its step, and still be the one that is due.
 _EARLY_NS = 2_500_000
 #: Further apart, nothing is put between two samples of the IMU.
 _LONGEST_STEP_NS = 100_000_000
@@ -158,7 +158,8 @@ class Aircraft:
         assert self._first_ns is not None
         if not _CODE_HZ[code]:
             return False
-        since_ns = imu.stamp_ns - self._first_ns + _EARLY_NS
+        step_ns = imu.stamp_ns - (self._imu.stamp_ns if self._imu else self._first_ns)
+        since_ns = imu.stamp_ns - self._first_ns + min(_EARLY_NS, step_ns // 2)
         slot = since_ns * _CODE_HZ[code] // _SECOND_NS
         if self._slots.get(bit) == slot:
             return False

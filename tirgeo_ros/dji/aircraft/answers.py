@@ -35,6 +35,8 @@ _ANY_HZ = 400  # of a topic whose highest rate is not documented
 #: Rate codes as such an aircraft is usually set up: attitude, force and rate as often as they are
 #: measured, 50 Hz of what is flown by, 10 Hz of the rest; neither device nor compass.
 USUAL_RATES = (7, 7, 7, 3, 7, 3, 3, 3, 2, 3, 3, 3, 2, 2, 0, 0)
+#: Beside packages, which hold the same up to 400 times a second: both would not fit 921600 baud.
+RATES_BESIDE_PACKAGES = (4, 4, 4, 3, 4, *USUAL_RATES[5:])
 #: Codes of the subscription's answers.
 _LENGTH, _VERSION, _ID, _EXISTS, _UNKNOWN, _RATE, _TOO_LARGE = range(1, 8)
 _EMPTY, _UID, _DENIED, _TOPIC_TAKEN = 0x20, 0x22, 0x23, 0x24
@@ -53,7 +55,7 @@ class CommandDesk:
         packages: Sequence[Package] = (),
         activation: Sequence[int] = (0,),
     ) -> None:
-        self.rates: tuple[int, ...] = USUAL_RATES
+        self.rates: tuple[int, ...] = RATES_BESIDE_PACKAGES if packages else USUAL_RATES
         self.packages = PackageTable(packages)
         self.activated = False
         self._name = _LEGACY_NAME if layout is Layout.LEGACY else A3_NAME

@@ -125,7 +125,11 @@ class Satellites:
         )
 
     def _baseline_yaw_deg(self, heading: HeadingSample) -> int:
-        """Where the second antenna is, from the first, in whole degrees of -180 to 179."""
+        """Where the second antenna is, from the first, in whole degrees of -180 to 179.
+
+        A flight that recorded whole degrees is rounded a second time where the baseline's
+        direction is no whole number: by the same amount each time.
+        """
         yaw_deg = round(math.degrees(heading.heading_rad) + self._baseline_deg)
         return (yaw_deg + 180) % 360 - 180
 
