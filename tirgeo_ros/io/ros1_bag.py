@@ -26,7 +26,7 @@ from tirgeo_ros.io.ros1_records import MAGIC
 # What the decoders raise for bytes that are no such message.
 _UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
 #: What the types' generator raises for a definition that is none.
-_UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError)
+_UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 
 
 class Ros1Message(NamedTuple):
