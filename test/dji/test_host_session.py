@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
 import pytest
 from scripted_aircraft import FAST, FULL, GIMBAL, RATES, RTK, Flight
 
 from tirgeo_ros.core.config.aircraft import DjiHostConfig
 from tirgeo_ros.core.errors import DjiError
+from tirgeo_ros.dji.aircraft.answers import CommandDesk
 from tirgeo_ros.dji.commands import (
     Activate,
     AddPackage,
@@ -432,6 +434,17 @@ def test_encrypted_answers_need_the_key():
     with_key = Flight(key=KEY)
     with_key.aircraft.key = KEY
     ready(with_key)
+
+
+@pytest.mark.parametrize("activation", [(0,), (3, 0)])
+def test_the_aircraft_of_the_demo_takes_the_usual_packages(activation):
+    table, desk, reader = PackageTable(), CommandDesk(activation=activation), FrameReader()
+    session = HostSession(FULL, table)
+    for now_s in np.arange(0.0, 2.5, 0.02):
+        for frame in reader.feed(desk.answer(session.due(now_s))):
+            session.take(frame, now_s)
+    assert session.state is HostState.READY, session.message
+    assert list(desk.packages) == list(table) == list(USUAL_PACKAGES)
 
 
 def test_acks_that_are_too_short_are_none():
