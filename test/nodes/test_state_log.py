@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.nodes.state_log import StateLog
 
@@ -83,3 +85,11 @@ def test_another_reason_is_told_when_asked_for():
     for _ in range(2):
         log.note_reason(status(FilterState.WAITING, "needs rtk/vel"))
     assert logger.lines[1:] == [("info", "ekf: waiting: needs rtk/vel")]
+
+
+def test_ros_takes_what_is_told():
+    """Its logger raises where one line of code logs with two severities."""
+    logging = pytest.importorskip("rclpy.logging", reason="needs ROS 2 or its wheels")
+    log = StateLog(logging.get_logger("test_state_log"))
+    for state in (FilterState.RUNNING, FilterState.DEGRADED, FilterState.RUNNING):
+        assert log.note(status(state))

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -20,7 +21,7 @@ from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.errors import BagError, ConfigError
-from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.live_stamps import moved
 from tirgeo_ros.nodes.parameters import declare
@@ -107,11 +108,20 @@ class BagPlayer(Node):
 
     def _published(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
         for item in self._reader.messages(self._topics, start_ns):
-            message = item.data
-            if self._config.live:
-                kind = message_class(item.typename)
-                message = moved(deserialize_message(item.data, kind), shift_ns)
-            yield item.log_time_ns, partial(self._topics[item.topic].publish, message)
+            message = self._moved(item, shift_ns) if self._config.live else item.data
+            if message is not None:
+                yield item.log_time_ns, partial(self._topics[item.topic].publish, message)
+
+    def _moved(self, item: BagMessage, shift_ns: int) -> Any:
+        try:
+            message = deserialize_message(item.data, message_class(item.typename))
+        except RuntimeError as error:
+            self.get_logger().warning(
+                f"{item.topic}: a message cannot be read and is not played: {error}",
+                throttle_duration_sec=10.0,
+            )
+            return None
+        return moved(message, shift_ns)
 
     def _await_acknowledgement(self, stop: threading.Event) -> None:
         end_s = time.monotonic() + _ACKNOWLEDGE_S

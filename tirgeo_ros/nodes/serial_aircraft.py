@@ -64,10 +64,10 @@ class SerialAircraft:
     ) -> Iterator[tuple[int, SensedSample]]:
         for item in reader.messages(self._topics, start_ns):
             topic = item.topic.lstrip("/")
-            message = deserialize_message(item.data, message_class(item.typename))
             try:
+                message = deserialize_message(item.data, message_class(item.typename))
                 sample = SENSED_SAMPLES[topic](message)
-            except MessageError:
+            except (MessageError, RuntimeError):  # RuntimeError: rclpy's, of bytes that are cut
                 self._unreadable[topic] += 1
                 continue
             sample = self._arrivals.stamped(topic, sample, item.log_time_ns)

@@ -49,5 +49,9 @@ class StateLog:
     def _tell(self, status: NavigationStatus, *, worse: bool) -> None:
         self._state, self._reason = status.state, status.reason
         reason = f": {status.reason}" if status.reason else ""
-        tell = self._logger.warning if worse else self._logger.info
-        tell(f"{status.method}: {status.state.value}{reason}")
+        text = f"{status.method}: {status.state.value}{reason}"
+        # Two lines of code: rclpy raises where one line logs with two severities.
+        if worse:
+            self._logger.warning(text)
+        else:
+            self._logger.info(text)
