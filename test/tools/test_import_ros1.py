@@ -529,7 +529,10 @@ def test_the_table_for_a_person(folder, capsys):
     path = wrapper_bag(Flight(duration_s=1.0)).write(folder / "table.bag")
     params = ["--params", str(folder / "params.yaml")]
     assert main(["import", str(path), "-o", str(folder / "table.mcap"), *params]) == 0
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    out = capsys.readouterr().out
+    lines = [line.split() for line in out.splitlines()]
+    assert "gps_position: its height is a barometer's" in out
+    assert "a standard deviation of 100 m in height" in out
     assert ["/dji_sdk/imu", "100", "0", "imu/data"] in lines
     assert ["/imu/data", "100", "2024-06-11", "07:44:39", "1.0"] in lines
 

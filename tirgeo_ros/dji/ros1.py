@@ -74,6 +74,7 @@ NEEDED: tuple[tuple[str, ...], ...] = (
     ("gimbal_angle", "gimbal"),
 )
 _RECEIVER, _FUSED = "A3_GPS", {"global_position", "velocity"}
+_BAROMETRIC = {"gps_position", "global_position"}
 
 
 class Arrived(NamedTuple):
@@ -95,6 +96,15 @@ def used(names: Collection[str]) -> set[str]:
     """
     known = {name for name in names if name in _TYPES}
     return known - _FUSED if _RECEIVER in known else known
+
+
+def notes_of(name: str) -> list[str]:
+    """What the values of a topic are that a person may take for something else."""
+    if name not in _BAROMETRIC:
+        return []
+    sigma_m = f"{ros1_messages.FUSED_HEIGHT_SIGMA_M:g} m"
+    told = "its height is a barometer's and its accuracy is not told"
+    return [f"{name}: {told}: gps/fix has a standard deviation of {sigma_m} in height"]
 
 
 class Ros1Setup(NamedTuple):

@@ -33,9 +33,9 @@ from tirgeo_ros.dji.readings import (
     Vector,
 )
 
-#: What is believed of the fused position, which comes without an accuracy (m). Its height is a
+#: What is believed of the fused position's height, which comes without an accuracy: it is a
 #: barometer's, and has been found more than 100 m off.
-FUSED_SIGMA_M, FUSED_HEIGHT_SIGMA_M = 2.0, 100.0
+FUSED_HEIGHT_SIGMA_M = 100.0
 
 _ABSENT = -1.0  # first entry of a covariance whose value is not there (sensor_msgs/Imu)
 _LENGTH_TOLERANCE = 0.01  # of a unit quaternion; rounding alone makes 1e-7
@@ -83,12 +83,7 @@ def gps_position(message: Any, stamp_ns: int) -> GpsReading:
 
 def fused_position(where: Place, stamp_ns: int) -> GpsReading:
     """A position whose height is hardly known."""
-    return GpsReading(
-        stamp_ns,
-        where,
-        horizontal_sigma_m=FUSED_SIGMA_M,
-        vertical_sigma_m=FUSED_HEIGHT_SIGMA_M,
-    )
+    return GpsReading(stamp_ns, where, vertical_sigma_m=FUSED_HEIGHT_SIGMA_M)
 
 
 def rtk_position(message: Any, stamp_ns: int) -> RtkReading:

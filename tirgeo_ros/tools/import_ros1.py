@@ -16,6 +16,7 @@ from tirgeo_ros.dji.ros1 import (
     Ros1Road,
     Ros1Setup,
     Ros1Survey,
+    notes_of,
     types_of,
     used,
 )
@@ -242,6 +243,7 @@ def import_ros1(
             for row in sorted(run.rows.values(), key=lambda row: (row.topic, row.typename))
         ],
         "not_read": run.not_read,
+        "notes": [note for name in sorted(set(run.names.values())) for note in notes_of(name)],
         "warnings": run.warnings,
         "damage": bag.damage,
     }

@@ -91,6 +91,7 @@ def describe(result: dict[str, Any]) -> str:
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
         parts.append("\n".join(f"{name:<32}{number}" for name, number in result["counts"].items()))
+    parts += ["\n".join(result["notes"])] if result.get("notes") else []
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")
