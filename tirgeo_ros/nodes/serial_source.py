@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link_watch import Level, LinkReport, LinkWatch
 from tirgeo_ros.dji.package_entries import package_table
 from tirgeo_ros.dji.readings import Reading
-from tirgeo_ros.dji.serial_link import SerialLink
+from tirgeo_ros.dji.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.serial_road import SerialRoad
 from tirgeo_ros.dji.subscription import PackageTable
 from tirgeo_ros.io.messages import DiagnosticItem
@@ -60,7 +60,9 @@ class SerialSource:
                 self._openings = self._link.openings
                 readings += self._road.reopened(arrival_ns, now_s)
             readings += self._road.take(data, arrival_ns, now_s)
-            to_send = self._road.due(now_s)
+            # Where nobody hears it, what is asked would only count as not answered.
+            is_open = self._link.state is LinkState.OPEN
+            to_send = self._road.due(now_s) if is_open else b""
             report = self._look(now_s)
         if to_send:
             self._link.write(to_send)
