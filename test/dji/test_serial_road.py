@@ -42,6 +42,20 @@ def test_bytes_become_readings_at_the_aircrafts_pace(road):
     assert road.bytes == 198 * len(frame(0))
 
 
+def test_each_frame_of_a_batch_has_the_time_at_which_the_line_had_brought_it():
+    road = SerialRoad(DjiConfig(baud=921600), PackageTable())
+    parts = encode_broadcast(Broadcast(quaternion_wxyz=Q))  # no time of its own: of its arrival
+    untimed = encode_frame(b"\x02\x00" + parts)
+    road.take(untimed[:7], NOW_NS - 10_000_000, 0.9)  # bytes that were there before count no more
+    readings = road.take(untimed[7:] + untimed * 2, NOW_NS, 1.0, 3_000_000)
+    byte_ns = 10e9 / 921600
+    ends = [NOW_NS - 3_000_000 + (k * len(untimed) - 7) * byte_ns for k in (1, 2, 3)]
+    # the time of a byte in whole ns, over 102 bytes
+    assert [reading.stamp_ns for reading in readings] == pytest.approx(ends, rel=0, abs=102)
+    late = road.take(untimed * 200, NOW_NS, 1.1, 3_000_000)
+    assert late[-1].stamp_ns == NOW_NS  # it cannot have come after it was read
+
+
 def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
     whole = frame(10)
     promising = encode_frame(bytes(600))[:20]  # its header promises 618 bytes

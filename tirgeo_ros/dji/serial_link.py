@@ -78,6 +78,7 @@ class SerialLink:
         self._pause_s = 0.0
         self._next_try_s = self._looked_up_s = time.monotonic()
         self.openings = 0  # so often was it opened
+        self.gathered_s = 0.0  # since the first byte of the last batch, when that was read
 
     @property
     def state(self) -> LinkState:
@@ -124,6 +125,7 @@ class SerialLink:
         if not self._poll.poll(timeout_s * 1e3):
             self._look_up(number)
             return b""
+        ready_s = time.monotonic()
         time.sleep(_GATHER_S)
         with self._guard:
             if self._handle is not handle:  # closed meanwhile
@@ -132,6 +134,7 @@ class SerialLink:
         if not data:  # something to read and nothing there: it hung up
             raise OSError(errno.EIO, "it hung up")
         self._looked_up_s = time.monotonic()
+        self.gathered_s = self._looked_up_s - ready_s
         return data
 
     def _look_up(self, number: int) -> None:

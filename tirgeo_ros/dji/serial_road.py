@@ -18,6 +18,7 @@ from tirgeo_ros.dji.telemetry import Clocks, Telemetry
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
 _PAUSE_S = 0.05
 _HARD_SYNC_TICK_NS = 2_500_000
+_BITS_A_BYTE = 10  # with start and stop
 
 
 class SerialRoad:
@@ -34,38 +35,47 @@ class SerialRoad:
         self._telemetry = Telemetry(clocks, packages)
         self._host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
+        self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
 
-    def take(self, data: bytes, arrival_ns: int, now_s: float) -> list[Reading]:
-        """What these bytes say that came in at ``arrival_ns``; ``now_s`` is a steady clock's.
+    def take(
+        self, data: bytes, arrival_ns: int, now_s: float, gathered_ns: int = 0
+    ) -> list[Reading]:
+        """What these bytes say that were read at ``arrival_ns``; ``now_s`` is a steady clock's.
+
+        The first of them was there ``gathered_ns`` before. The line brings those behind it no
+        faster than its rate: by that each frame has a time of its own, at which it was whole.
 
         To be called without bytes as well, now and then: a frame whose rest does not come is
         given up after a pause.
         """
         if data:
             self._heard_s = now_s
+            first_ns = arrival_ns - gathered_ns - self.bytes * self._byte_ns
             frames = self._frames.feed(data)
+            ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
+            arrivals = [min(end_ns, arrival_ns) for end_ns in ends]
         elif self._heard_s is not None and now_s - self._heard_s > _PAUSE_S:
             self._heard_s = None
             frames = self._frames.rescan()
+            arrivals = [arrival_ns] * len(frames)
         else:
             return []
-        return self._read(frames, arrival_ns, now_s)
+        return self._read(frames, arrivals, now_s)
 
     def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
         """The port was opened anew: what was cut is given up, the host begins again."""
         self._heard_s = None
-        readings = self._read(self._frames.rescan(), arrival_ns, now_s)
+        frames = self._frames.rescan()
+        readings = self._read(frames, [arrival_ns] * len(frames), now_s)
         self._host.restart()
         return readings
 
-    def _read(self, frames: list[Frame], arrival_ns: int, now_s: float) -> list[Reading]:
-        return [
-            reading for frame in frames for reading in self._take_frame(frame, arrival_ns, now_s)
-        ]
-
-    def _take_frame(self, frame: Frame, arrival_ns: int, now_s: float) -> list[Reading]:
-        self._host.take(frame, now_s)
-        return self._telemetry.read(frame, arrival_ns)
+    def _read(self, frames: list[Frame], arrivals: list[int], now_s: float) -> list[Reading]:
+        readings = []
+        for frame, arrival_ns in zip(frames, arrivals, strict=True):
+            self._host.take(frame, now_s)
+            readings += self._telemetry.read(frame, arrival_ns)
+        return readings
 
     def due(self, now_s: float) -> bytes:
         """What is to be sent now; nothing where the node only listens."""

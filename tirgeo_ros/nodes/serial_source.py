@@ -59,7 +59,9 @@ class SerialSource:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
                 readings += self._road.reopened(arrival_ns, now_s)
-            readings += self._road.take(data, arrival_ns, now_s)
+            readings += self._road.take(
+                data, arrival_ns, now_s, round(self._link.gathered_s * 1e9)
+            )
             # Where nobody hears it, what is asked would only count as not answered.
             is_open = self._link.state is LinkState.OPEN
             to_send = self._road.due(now_s) if is_open else b""
