@@ -12,9 +12,9 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
-from tirgeo_ros.core.vector_map import GeoFeature
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
 MS = 1_000_000

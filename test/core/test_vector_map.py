@@ -7,7 +7,8 @@ import pytest
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.vector_map import GeoFeature, VectorMap
+from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.vector_map import VectorMap
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
 

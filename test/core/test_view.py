@@ -12,8 +12,9 @@ from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_mul
 from tirgeo_ros.core.camera import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.core.vector_map import GeoFeature, VectorMap
+from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import CHORD_PX, View
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)

@@ -15,6 +15,7 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.painting import (
     coloured,
     paint_labels,
@@ -27,7 +28,7 @@ from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.samples import CameraPose, NavigationStatus
 from tirgeo_ros.core.status_line import status_line, words_of
 from tirgeo_ros.core.text import Pixels
-from tirgeo_ros.core.vector_map import GeoFeature, VectorMap, grounded
+from tirgeo_ros.core.vector_map import VectorMap, grounded
 from tirgeo_ros.core.view import View
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for

@@ -10,18 +10,9 @@ import numpy as np
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
-
-
-@dataclass(frozen=True, slots=True)
-class GeoFeature:
-    """A line, an outline or a point of a map. One point alone is drawn as a mark."""
-
-    label: str
-    closed: bool  # an outline: its last point joins its first
-    points: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m), nan = unknown
-    group: int = -1  # parts of one feature share a number >= 0 and one label
 
 
 def grounded(features: Sequence[GeoFeature], ground_height_m: float) -> list[GeoFeature]:

@@ -18,9 +18,9 @@ import numpy as np
 import pyproj
 
 from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.polylines import IntArray
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.vector_map import GeoFeature
 
 #: Geometries of positions, with the fewest that each point, line or ring of them has.
 _KINDS = {

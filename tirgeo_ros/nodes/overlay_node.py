@@ -11,8 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
-from tirgeo_ros.core.vector_map import GeoFeature
 from tirgeo_ros.io.maps import load_map
 from tirgeo_ros.io.messages import (
     DiagnosticItem,

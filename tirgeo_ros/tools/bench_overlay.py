@@ -17,9 +17,9 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.ground import locate
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.vector_map import GeoFeature
 
 Pixels = npt.NDArray[np.uint8]
 

@@ -20,9 +20,9 @@ from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.vector_map import GeoFeature
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
 from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration
