@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
 
@@ -44,7 +44,8 @@ def status(state=FilterState.RUNNING, reason=""):
 
 
 def ready(features=None, **config):
-    overlay = Overlay(OverlayConfig(**config), [geo(SQUARE_N)] if features is None else features)
+    layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
+    overlay = Overlay(OverlayConfig(**config), [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
     overlay.set_status(status())
@@ -173,7 +174,7 @@ def test_the_notice_says_why(prepare, notice):
 
 
 def test_what_no_pose_can_help_is_said_at_once():
-    overlay = Overlay(OverlayConfig(), [geo(SQUARE_N)])
+    overlay = Overlay(OverlayConfig(), [MapLayer("map", [geo(SQUARE_N)])])
     overlay.add_frame(START, GREY, START)
     assert overlay.take(START).notice == "NO MAP: no camera info"
     overlay.set_camera(XT2)
@@ -290,7 +291,7 @@ def test_a_long_latency_keeps_poses_long_enough():
 def test_a_map_without_heights():
     flat = [geo(SQUARE_N, height=False)]
     with pytest.raises(ConfigError, match="set ground_height_m"):
-        Overlay(OverlayConfig(), flat)
+        Overlay(OverlayConfig(), [MapLayer("map", flat)])
     overlay = ready(features=flat, ground_height_m=25.0)
     overlay.add_pose(pose_at(START))
     overlay.add_frame(START + LATENCY, GREY, START)

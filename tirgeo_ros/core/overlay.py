@@ -9,27 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature
-from tirgeo_ros.core.painting import (
-    coloured,
-    paint_labels,
-    paint_lines,
-    paint_notice,
-    paint_status,
-)
-from tirgeo_ros.core.polylines import Polylines, joined
+from tirgeo_ros.core.map_drawing import MapDrawing
+from tirgeo_ros.core.map_layers import MapLayer
+from tirgeo_ros.core.painting import coloured, paint_notice, paint_status
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.samples import CameraPose, NavigationStatus
 from tirgeo_ros.core.status_line import status_line, words_of
 from tirgeo_ros.core.text import Pixels
-from tirgeo_ros.core.vector_map import VectorMap, grounded
-from tirgeo_ros.core.view import View
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
 
@@ -42,21 +32,21 @@ class OverlayResult:
     image: Pixels  # (h, w, 3) BGR
     pose: CameraPose | None  # at the exposure; None where nothing was drawn
     notice: str  # why nothing was drawn, else empty
+    camera: Camera | None = None  # of the picture as it is shown; None where it is unknown
+    predicted_s: float = 0.0  # by how much the pose is a prediction
 
 
 class Overlay:
     """Frames and poses in, pictures out. Raises ConfigError if the map's heights are unknown."""
 
-    def __init__(self, config: OverlayConfig, features: Sequence[GeoFeature]) -> None:
+    def __init__(self, config: OverlayConfig, layers: Sequence[MapLayer]) -> None:
         self._latency_ns = round(config.video_latency_s * 1e9)
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
-        self._features = grounded(features, config.ground_height_m)
+        self._drawing = MapDrawing(config, layers)
         self._frames = FrameQueue()
         kept_s = max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S
         self._poses: PoseHistory[CameraPose] = PoseHistory(span_s=kept_s)
         self._plane: TangentPlane | None = None
-        self._map: VectorMap | None = None
-        self._view: View | None = None
         self._status: NavigationStatus | None = None
         self._results = {"drawn": 0, "notices": 0}
 
@@ -74,12 +64,15 @@ class Overlay:
         if plane != self._plane:
             self._plane = plane
             self._poses.clear()
-            self._map = VectorMap.from_geodetic(self._features, plane)
+            self._drawing.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
         """The camera's calibration."""
-        if self._view is None or camera != self._view.camera:
-            self._view = View(camera)
+        self._drawing.set_camera(camera)
+
+    def set_layers(self, layers: Sequence[MapLayer]) -> None:
+        """Another map. Raises ConfigError, and keeps the present one, if heights are unknown."""
+        self._drawing.set_layers(layers)
 
     def set_status(self, status: NavigationStatus) -> None:
         """What the estimator says of itself, for the status line and the notices."""
@@ -116,15 +109,15 @@ class Overlay:
 
     def _obstacle(self, pixels: Pixels) -> str:
         """Why no pose could help, else empty."""
-        if not self._features:
+        if self._drawing.empty:
             return "no map is given"
-        if self._view is None:
+        if self._drawing.view is None:
             return "no camera info"
-        camera = self._view.camera
+        camera = self._drawing.view.camera
         height, width = pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
-        return "" if self._map else self._not_navigating() or "no origin"
+        return "" if self._drawing.map else self._not_navigating() or "no origin"
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self._poses.newest_ns
@@ -152,27 +145,9 @@ class Overlay:
     def _with_map(self, frame: Frame, now_ns: int, pose: CameraPose) -> OverlayResult:
         self._results["drawn"] += 1
         image = coloured(frame.pixels)
-        self._draw(image, pose)
+        self._drawing.draw(image, pose)
         self._paint_status(image, frame, now_ns)
         return OverlayResult(frame.stamp_ns, image, pose, "")
-
-    def _draw(self, image: Pixels, pose: CameraPose) -> None:
-        assert self._view is not None
-        assert self._map is not None
-        lines = self._view.lines(self._map, pose)
-        marks = self._view.marks(self._map, pose)
-        paint_lines(image, lines, marks)
-        self._paint_labels(image, joined(lines, marks))
-
-    def _paint_labels(self, image: Pixels, lines: Polylines) -> None:
-        assert self._view is not None
-        assert self._map is not None
-        named = lines.select(np.flatnonzero(self._map.labelled[lines.owner]))
-        inside = self._view.inside(named.points)
-        features, owner = np.unique(named.owner, return_inverse=True)
-        owner = np.repeat(owner, np.diff(named.starts))[inside]
-        labels = [self._map.labels[feature] for feature in features]
-        paint_labels(image, named.points.T[inside], owner, labels)
 
     def _paint_status(self, image: Pixels, frame: Frame, now_ns: int) -> None:
         age_s = (now_ns - frame.stamp_ns) * 1e-9

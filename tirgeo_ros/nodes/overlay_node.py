@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.io.maps import load_map
 from tirgeo_ros.io.messages import (
@@ -55,13 +55,13 @@ class OverlayNode(Node):
         self._subscribe()
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
-    def _load_map(self) -> list[GeoFeature]:
+    def _load_map(self) -> list[MapLayer]:
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
             return []
         features = load_map(self._config.map, self._config.label_field)
         self.get_logger().info(f"{self._config.map}: {len(features)} features")
-        return features
+        return [MapLayer("map", features)]
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(IMAGE_DEPTH), sensor_input(1)

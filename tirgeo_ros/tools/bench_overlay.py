@@ -17,7 +17,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.ground import locate
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import Array, CameraPose
 
@@ -78,7 +78,7 @@ def _whole_frame(outlines_n: Array, picture: Pixels) -> Callable[[], object]:
     labels = [f"bed {k}" for k in range(LABELS)] + [""] * (len(outlines_n) - LABELS)
     places = np.stack(_PLANE.geodetic_from_ned(outlines_n), -1)
     features = [GeoFeature(*each) for each in zip(labels, [True] * len(labels), places)]  # noqa: B905 as long as each other
-    overlay = Overlay(OverlayConfig(), features)
+    overlay = Overlay(OverlayConfig(), [MapLayer("beds", features)])
     overlay.set_plane(_PLANE)
     overlay.set_camera(XT2)
     stamp_ns = 0

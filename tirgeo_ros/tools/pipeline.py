@@ -8,7 +8,7 @@ caused it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -20,7 +20,7 @@ from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.io import messages as convert
@@ -41,7 +41,7 @@ class Settings:
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
-    features: list[GeoFeature] | None = None  # None: no overlay
+    layers: Sequence[MapLayer] | None = None  # None: no overlay
     raw_images: bool = False
 
 
@@ -62,8 +62,8 @@ class Pipeline:
         """``names`` leads the names in diagnostics: the namespace with a slash at both ends."""
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
-        if settings.features is not None:
-            self.overlay = Overlay(settings.overlay, settings.features)
+        if settings.layers is not None:
+            self.overlay = Overlay(settings.overlay, settings.layers)
         self.unreadable: Counter[str] = Counter()
         self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()

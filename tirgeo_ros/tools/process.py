@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.maps import load_map
@@ -63,8 +64,8 @@ def process(
     _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
     reader = BagReader(bag_in)
     topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, pictures=bool(map_path))
-    features = load_map(map_path, overlay.label_field) if map_path else None
-    settings = Settings(ekf, gimbal, overlay, features, raw_images)
+    layers = _layers(map_path, overlay) if map_path else None
+    settings = Settings(ekf, gimbal, overlay, layers, raw_images)
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
@@ -92,6 +93,10 @@ def _configs(
             OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
         )
     return ekf, gimbal, overlay
+
+
+def _layers(path: str, overlay: OverlayConfig) -> list[MapLayer]:
+    return [MapLayer(Path(path).stem, load_map(path, overlay.label_field))]
 
 
 def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked: bool) -> None:
