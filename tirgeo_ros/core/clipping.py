@@ -34,15 +34,15 @@ def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polyline
 
 
 def clip_to_disc(lines: Polylines, radius: float) -> Polylines:
-    """The part of plane lines (2, V) within a distance of the origin."""
+    """The part of lines within a distance of the origin, in their first two coordinates."""
     excess = lines.points[0] ** 2 + lines.points[1] ** 2 - radius**2
     outside = excess > 0
     if not outside.any():
         return lines
     keep = lines.links()
     crossing = np.flatnonzero(keep & (outside[:-1] | outside[1:]))
-    start = lines.points[:, crossing]
-    step = lines.points[:, crossing + 1] - start
+    start = lines.points[:2, crossing]
+    step = lines.points[:2, crossing + 1] - start
     # |start + t step|^2 = radius^2
     a, b = (step**2).sum(axis=0), (start * step).sum(axis=0)
     root = b * b - a * excess[crossing]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
 
@@ -43,15 +44,45 @@ class VectorMap:
 
     ``lines`` and ``marks`` (3, V) are owned by indices of ``labels``, one for each feature of the
     map, and ``labelled`` says which are not empty; outlines are lines that end where they begin.
+    ``layers`` are in the order of drawing, without their features; ``layer`` (features,) is the
+    one to which a feature belongs, and never falls from one feature to the next.
     ``centres`` and ``halves`` (3, lines) are the lines' bounding boxes.
     """
 
     labels: tuple[str, ...]
     labelled: BoolArray
+    layers: tuple[MapLayer, ...]
+    layer: IntArray
     lines: Polylines
     marks: Polylines
     centres: Array
     halves: Array
+
+    @classmethod
+    def from_layers(
+        cls, layers: Sequence[MapLayer], plane: TangentPlane, ground_height_m: float = math.nan
+    ) -> VectorMap:
+        """Lay layers into a plane; raises ConfigError where heights are unknown."""
+        of_layers = [
+            [f for f in grounded(layer.features, ground_height_m) if len(f.points)]
+            for layer in layers
+        ]
+        labels, layer, owner = _owners(of_layers)
+        parts = [_closed(feature) for features in of_layers for feature in features]
+        lines = [i for i, part in enumerate(parts) if len(part) > 1]
+        marks = [i for i, part in enumerate(parts) if len(part) == 1]
+        laid = _laid([parts[i] for i in lines], owner[lines], plane)
+        low, high = _bounds(laid)
+        return cls(
+            labels,
+            np.array([bool(label) for label in labels], bool),
+            tuple(replace(layer, features=()) for layer in layers),
+            layer,
+            laid,
+            _laid([parts[i] for i in marks], owner[marks], plane),
+            (low + high) / 2,
+            (high - low) / 2,
+        )
 
     @classmethod
     def from_geodetic(
@@ -60,32 +91,28 @@ class VectorMap:
         plane: TangentPlane,
         ground_height_m: float = math.nan,
     ) -> VectorMap:
-        """Lay features into a plane; raises ConfigError where heights are unknown."""
-        features = [f for f in grounded(features, ground_height_m) if len(f.points)]
-        labels, owner = _owners(features)
-        parts = [_closed(feature) for feature in features]
-        lines = [i for i, part in enumerate(parts) if len(part) > 1]
-        marks = [i for i, part in enumerate(parts) if len(part) == 1]
-        laid = _laid([parts[i] for i in lines], owner[lines], plane)
-        low, high = _bounds(laid)
-        return cls(
-            labels,
-            np.array([bool(label) for label in labels], bool),
-            laid,
-            _laid([parts[i] for i in marks], owner[marks], plane),
-            (low + high) / 2,
-            (high - low) / 2,
-        )
+        """Lay the features of one layer into a plane."""
+        return cls.from_layers([MapLayer("", features)], plane, ground_height_m)
 
 
-def _owners(features: Sequence[GeoFeature]) -> tuple[tuple[str, ...], IntArray]:
-    """The labels, and for each feature the index of its own; a group has one together."""
-    keys = [(f.group, -1) if f.group >= 0 else (-1, i) for i, f in enumerate(features)]
+def _owners(
+    of_layers: Sequence[Sequence[GeoFeature]],
+) -> tuple[tuple[str, ...], IntArray, IntArray]:
+    """The labels and layers of features, and for each part the index of its own.
+
+    Parts of a layer's group are one feature.
+    """
+    keys = [
+        (layer, f.group, -1) if f.group >= 0 else (layer, -1, i)
+        for layer, features in enumerate(of_layers)
+        for i, f in enumerate(features)
+    ]
     index = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     labels = [""] * len(index)
-    for key, feature in zip(keys, features, strict=True):
+    for key, feature in zip(keys, chain.from_iterable(of_layers), strict=True):
         labels[index[key]] = labels[index[key]] or feature.label
-    return tuple(labels), np.array([index[key] for key in keys], np.int64)
+    layer = np.array([key[0] for key in index], np.int64)
+    return tuple(labels), layer, np.array([index[key] for key in keys], np.int64)
 
 
 def _closed(feature: GeoFeature) -> Array:

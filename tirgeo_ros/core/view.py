@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,26 @@ _BORDER_PX = 8.0
 #: How far a drawn chord may leave the curve into which the lens bends a straight line.
 CHORD_PX = 0.1
 _EDGE_SAMPLES = 33
+
+
+@dataclass(frozen=True, slots=True)
+class Seen(Polylines):
+    """Lines as they are drawn: ``points`` (2, V) in pixels, owned by features of the map.
+
+    ``rays`` (3, V) has x and y on the plane z = 1 of the optical frame, and one over the depth z.
+    """
+
+    rays: Array
+
+    def points_c(self) -> Array:
+        """(3, V) the places on the map, in the optical frame, m."""
+        x, y, inverse_depth = self.rays
+        return np.stack([x, y, np.ones_like(x)]) / inverse_depth
+
+    def points_n(self, pose: CameraPose) -> Array:
+        """(3, V) the places on the map, as seen from the pose, m."""
+        turned = matrix_from_quat(pose.q_nc) @ self.points_c()
+        return np.asarray(turned + pose.position_n[:, None])
 
 
 class View:
@@ -36,7 +57,7 @@ class View:
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(bend / (8 * CHORD_PX))
 
-    def lines(self, vector_map: VectorMap, pose: CameraPose) -> Polylines:
+    def lines(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's lines as they are drawn: (2, V) pixels, owned as in the map.
 
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
@@ -46,20 +67,30 @@ class View:
         points_c = rotation_nc.T @ (seen.points - pose.position_n[:, None])
         lines = Polylines(points_c, seen.starts, seen.owner)
         lines = clip_to_planes(lines, self._normals_c, self._offsets)
-        flat = Polylines(lines.points[:2] / lines.points[2], lines.starts, lines.owner)
+        # One over the depth changes evenly along a line of the plane z = 1, as x and y do.
+        inverse_depth = 1 / lines.points[2]
+        rays = np.stack([*(lines.points[:2] * inverse_depth), inverse_depth])
+        flat = Polylines(rays, lines.starts, lines.owner)
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         flat = flat.subdivided(self._pieces(flat))
-        return Polylines(np.stack(self.camera.pixels(*flat.points)), flat.starts, flat.owner)
+        return self._seen(flat)
 
-    def marks(self, vector_map: VectorMap, pose: CameraPose) -> Polylines:
+    def _seen(self, flat: Polylines) -> Seen:
+        uv = np.stack(self.camera.pixels(*flat.points[:2]))
+        return Seen(uv, flat.starts, flat.owner, flat.points)
+
+    def marks(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's points that lie in the image: lines of one point (2, V), pixels."""
         marks = vector_map.marks
         offset_n = marks.points.T - pose.position_n
-        uv, valid = self.camera.project(offset_n @ matrix_from_quat(pose.q_nc))
+        points_c = offset_n @ matrix_from_quat(pose.q_nc)
+        uv, valid = self.camera.project(points_c)
         valid[valid] = self.inside(uv[valid].T)
         owner = marks.owner[valid]
-        return Polylines(uv[valid].T, np.arange(len(owner) + 1), owner)
+        x, y, z = points_c[valid].T
+        rays = np.stack([x / z, y / z, 1 / z])
+        return Seen(uv[valid].T, np.arange(len(owner) + 1), owner, rays)
 
     def inside(self, uv: Array) -> BoolArray:
         """Whether pixels (2, N) lie in the image; (N,)."""
@@ -75,7 +106,7 @@ class View:
         return np.flatnonzero((nearest >= self._offsets[:, None]).all(axis=0))
 
     def _pieces(self, flat: Polylines) -> IntArray:
-        step = np.diff(flat.points, axis=1) * self._pieces_per_length
+        step = np.diff(flat.points[:2], axis=1) * self._pieces_per_length
         squared = step[0] * step[0] + step[1] * step[1]
         long = np.flatnonzero((squared > 1) & flat.links())
         pieces = np.ones(len(squared), np.int64)
