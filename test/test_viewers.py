@@ -1,0 +1,44 @@
+"""The viewers' files show topics of the contract, and a click goes where it is listened to."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import yaml
+
+from tirgeo_ros.io.messages import TOPIC_TYPES
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+TOPICS = {f"/{topic.lstrip('/')}" for topic in TOPIC_TYPES}
+
+
+def named(text):
+    return set(re.findall(r"/(?:tirgeo|thermal|diagnostics)[a-z_/]*", text))
+
+
+def test_foxglove_shows_the_overlay_and_publishes_clicks_to_locate():
+    layout = json.loads((CONFIG / "foxglove_layout.json").read_text())
+    panels = layout["configById"]
+    overlay = panels["Image!overlay"]
+    assert overlay["imageMode"]["imageTopic"] == "/tirgeo/overlay/image/compressed"
+    assert overlay["publish"]["type"] == "point"
+    assert overlay["publish"]["pointTopic"] == "/tirgeo/locate/pixel"
+    assert set(leaves(layout["layout"])) == set(panels)
+    assert named(json.dumps(layout)) <= TOPICS
+
+
+def leaves(tree):
+    if isinstance(tree, str):
+        return [tree]
+    return [*leaves(tree["first"]), *leaves(tree["second"])]
+
+
+def test_rviz_shows_the_overlay_and_what_was_located():
+    text = (CONFIG / "tirgeo.rviz").read_text()
+    displays = yaml.safe_load(text)["Visualization Manager"]["Displays"]
+    topics = {item["Topic"]["Value"]: item["Class"] for item in displays if "Topic" in item}
+    assert topics["/tirgeo/overlay/image"] == "rviz_default_plugins/Image"
+    assert topics["/tirgeo/locate/point"] == "rviz_default_plugins/PoseWithCovariance"
+    assert set(topics) <= TOPICS
