@@ -162,3 +162,17 @@ def test_table_9():
 def test_a_wrong_calibration_is_refused(arguments, message):
     with pytest.raises(CameraError, match=message):
         Camera(*arguments)
+
+
+@EACH
+def test_slopes_against_differences(camera):
+    rng = np.random.default_rng(5)
+    angle, radius = rng.uniform(0, 2 * np.pi, 500), camera.max_radius * rng.uniform(0, 1, 500)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    # third derivatives of these lenses stay below 1e5 px, so a step of 1e-5 leaves 1e-5 px of
+    # truncation; rounding leaves 1e3 * 1e-16 / 1e-5 = 1e-8
+    step = 1e-5
+    by_x = np.subtract(camera.pixels(x + step, y), camera.pixels(x - step, y)) / (2 * step)
+    by_y = np.subtract(camera.pixels(x, y + step), camera.pixels(x, y - step)) / (2 * step)
+    expected = [by_x[0], by_y[0], by_x[1], by_y[1]]
+    np.testing.assert_allclose(camera.slopes(x, y), expected, rtol=0, atol=1e-5)

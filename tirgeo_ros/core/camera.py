@@ -138,6 +138,11 @@ class Camera:
             v[part] = self.fy * distorted[1] + self.cy
         return u, v
 
+    def slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
+        """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape."""
+        xx, xy, yy = _slopes(self._k, x, y)
+        return self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
+
     def project(self, points_c: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Points (N, 3) in the optical frame, m, to pixels (N, 2) and which are valid (N,).
 
@@ -234,16 +239,22 @@ def _newton_step(
     k: tuple[float, ...], x: Array, y: Array, xd: Array, yd: Array
 ) -> tuple[Array, Array]:
     """The correction that brings the distorted (x, y) to (xd, yd), to first order."""
+    got = _distort(k, x, y)
+    ex, ey = got[0] - xd, got[1] - yd
+    xx, xy, yy = _slopes(k, x, y)
+    determinant = xx * yy - xy * xy
+    return (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
+
+
+def _slopes(k: tuple[float, ...], x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the distorted point: dx/dx, dx/dy (which is dy/dx), dy/dy."""
     p1, p2 = k[2:4]
     s = x * x + y * y
     factor, slope = _radial(k, s), _radial_slope(k, s)
-    got = _distort(k, x, y)
-    ex, ey = got[0] - xd, got[1] - yd
     xx = factor + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x
     xy = 2 * (slope * x * y + p1 * x + p2 * y)
     yy = factor + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x
-    determinant = xx * yy - xy * xy
-    return (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
+    return xx, xy, yy
 
 
 #: The FLIR XT2's thermal camera (Ren et al. 2022, Table 9).
