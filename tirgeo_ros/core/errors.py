@@ -25,6 +25,10 @@ class MapError(TirgeoError):
     """A map file cannot be read or makes no sense as a map."""
 
 
+class ElevationError(TirgeoError):
+    """An elevation model cannot be read, or makes no sense as one."""
+
+
 class CameraError(TirgeoError):
     """A camera's calibration cannot be used."""
 

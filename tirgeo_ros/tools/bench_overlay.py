@@ -16,7 +16,7 @@ from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.ground import locate
+from tirgeo_ros.core.locating import locate
 from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import Array, CameraPose
@@ -66,8 +66,8 @@ def overlay_times() -> OverlayTimes:
 def _outlines(rng: np.random.Generator) -> Array:
     """(features, CORNERS, 3) NED; the first IN_VIEW lie in the picture, the others behind it."""
     uv = rng.uniform([20, 20], [XT2.width - 20, XT2.height - 20], (IN_VIEW, 2))
-    seen, valid = locate(XT2, _POSE, uv, 0.0)
-    assert valid.all()
+    seen, reasons = locate(XT2, _POSE, uv, _PLANE, _PLANE.height_m)
+    assert not any(reasons)
     behind = rng.uniform([-400, -200, 0], [-50, 200, 0], (OUT_OF_VIEW, 3))
     turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
     ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), np.zeros(CORNERS)], -1)

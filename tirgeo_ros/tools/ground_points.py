@@ -22,7 +22,7 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import METHODS, EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.ground import locate
+from tirgeo_ros.core.locating import locate
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.io.parameter_file import ParameterFile
@@ -94,7 +94,7 @@ def locate_observations(
     ground_height_m: float,
     video_latency_s: float,
 ) -> GroundErrors:
-    """Locate every observation on the horizontal plane at ``ground_height_m`` (ellipsoidal).
+    """Locate every observation on the ground, level at ``ground_height_m`` (ellipsoidal).
 
     ``poses`` are in ``plane`` and must reach over the flight; an observation's pose is that of
     its image's exposure, stamp less ``video_latency_s``.
@@ -103,15 +103,15 @@ def locate_observations(
         point.id: plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
         for point in survey
     }
-    ground_d_m = plane.height_m - ground_height_m
     latency_ns = round(video_latency_s * 1e9)
     located = []
     for seen in observations:
         pose = poses.at(seen.stamp_ns - latency_ns)
         if isinstance(pose, Miss) or seen.id not in surveyed:
             continue
-        points_n, valid = locate(camera, pose, np.array([[seen.u, seen.v]]), ground_d_m)
-        if valid[0]:
+        uv = np.array([[seen.u, seen.v]])
+        points_n, reasons = locate(camera, pose, uv, plane, ground_height_m)
+        if reasons[0] is None:
             error_n = (points_n[0] - surveyed[seen.id])[:2]
             located.append(Located(seen.id, seen.stamp_ns, error_n))
     return GroundErrors(located, len(observations) - len(located))
