@@ -20,6 +20,7 @@ from tirgeo_ros.io.messages.decode import (
 )
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_status
 from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.located import LocatedMessages, ground_point
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.sensed import (
     SENSED_SAMPLES,
@@ -35,6 +36,7 @@ __all__ = [
     "SENSED_TOPICS",
     "TOPIC_TYPES",
     "DiagnosticItem",
+    "LocatedMessages",
     "Messages",
     "SensedSample",
     "body_pose",
@@ -42,6 +44,7 @@ __all__ = [
     "camera_attitude",
     "camera_pose",
     "compressed_pixels",
+    "ground_point",
     "heading_sample",
     "image_pixels",
     "imu_sample",
