@@ -43,3 +43,4 @@ class MapLayer:
     features: Sequence[GeoFeature]
     style: LayerStyle = LayerStyle()
     sigma_m: float | None = None  # standard deviation of its horizontal positions; None: not told
+    left_out: tuple[str, ...] = ()  # what of the file is not in it, or not as told: a line each

@@ -1,0 +1,9 @@
+"""Vector maps from files: GeoJSON, GeoPackage, Shapefile, KML, KMZ, and what pyogrio reads.
+
+A third coordinate is taken as the height above the WGS84 ellipsoid in metres, except where the
+format or its coordinate reference system says that heights are others: those are left out.
+"""
+
+from tirgeo_ros.io.maps.layers import load_layers, load_map, map_files
+
+__all__ = ["load_layers", "load_map", "map_files"]

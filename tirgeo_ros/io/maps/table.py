@@ -1,0 +1,94 @@
+"""What every format is read into: one table of features, as its file has them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.polylines import BoolArray, IntArray
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.suggestions import nearest
+
+#: The fewest positions that a point, a line and a ring have.
+FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class Shapes:
+    """Points, lines and rings of a table, end to end.
+
+    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3) in the table's own system,
+    z nan where there is none. ``feature`` (parts) counts from 0 in the order of the file;
+    ``closed`` (parts) marks rings.
+    """
+
+    points: Array
+    starts: IntArray
+    feature: IntArray
+    closed: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Features of one kind, before they are laid on the Earth."""
+
+    where: str  # begins every message about it
+    name: str
+    crs: str | None  # WKT, PROJ or a code; None: longitudes and latitudes in WGS84
+    shapes: Shapes
+    properties: Sequence[Mapping[str, Any]]  # of each feature
+    fields: Collection[str]  # names of the properties
+    left_out: tuple[str, ...] = ()  # what of the file is not in the shapes, or not as told
+
+
+@dataclass(slots=True)
+class ShapeBuilder:
+    """Collects parts that come as arrays."""
+
+    where: str
+    parts: list[NDArray[np.float64]] = field(default_factory=list)
+    features: list[int] = field(default_factory=list)
+    rings: list[bool] = field(default_factory=list)
+
+    def add(self, feature: int, kind: str, points: NDArray[np.float64]) -> None:
+        """Take a part, (n, 2) or (n, 3), of a feature; none if it is empty.
+
+        Raises MapError if it has fewer positions than its kind needs.
+        """
+        check_size(len(points), kind, f"{self.where}: feature {feature + 1}")
+        if len(points):
+            self.parts.append(points)
+            self.features.append(feature)
+            self.rings.append(kind == "Polygon")
+
+    def shapes(self) -> Shapes:
+        """All parts, in the order in which they came."""
+        starts = starts_of(map(len, self.parts))
+        points = np.full((starts[-1], 3), np.nan)
+        for part, (a, b) in zip(self.parts, itertools.pairwise(starts.tolist()), strict=True):
+            points[a:b, : part.shape[1]] = part
+        return Shapes(points, starts, np.array(self.features, int), np.array(self.rings, bool))
+
+
+def check_size(size: int, kind: str, where: str) -> None:
+    """Refuse a part of too few positions; none at all is an empty geometry, which is right."""
+    if 0 < size < FEWEST[kind]:
+        raise MapError(f"{where}: a {kind} of {size} positions is none")
+
+
+def starts_of(sizes: Iterable[int]) -> IntArray:
+    """Where each part begins, and where the last one ends."""
+    return np.fromiter(itertools.accumulate(sizes, initial=0), np.int64)
+
+
+def check_layer(path: Path, layer: str, known: Collection[str]) -> None:
+    """Refuse a layer that the file has not; "" is all of them."""
+    if layer and layer not in known:
+        raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, known)}")
