@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import CameraError, MessageError
 
-Pixels = npt.NDArray[np.uint8]
+Pixels = npt.NDArray[Any]  # uint8 or uint16
 
 #: Encoding to bytes a pixel; the second names are those of newer sensor_msgs for the first.
 _BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
@@ -27,17 +27,14 @@ _CONVERSIONS = {
     "yuv422": cv2.COLOR_YUV2BGR_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
 }
-#: A 16-bit picture is stretched between the values at these shares of its pixels in order: single
-#: hot or dead pixels count not.
-_STRETCH = (0.01, 0.99)
 #: Numbers of distortion coefficients that each model may have.
 _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
 
 
 def image_pixels(msg: Any) -> Pixels:
-    """``sensor_msgs/Image`` as uint8 (h, w), or (h, w, 3) in blue, green, red.
+    """``sensor_msgs/Image`` as (h, w) uint8 or uint16, or (h, w, 3) uint8 in blue, green, red.
 
-    mono8, mono16 (stretched to 8 bits), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2. The array may
+    mono8, mono16 (its values as they are), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2. The array may
     share the message's memory: do not write into it. Raises MessageError.
     """
     encoding = _ALIASES.get(msg.encoding, msg.encoding)
@@ -48,14 +45,14 @@ def image_pixels(msg: Any) -> Pixels:
         return rows
     if encoding == "mono16":
         order = ">u2" if msg.is_bigendian else "<u2"
-        return stretched(np.ascontiguousarray(rows).view(order))
+        return np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)
     colours = rows.reshape(msg.height, msg.width, _BYTES[encoding])
     if encoding == "bgr8":
         return colours
     return _converted(colours, encoding)
 
 
-def _rows(msg: Any, bytes_per_pixel: int) -> Pixels:
+def _rows(msg: Any, bytes_per_pixel: int) -> npt.NDArray[np.uint8]:
     """(h, w * bytes) without the padding at the end of each row."""
     data = np.frombuffer(msg.data, np.uint8)
     height, width, step = int(msg.height), int(msg.width), int(msg.step)
@@ -68,19 +65,10 @@ def _rows(msg: Any, bytes_per_pixel: int) -> Pixels:
     return data[: height * step].reshape(height, step)[:, :used]
 
 
-def _converted(colours: Pixels, encoding: str) -> Pixels:
+def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> Pixels:
     if encoding.startswith("yuv") and colours.shape[1] % 2:
         raise MessageError(f"image: {encoding} needs an even width, has {colours.shape[1]}")
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), _CONVERSIONS[encoding]))
-
-
-def stretched(pixels: npt.NDArray[Any]) -> Pixels:
-    """(h, w) 16-bit values to 8 bits between the values at _STRETCH; one value gives black."""
-    below = np.cumsum(np.bincount(pixels.ravel(), minlength=1 << 16))
-    low, high = np.searchsorted(below, np.array(_STRETCH) * pixels.size)
-    scale = 255.0 / max(int(high) - int(low), 1)
-    raised = np.maximum(pixels, np.uint16(low))
-    return np.asarray(cv2.convertScaleAbs(raised, alpha=scale, beta=-float(low) * scale))
 
 
 def compressed_pixels(msg: Any) -> Pixels:
@@ -92,11 +80,13 @@ def compressed_pixels(msg: Any) -> Pixels:
         pixels = None
     if pixels is None:
         raise MessageError(f"compressed image: {data.size} bytes are no {msg.format or 'picture'}")
-    if pixels.dtype == np.uint16:
-        pixels = stretched(pixels if pixels.ndim == 2 else pixels[..., 0])
+    if pixels.ndim == 3 and pixels.dtype == np.uint16:
+        pixels = pixels[..., 0]  # a thermal picture whose writer knew colour pictures alone
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[..., :3]
-    return np.asarray(pixels, np.uint8)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise MessageError(f"compressed image: pixels of {pixels.dtype}; send 8 or 16 bits")
+    return np.asarray(pixels)
 
 
 def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
