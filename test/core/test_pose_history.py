@@ -125,6 +125,19 @@ def test_bounded_by_time():
     assert isinstance(history.at(999 * STEP_NS - 1_000_000_000), BodyPose)
 
 
+def test_the_latest_poses():
+    history: PoseHistory[BodyPose] = PoseHistory()
+    assert history.latest(1.0) == []
+    for k in range(5):
+        history.add(body(k * STEP_NS))
+    assert [pose.stamp_ns for pose in history.latest(0.02)] == [
+        2 * STEP_NS,
+        3 * STEP_NS,
+        4 * STEP_NS,
+    ]
+    assert len(history.latest(1.0)) == 5
+
+
 def test_stamp_going_back_starts_again():
     history: PoseHistory[BodyPose] = PoseHistory()
     history.add(body(5 * STEP_NS))

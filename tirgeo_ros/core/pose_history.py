@@ -1,8 +1,8 @@
 """Poses of the last few seconds, and the pose at any instant between two of them.
 
 Between two poses the position and the covariance go linearly and the attitude along the shortest
-arc. Outside them, and across a gap that is too wide, there is no pose but a reason: a pose is
-never extrapolated.
+arc. Outside them, and across a gap that is too wide, there is no pose but a reason: no pose is
+extrapolated here.
 """
 
 from __future__ import annotations
@@ -75,6 +75,12 @@ class StampedHistory(Generic[T]):
             old = bisect_left(self._stamps, stamp_ns)
             del self._stamps[:old], self._entries[:old]
 
+    def latest(self, span_s: float) -> list[T]:
+        """The entries of the last ``span_s`` seconds up to the newest one, in order."""
+        if not self._stamps:
+            return []
+        return self._entries[bisect_left(self._stamps, self._stamps[-1] - round(span_s * 1e9)) :]
+
     def around(self, stamp_ns: int) -> tuple[T, T, float] | Miss:
         """The entries before and after an instant and where it lies between them, 0 to 1.
 
@@ -108,6 +114,7 @@ class PoseHistory(Generic[P]):
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
         self.invalid = 0
+        self.max_gap_s = max_gap_s
         self._history: StampedHistory[P] = StampedHistory(span_s, max_gap_s)
 
     def __len__(self) -> int:
@@ -123,6 +130,10 @@ class PoseHistory(Generic[P]):
     def newest_ns(self) -> int | None:
         """The newest pose's stamp."""
         return self._history.newest_ns
+
+    def latest(self, span_s: float) -> list[P]:
+        """The poses of the last ``span_s`` seconds up to the newest one, in order."""
+        return self._history.latest(span_s)
 
     def clear(self) -> None:
         """Forget every pose; the counts stay."""
