@@ -1,0 +1,62 @@
+"""The verb ``tirgeo locate``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.progress import Progress
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "locate",
+        help="pixels of a flight's pictures to ground points",
+        description="Locates pixels of a recorded flight's pictures on the ground, each with its "
+        "ellipse of 95 %. A pixel is given by its picture's stamp; one that cannot be located is "
+        "written with its reason. Cursor-on-Target has one standard deviation for ce and le.",
+        epilog="example:\n  tirgeo locate bags/sample/flight.mcap "
+        "--pixels bags/sample/observations.csv -o points.geojson "
+        "--params bags/sample/params.yaml --kml points.kml",
+    )
+    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+    parser.add_argument(
+        "--pixels", type=Path, metavar="CSV", required=True, help="id,stamp_ns,u,v"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="GEOJSON", required=True)
+    parser.add_argument("--params", type=Path, metavar="YAML", help="ROS 2 parameter file")
+    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
+    parser.add_argument(
+        "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
+    )
+    parser.add_argument(
+        "--method", metavar="M", choices=("raw", "rtk", "ekf", "ekf_heading"), help="%(choices)s"
+    )
+    parser.add_argument("--kml", type=Path, metavar="KML", help="the points as KML too")
+    parser.add_argument("--cot", type=Path, metavar="XML", help="and as Cursor-on-Target")
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Locate the pixels."""
+    from tirgeo_ros.tools.locate import locate_pixels  # noqa: PLC0415 heavy
+
+    if args.dem is not None and args.ground_height is not None:
+        raise UsageError("--dem and --ground-height are two grounds: give one")
+    with Progress("locating", unit="s") as bar:
+        return locate_pixels(
+            args.bag,
+            args.pixels,
+            args.output,
+            params=args.params,
+            dem=args.dem,
+            ground_height=args.ground_height,
+            method=args.method,
+            kml_out=args.kml,
+            cot_out=args.cot,
+            namespace=args.namespace,
+            progress=bar,
+        )

@@ -1,0 +1,149 @@
+"""Pixels of a recorded flight to ground points with error ellipses: the work of ``tirgeo locate``.
+
+The camera's poses come from the same core objects as those of the nodes and of ``tirgeo process``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.errors import BagError, ConfigError, SurveyError
+from tirgeo_ros.core.located import Located, Refusal, place
+from tirgeo_ros.core.locating import Ground, Reason
+from tirgeo_ros.core.parameter import config_from, values_of
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.elevation import ground_of
+from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml, write_texts
+from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.io.survey import Observation, load_observations
+from tirgeo_ros.tools.flight_poses import FlightPoses
+from tirgeo_ros.tools.progress import Report, silent
+
+
+def locate_pixels(
+    bag_in: PathLike,
+    pixels: PathLike,
+    output: PathLike,
+    *,
+    params: PathLike | None = None,
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
+    method: str | None = None,
+    kml_out: PathLike | None = None,
+    cot_out: PathLike | None = None,
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; a summary.
+
+    Writes GeoJSON, and KML and Cursor-on-Target where asked: all of them or none. ``dem`` or
+    ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground. A pixel
+    that cannot be located is written with its reason. Raises BagError, ConfigError, SurveyError,
+    ElevationError.
+    """
+    ekf, gimbal, overlay = _configs(params, namespace, method, dem, ground_height)
+    _check_outputs((bag_in, pixels), [one for one in (output, kml_out, cot_out) if one])
+    seen = load_observations(pixels)
+    ground = ground_of(overlay)
+    if ground is None:
+        raise ConfigError("height of the ground not known: give --ground-height or --dem")
+    reader = BagReader(bag_in)
+    latency_ns = round(overlay.video_latency_s * 1e9)
+    instants_ns = [one.stamp_ns - latency_ns for one in seen]
+    flight = FlightPoses(reader, ekf, gimbal, instants_ns, namespace)
+    flight.read_all(progress)
+    if flight.camera is None:
+        raise BagError(f"{os.fspath(bag_in)}: no thermal/camera_info could be used")
+    answers = [Answered(one.id, _answer(flight, one, ground, overlay)) for one in seen]
+    forms = {output: geojson, kml_out: kml, cot_out: cot}
+    write_texts({path: form(answers) for path, form in forms.items() if path})
+    summary = _summary(answers, ground)
+    summary["error"] = _error(reader, answers)
+    navigation = flight.registration.navigation.status()
+    composition = flight.registration.composer.composition
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in forms if path],
+        "method": navigation.method,
+        "composition": composition,
+        "state": navigation.state.value,
+        "messages": flight.read,
+        "messages_refused": flight.refused,
+    } | summary
+
+
+def _configs(
+    params: PathLike | None,
+    namespace: str,
+    method: str | None,
+    dem: PathLike | None,
+    ground_height: float | None,
+) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
+    given = ParameterFile(params)
+    ekf = given.config("ekf_node", EkfConfig, namespace)
+    overlay = given.config("overlay_node", OverlayConfig, namespace)
+    if method is not None:
+        ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
+    if dem is not None:
+        overlay = dataclasses.replace(overlay, dem=os.fspath(dem), ground_height_m=float("nan"))
+    if ground_height is not None:
+        overlay = config_from(
+            OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
+        )
+    return ekf, given.config("gimbal_node", GimbalConfig, namespace), overlay
+
+
+def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> None:
+    places = [Path(one).resolve() for one in (*inputs, *outputs)]
+    for place_, path in zip(places[len(inputs) :], outputs, strict=True):
+        if places.count(place_) > 1:
+            raise SurveyError(f"{os.fspath(path)}: is an input or another output too")
+
+
+def _answer(
+    flight: FlightPoses, seen: Observation, ground: Ground, overlay: OverlayConfig
+) -> Located | Refusal:
+    uv = (seen.u, seen.v)
+    found = flight.at(seen.stamp_ns - round(overlay.video_latency_s * 1e9))
+    if found is None or flight.plane is None or flight.camera is None:
+        return Refusal(seen.stamp_ns, uv, Reason.NO_POSE)
+    pose, rates = found
+    answer = place(flight.camera, pose, uv, flight.plane, ground, overlay.confidence, rates)
+    return dataclasses.replace(answer, stamp_ns=seen.stamp_ns)
+
+
+def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
+    """Numbers of pixels, the ellipses' usual length, and what to warn of."""
+    found = [one.answer for one in answers if isinstance(one.answer, Located)]
+    refused = [one.answer for one in answers if isinstance(one.answer, Refusal)]
+    reasons = Counter(one.reason.value for one in refused)
+    notes = list(ground.notes) if isinstance(ground, Terrain) else []
+    if refused and found:
+        why = ", ".join(f"{number} x {reason}" for reason, number in reasons.most_common())
+        notes.append(f"{len(refused)} of {len(answers)} pixels refused: {why}")
+    lengths = [one.ellipse.major_m for one in found]
+    return {
+        "pixels": len(answers),
+        "located": len(found),
+        "refused": dict(reasons),
+        "ellipse_major_m_median": median(lengths) if lengths else None,
+        "warning": "; ".join(notes) or None,
+    }
+
+
+def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
+    """What makes the run a failure although there is an output."""
+    if reader.damage is not None:
+        return f"{reader.path}: {reader.damage}; the points are made from these"
+    reasons = Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
+    if not answers or reasons.total() < len(answers):
+        return None
+    most = reasons.most_common(1)[0][0].value
+    return f"{reader.path}: none of {len(answers)} pixels could be located: {most}"
