@@ -32,11 +32,19 @@ KEYS = {
     "cryptography": "python3-cryptography",
 }
 #: What they are called on PyPI.
-WHEELS = {"cv2": "opencv-python-headless", "yaml": "PyYAML", "PIL": "Pillow", "serial": "pyserial"}
+WHEELS = {
+    "cv2": "opencv-python-headless",
+    "yaml": "PyYAML",
+    "PIL": "Pillow",
+    "serial": "pyserial",
+    "shapefile": "pyshp",
+}
 #: No key of rosdep that a system with an externally managed Python would take.
-BY_PIP_ALONE = {"mcap", "lz4", "zstandard", "rosbags"}
+BY_PIP_ALONE = {"mcap", "lz4", "zstandard", "rosbags", "shapefile"}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
+#: Imported where they are needed and installed: extras of setup.py.
+OPTIONAL = {"rasterio": "dem", "pyogrio": "maps"}
 LAUNCH = {"launch", "launch_ros", "ros2launch"}
 
 
@@ -129,7 +137,7 @@ def test_pyproject_has_no_project_table():
 
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(ROOT / "tirgeo_ros") | message_packages(ROOT / "tirgeo_ros")
-    keys = {KEYS.get(name, name) for name in code - BY_PIP_ALONE - FROM_SOURCE}
+    keys = {KEYS.get(name, name) for name in code - BY_PIP_ALONE - FROM_SOURCE - OPTIONAL.keys()}
     assert dependencies(package_xml, "depend", "exec_depend") == keys | LAUNCH
     assert imported_modules(ROOT / "launch") <= LAUNCH
 
@@ -138,6 +146,13 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
     code = imported_modules(ROOT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
     needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
     assert needed == {WHEELS.get(name, name) for name in code}
+
+
+def test_optional_libraries_are_extras(arguments):
+    for library, extra in OPTIONAL.items():
+        assert [re.split(r"[<>=]", item)[0] for item in arguments["extras_require"][extra]] == [
+            library
+        ]
 
 
 def test_what_the_tests_import_is_told(package_xml, arguments):
