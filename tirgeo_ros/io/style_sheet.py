@@ -119,10 +119,10 @@ def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
     if value is None:
         raise ConfigError(f'{where}: {key} has no value; a colour with # needs quotes: "#ffd000"')
     try:
-        rgb = ImageColor.getrgb(value)
+        rgb: tuple[int, ...] | None = ImageColor.getrgb(value)
     except (ValueError, TypeError, AttributeError):
-        rgb = ()
-    if len(rgb) != 3:
+        rgb = None
+    if rgb is None or len(rgb) != 3:
         raise ConfigError(
             f'{where}: {key}: {value!r} is no colour; give a name (red) or "#rrggbb"'
         )

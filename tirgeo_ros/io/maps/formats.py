@@ -9,12 +9,16 @@ from pathlib import Path
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.label_rule import LabelRule
+from tirgeo_ros.io.maps import archive, geopackage, shapefile
 from tirgeo_ros.io.maps.geojson import read_geojson
+from tirgeo_ros.io.maps.kml import read_kml, read_kmz
+from tirgeo_ros.io.maps.others import read_other
 from tirgeo_ros.io.maps.table import Table
 
 Reader = Callable[[Path, str, LabelRule], list[Table]]
 
-_HEAD = 4096
+_HEAD_BYTES = 4096
+_BLANK = b" \t\r\n\xef\xbb\xbf\x1e"  # also a byte order mark, and JSON's record separator
 
 
 def read_tables(path: Path, layer: str, rule: LabelRule) -> list[Table]:
@@ -22,9 +26,9 @@ def read_tables(path: Path, layer: str, rule: LabelRule) -> list[Table]:
 
     Raises MapError, naming the file, if it cannot be read or has no such layer.
     """
+    path = main_file(path)
     try:
-        head = _head(path)
-        return _reader(path, head)(path, layer, rule)
+        return _reader(path)(path, layer, rule)
     except FileNotFoundError:
         raise MapError(f"{path}: there is no such map; check its name") from None
     except OSError as error:
@@ -33,16 +37,76 @@ def read_tables(path: Path, layer: str, rule: LabelRule) -> list[Table]:
         raise MapError(f"{path}: the map does not fit into memory") from None
 
 
-def _head(path: Path) -> bytes:
+def main_file(path: Path) -> Path:
+    """The .shp where one of its companions is named, else the file itself."""
+    if path.suffix.lower() not in shapefile.SIDECARS:
+        return path
+    main = shapefile.sidecar(path, ".shp")
+    return main if main.is_file() else path
+
+
+def companions(path: Path) -> list[Path]:
+    """The files that are read with a map's own; some need not exist."""
+    path = main_file(path)
+    if path.suffix.lower() == ".shp":
+        return [path, *(shapefile.sidecar(path, each) for each in shapefile.SIDECARS)]
+    if path.suffix.lower() == ".gpkg":
+        return [path, geopackage.log_of(path)]
+    return [path]
+
+
+def _reader(path: Path) -> Reader:
     if path.is_dir():
+        if path.suffix.lower() == ".gdb":
+            return read_other
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     with path.open("rb") as file:
-        return file.read(_HEAD)
+        head = file.read(_HEAD_BYTES)
+    return _by_content(path, head) or _BY_NAME.get(path.suffix.lower(), read_other)
 
 
-def _reader(_path: Path, _head: bytes) -> Reader:
-    return _geojson
+def _by_content(path: Path, head: bytes) -> Reader | None:
+    if head.startswith(geopackage.MAGIC):
+        return geopackage.read_geopackage if geopackage.is_geopackage(path) else read_other
+    if head.startswith(archive.MAGIC):
+        return _zip
+    if head.startswith(shapefile.MAGIC):
+        return shapefile.read_shapefile
+    text = head.lstrip(_BLANK)
+    if text[:1] in {b"{", b"["}:
+        return _geojson
+    return _kml if text[:1] == b"<" and b"kml" in head.lower() else None
 
 
 def _geojson(path: Path, layer: str, _rule: LabelRule) -> list[Table]:
     return read_geojson(path, path.read_bytes(), layer)
+
+
+def _kml(path: Path, layer: str, _rule: LabelRule) -> list[Table]:
+    return read_kml(path, path.read_bytes(), layer)
+
+
+def _zip(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    """A KMZ or a zip of shapefiles, as its members have it."""
+    try:
+        members = archive.Archive(path.read_bytes())
+        if members.names(".kml"):
+            return read_kmz(path, members, layer)
+        if members.names(".shp"):
+            return shapefile.read_zipped_shapefiles(path, members, layer, rule)
+    except ValueError as error:
+        raise MapError(f"{path}: {error}") from None
+    raise MapError(f"{path}: a zip without a .kml or a .shp in it")
+
+
+_BY_NAME: dict[str, Reader] = {
+    ".geojson": _geojson,
+    ".json": _geojson,
+    ".geojsonl": _geojson,
+    ".geojsons": _geojson,
+    ".gpkg": geopackage.read_geopackage,
+    ".shp": shapefile.read_shapefile,
+    ".kml": _kml,
+    ".kmz": _zip,
+    ".zip": _zip,
+}

@@ -9,7 +9,7 @@ from pathlib import Path
 from tirgeo_ros.core.errors import ConfigError, MapError
 from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.io.label_rule import LabelRule
-from tirgeo_ros.io.maps.formats import read_tables
+from tirgeo_ros.io.maps.formats import companions, read_tables
 from tirgeo_ros.io.maps.laying import laid
 from tirgeo_ros.io.style_sheet import SheetLayer, load_style_sheet
 
@@ -96,14 +96,10 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
     """
     paths = _named(map)
     if style:
-        paths.append(Path(style))
+        paths = [*paths, Path(style)]
         try:
             entries = load_style_sheet(style)
         except ConfigError:
             entries = []
         paths += [file for each in entries for file in (each.file, each.crs_file) if file]
-    return list(dict.fromkeys(each for path in paths for each in (path, *_beside(path))))
-
-
-def _beside(_path: Path) -> list[Path]:
-    return []
+    return list(dict.fromkeys(each for path in paths for each in companions(path)))

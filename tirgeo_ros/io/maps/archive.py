@@ -1,0 +1,45 @@
+"""What stands in a zip: members of a bounded size, each damage a ValueError."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+
+MAGIC = b"PK\x03\x04"
+#: A map of a million vertices has a tenth of it; text of coordinates shrinks to a fifth or so.
+_LARGEST_BYTES = 1 << 29
+_MOST_SHRUNK = 100
+_SMALL_BYTES = 1 << 20  # may be shrunk as it likes
+
+
+class Archive:
+    """The members of a zip file. Raises ValueError if it is none."""
+
+    def __init__(self, content: bytes) -> None:
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(content))
+        except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
+            raise ValueError(f"a damaged zip: {error}") from None
+
+    def names(self, suffix: str) -> list[str]:
+        """Members with a suffix, in whatever capitals, shallow ones first."""
+        files = [n for n in self._zip.namelist() if not n.startswith("__MACOSX/")]
+        return sorted(
+            (name for name in files if name.lower().endswith(suffix)),
+            key=lambda name: (name.count("/"), name),
+        )
+
+    def read(self, name: str) -> bytes:
+        """A member's content; ValueError if it is damaged, locked or would fill the memory."""
+        info = self._zip.getinfo(name)
+        shrunk = info.file_size > _SMALL_BYTES + _MOST_SHRUNK * info.compress_size
+        if shrunk or info.file_size > _LARGEST_BYTES:
+            raise ValueError(f"{name} in the zip would unpack to {info.file_size} bytes")
+        try:
+            with self._zip.open(info) as member:
+                return member.read(info.file_size)
+        except RuntimeError:
+            raise ValueError(f"{name} in the zip is locked with a password") from None
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError) as error:
+            raise ValueError(f"{name} in the zip is damaged: {error}") from None

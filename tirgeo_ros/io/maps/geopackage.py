@@ -1,0 +1,131 @@
+"""GeoPackage (OGC 12-128r19) with the standard library's SQLite.
+
+A package is opened for reading alone, so that it may be open elsewhere, in QGIS for instance.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.label_rule import LabelRule
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.wkb import Part, wkb_parts
+
+MAGIC = b"SQLite format 3\0"
+_READ_VERSION = 19  # byte of the header: 2 = write-ahead log
+_ENVELOPES = (0, 32, 48, 48, 64)  # bytes, by the flags' code
+_EMPTY, _EXTENDED = 0x10, 0x20  # flags of a geometry
+_BUSY_S = 2.0
+
+_LAYERS = """
+SELECT g.table_name, g.column_name, g.srs_id, s.organization, s.organization_coordsys_id,
+       s.definition
+FROM gpkg_geometry_columns AS g LEFT JOIN gpkg_spatial_ref_sys AS s ON s.srs_id = g.srs_id
+ORDER BY g.rowid"""
+
+Row = tuple[object, ...]
+
+
+def read_geopackage(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    """The tables of features of a package, or its one table ``layer``.
+
+    Raises MapError, naming file, table and feature, if it is damaged or no GeoPackage.
+    """
+    try:
+        with closing(_connected(path)) as database:
+            rows = database.execute(_LAYERS).fetchall()
+            check_layer(path, layer, [str(row[0]) for row in rows])
+            return [_table(database, path, row, rule) for row in rows if layer in {"", row[0]}]
+    except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
+        raise MapError(f"{path}: no GeoPackage that can be read: {error}") from None
+
+
+def is_geopackage(path: Path) -> bool:
+    """Whether an SQLite file has the tables of a GeoPackage; so has one too damaged to tell."""
+    query = "SELECT count(*) FROM sqlite_master WHERE name = 'gpkg_geometry_columns'"
+    try:
+        with closing(_connected(path)) as database:
+            return bool(database.execute(query).fetchone()[0])
+    except sqlite3.Error:
+        return True
+
+
+def _connected(path: Path) -> sqlite3.Connection:
+    """A connection that leaves the file, and the folder, as they are.
+
+    A log beside the file holds what the program that has it open has written last. Without one
+    there is nothing to wait for, and SQLite would make one where it may write.
+    """
+    with path.open("rb") as file:
+        logged = file.read(_READ_VERSION + 1)[_READ_VERSION:] == b"\2"
+    way = "immutable=1" if logged and not _size(log_of(path)) else "mode=ro"
+    uri = f"file:{quote(str(path.absolute()))}?{way}"
+    database = sqlite3.connect(uri, uri=True, timeout=_BUSY_S)
+    database.text_factory = lambda text: text.decode("utf-8", "replace")
+    return database
+
+
+def log_of(path: Path) -> Path:
+    """The write-ahead log of a package, there while it is open in a program that writes."""
+    return path.with_name(path.name + "-wal")
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) -> Table:
+    name, column = str(row[0]), str(row[1])
+    where = f"{path}: layer {name}"
+    info = database.execute(f"PRAGMA table_info({_quoted(name)})").fetchall()
+    fields = [str(each[1]) for each in info if each[1] != column]
+    wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
+    selected = ", ".join(map(_quoted, [column, *wanted]))
+    # Names cannot be bound; they come from the package itself and are quoted.
+    cursor = database.execute(f"SELECT {selected} FROM {_quoted(name)}")  # noqa: S608
+    shapes = ShapeBuilder(where)
+    properties = []
+    for number, (geometry, *values) in enumerate(cursor):
+        properties.append(dict(zip(wanted, values, strict=True)))
+        for kind, points in _parts(geometry, f"{where}: feature {number + 1}"):
+            shapes.add(number, kind, points)
+    crs, told = _crs(row, where)
+    return Table(where, name, crs, shapes.shapes(), properties, fields, told)
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _crs(row: Row, where: str) -> tuple[str | None, tuple[str, ...]]:
+    """The text of a table's system; "undefined geographic" (0) is taken for WGS84."""
+    srs_id, organization, code, definition = row[2:]
+    if srs_id == 0:
+        return None, (f"{where}: its system is an undefined geographic one: taken for WGS84",)
+    if srs_id == -1:
+        return "undefined Cartesian", ()
+    if str(organization).upper() == "EPSG":
+        return f"EPSG:{code}", ()
+    return str(definition or f"srs_id {srs_id}"), ()
+
+
+def _parts(blob: object, where: str) -> Iterator[Part]:
+    """The parts of a geometry in the package's own frame of header and WKB."""
+    if blob is None:
+        return
+    if not isinstance(blob, bytes) or len(blob) < 8 or blob[:2] != b"GP" or blob[2]:
+        raise MapError(f"{where}: its geometry is none of a GeoPackage's")
+    flags = blob[3]
+    envelope = flags >> 1 & 7
+    if flags & _EXTENDED or envelope >= len(_ENVELOPES):
+        raise MapError(f"{where}: its geometry is of an extended or unknown form")
+    if not flags & _EMPTY:
+        yield from wkb_parts(blob, 8 + _ENVELOPES[envelope], where)

@@ -1,0 +1,194 @@
+"""KML and KMZ (OGC 07-147r2, 12-007r2): the placemarks, in whatever folders they are.
+
+Longitudes and latitudes are in WGS84. Heights are above the ground or above the sea (EGM96),
+never above the ellipsoid: all are left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.maps.archive import Archive
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+
+_COMMA = re.compile(r"\s*,\s*")  # some programs put blanks around it
+_DEEPEST = 200  # elements in elements
+_HOLDERS = {"kml", "Document", "Folder"}
+_GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon"}
+_NOT_DRAWN = {
+    "Track",
+    "MultiTrack",
+    "Model",
+    "NetworkLink",
+    "GroundOverlay",
+    "ScreenOverlay",
+    "PhotoOverlay",
+}
+
+
+def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
+    """The one table of a KML file, or the placemarks of its folders named ``layer``.
+
+    Raises MapError, naming file and feature, if it is no KML or has coordinates that are none.
+    """
+    root = _tree(content, path)
+    if root.tag != "kml" and root.tag not in _HOLDERS | {"Placemark"}:
+        raise MapError(f"{path}: XML, but not KML: it begins with {root.tag}")
+    folders = [each for each in root.iter() if each.tag in {"Document", "Folder"}]
+    check_layer(path, layer, {_text(folder, "name") for folder in folders} | {path.stem})
+    chosen = [root]
+    if layer and layer != path.stem:
+        chosen = [folder for folder in folders if _text(folder, "name") == layer]
+    return [_table(path, layer or path.stem, _placemarks(chosen), _counts(chosen))]
+
+
+def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
+    """The main file of a KMZ: the first .kml of it; raises MapError as ``read_kml`` does."""
+    names = archive.names(".kml")
+    main = next((name for name in names if name.lower() == "doc.kml"), names[0])
+    return read_kml(path, archive.read(main), layer)
+
+
+def _tree(content: bytes, path: Path) -> Element:
+    """The elements, names without their prefixes: any version's namespace will do."""
+    builder = _Builder()
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = builder.refuse_entity
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise MapError(f"{path}: no KML that can be read: {error}") from None
+    return builder.close()
+
+
+class _Builder:
+    """Makes the tree; refuses what grows without bound."""
+
+    def __init__(self) -> None:
+        self._tree = TreeBuilder()
+        self._depth = 0
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise ValueError("it is nested too deeply")
+        self._tree.start(_local(name), attributes)
+
+    def end(self, name: str) -> None:
+        self._depth -= 1
+        self._tree.end(_local(name))
+
+    def data(self, text: str) -> None:
+        self._tree.data(text)
+
+    def refuse_entity(self, *_declaration: object) -> None:
+        raise ValueError("it declares entities of its own")
+
+    def close(self) -> Element:
+        return self._tree.close()
+
+
+def _local(name: str) -> str:
+    return name.rpartition(":")[2]
+
+
+def _text(element: Element, name: str) -> str:
+    return (element.findtext(name) or "").strip()
+
+
+def _placemarks(roots: list[Element]) -> Iterator[Element]:
+    """Each placemark once: a folder may lie in another that is chosen too."""
+    seen = dict.fromkeys(mark for root in roots for mark in root.iter("Placemark"))
+    return iter(seen)
+
+
+def _counts(roots: list[Element]) -> Counter[str]:
+    return Counter(
+        each
+        for element in dict.fromkeys(each for root in roots for each in root.iter())
+        for each in (_left_out(element),)
+        if each
+    )
+
+
+def _left_out(element: Element) -> str:
+    """What of an element is not taken; "" if all is."""
+    if element.tag in _NOT_DRAWN:
+        return f"{element.tag} left out"
+    if element.tag in _GEOMETRIES and _text(element, "altitudeMode") == "absolute":
+        return f"{element.tag} with heights above the sea: the heights left out"
+    return ""
+
+
+def _table(path: Path, name: str, placemarks: Iterator[Element], counts: Counter[str]) -> Table:
+    shapes = ShapeBuilder(str(path))
+    properties: list[Mapping[str, Any]] = []
+    for number, placemark in enumerate(placemarks):
+        properties.append(_properties(placemark))
+        for kind, text in _pieces(placemark):
+            points = _positions(text, f"{path}: feature {number + 1}")
+            shapes.add(number, *_as_drawn(kind, points))
+    fields = {key for each in properties for key in each}
+    told = tuple(f"{path}: {count} {what}" for what, count in counts.items())
+    return Table(str(path), name, None, shapes.shapes(), properties, fields, told)
+
+
+def _properties(placemark: Element) -> dict[str, str]:
+    """Name, description, and the data of ExtendedData in both of its forms."""
+    found = {key: _text(placemark, key) for key in ("name", "description")}
+    for data in placemark.iterfind("ExtendedData//Data"):
+        found.setdefault(data.get("name", ""), _text(data, "value"))
+    for data in placemark.iterfind("ExtendedData//SimpleData"):
+        found.setdefault(data.get("name", ""), (data.text or "").strip())
+    return found
+
+
+def _pieces(geometry: Element) -> Iterator[tuple[str, str]]:
+    """Kind and coordinates of the geometries in an element, in their order."""
+    for each in geometry:
+        if each.tag in {"Point", "LineString", "LinearRing"}:
+            yield each.tag, _text(each, "coordinates")
+        elif each.tag == "Polygon":
+            for ring in each.iterfind("*/LinearRing"):
+                yield "Polygon", _text(ring, "coordinates")
+        elif each.tag == "MultiGeometry":
+            yield from _pieces(each)
+
+
+def _as_drawn(kind: str, points: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+    """A ring that bounds no polygon is a line that ends where it begins."""
+    if kind != "LinearRing":
+        return kind, points
+    return "LineString", np.concatenate([points, points[:1]])
+
+
+def _positions(text: str, where: str) -> NDArray[np.float64]:
+    """Longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ..."."""
+    tuples = _COMMA.sub(",", text).split()
+    if not tuples:
+        return np.empty((0, 2))
+    commas = {each.count(",") for each in tuples}
+    try:
+        if len(commas) == 2:
+            tuples = [",".join(each.split(",")[:2]) for each in tuples]
+        numbers = np.array(list(map(float, ",".join(tuples).split(","))))
+        right = commas <= {1, 2} and "_" not in text  # Python would read 1_6 as 16
+    except ValueError:
+        right = False
+    if not right:
+        raise MapError(f"{where}: {text[:40]!r} are no coordinates lon,lat[,height]")
+    return numbers.reshape(len(tuples), -1)[:, :2]

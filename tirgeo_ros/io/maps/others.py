@@ -1,0 +1,57 @@
+"""Every other format, by GDAL, where pyogrio is installed (the extra ``maps``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros.core.errors import ConfigError, MapError
+from tirgeo_ros.io.label_rule import LabelRule
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.wkb import wkb_parts
+
+_KNOWN = "GeoJSON, GeoPackage, Shapefile, KML and KMZ"
+
+
+def read_other(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    """The tables that GDAL finds in a file, or its one table ``layer``.
+
+    Raises MapError, naming the file, if GDAL finds none, or where pyogrio is absent.
+    """
+    try:
+        import pyogrio  # noqa: PLC0415  optional
+    except ImportError:
+        raise MapError(
+            f"{path}: none of {_KNOWN}; other formats need pyogrio: pip install 'tirgeo[maps]'"
+        ) from None
+    try:
+        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+        check_layer(path, layer, names)
+        return [_table(pyogrio, path, name, rule) for name in names if layer in {"", name}]
+    except (MapError, ConfigError):
+        raise
+    except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
+        line = " ".join(str(error).split())[:160]
+        raise MapError(f"{path}: no map that can be read: {line}") from None
+
+
+def _table(pyogrio: Any, path: Path, name: str, rule: LabelRule) -> Table:
+    where = f"{path}: layer {name}"
+    fields = [str(each) for each in pyogrio.read_info(path, layer=name)["fields"]]
+    wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
+    meta, _, geometries, columns = pyogrio.raw.read(path, layer=name, columns=wanted)
+    shapes = ShapeBuilder(where)
+    for number, blob in enumerate(geometries if geometries is not None else ()):
+        if blob is None:
+            continue
+        for kind, points in wkb_parts(bytes(blob), 0, f"{where}: feature {number + 1}"):
+            shapes.add(number, kind, points)
+    crs = meta["crs"]
+    told = (
+        () if crs else (f"{where}: names no system: taken for longitudes and latitudes in WGS84",)
+    )
+    read = [str(each) for each in meta["fields"]]
+    values = [column.tolist() for column in columns]
+    rows = zip(*values, strict=True) if values else [()] * len(geometries)
+    properties = [dict(zip(read, row, strict=True)) for row in rows]
+    return Table(where, name, crs, shapes.shapes(), properties, fields, told)

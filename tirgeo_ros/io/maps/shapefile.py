@@ -1,0 +1,223 @@
+"""Shapefiles, with pyshp: the .shp with its .dbf, .prj and .cpg, loose or in one .zip."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.label_rule import LabelRule
+from tirgeo_ros.io.maps.archive import Archive
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+
+MAGIC = b"\x00\x00\x27\x0a"
+SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
+
+_NULL, _MULTIPATCH = 0, 31
+_POINTS = {1, 8, 11, 18, 21, 28}
+_LINES = {3, 13, 23}
+_RINGS = {5, 15, 25}
+_WITH_Z = {11, 13, 15, 18}
+_NO_DATA = -1e38  # less than this is "no data"
+
+#: Code pages by the number that a .dbf has in its header, where no .cpg tells.
+_LANGUAGES = {
+    0x01: "cp437",
+    0x02: "cp850",
+    0x03: "cp1252",
+    0x13: "cp932",
+    0x4D: "gbk",
+    0x4E: "cp949",
+    0x4F: "big5",
+    0x57: "cp1252",
+    0x64: "cp852",
+    0x65: "cp866",
+    0x7A: "gbk",
+    0x7B: "cp932",
+    0xC8: "cp1250",
+    0xC9: "cp1251",
+}
+
+Fetch = Callable[[str], bytes | None]  # the content of the file with a suffix, None if absent
+
+
+def read_shapefile(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    """The one table of a shapefile, named as its file.
+
+    Raises MapError, naming file and feature, if it is damaged or holds multipatches.
+    """
+    check_layer(path, layer, {path.stem})
+
+    def fetch(suffix: str) -> bytes | None:
+        file = sidecar(path, suffix)
+        return file.read_bytes() if file.is_file() else None
+
+    return [_table(str(path), path.stem, fetch, rule)]
+
+
+def sidecar(path: Path, suffix: str) -> Path:
+    """The file beside a .shp, in the capitals in which it exists."""
+    spellings = [path.with_suffix(each) for each in (suffix, suffix.upper())]
+    return next((each for each in spellings if each.is_file()), spellings[0])
+
+
+def read_zipped_shapefiles(
+    path: Path, archive: Archive, layer: str, rule: LabelRule
+) -> list[Table]:
+    """A table for each shapefile in a zip; raises MapError, and ValueError for a damaged zip."""
+    names = {PurePosixPath(name).stem: name[:-4] for name in archive.names(".shp")}
+    check_layer(path, layer, names)
+    members = {name.lower(): name for name in archive.names("")}
+
+    def fetch(stem: str, suffix: str) -> bytes | None:
+        name = members.get((stem + suffix).lower())
+        return None if name is None else archive.read(name)
+
+    return [
+        _table(f"{path}: layer {name}", name, partial(fetch, stem), rule)
+        for name, stem in names.items()
+        if layer in {"", name}
+    ]
+
+
+def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
+    fields, records, told = _records(where, fetch, rule)
+    shapes = ShapeBuilder(where)
+    properties: list[Mapping[str, Any]] = []
+    for number, shape in enumerate(_shapes(fetch(".shp") or b"", where)):
+        record = records[number] if number < len(records) else {}
+        properties.append(record or {})
+        if record is not None:
+            _add(shapes, number, shape)
+    if records and len(records) != len(properties):
+        told += (f"{where}: {len(records)} records for {len(properties)} shapes",)
+    crs = fetch(".prj")
+    if crs is None:
+        told += (f"{where}: has no .prj: taken for longitudes and latitudes in WGS84",)
+    text = None if crs is None else crs.decode("utf-8-sig", "replace").strip()
+    return Table(where, name, text, shapes.shapes(), properties, fields, told)
+
+
+def _shapes(content: bytes, where: str) -> Iterator[Any]:
+    """The shapes as pyshp has them."""
+    pyshp = _pyshp()
+    room = len(content) // 12  # a record takes so many bytes at least: one that leads back is none
+    try:
+        with pyshp.Reader(shp=io.BytesIO(content)) as reader:
+            for number, shape in enumerate(reader.iterShapes()):
+                if number > room:
+                    raise ValueError("a record leads back to another")
+                yield shape
+    except _damage(pyshp) as error:
+        raise MapError(f"{where}: a damaged shapefile: {_line(error)}") from None
+
+
+def _add(shapes: ShapeBuilder, number: int, shape: Any) -> None:
+    kind = int(shape.shapeType)
+    if kind == _NULL:
+        return
+    points = _points(shape, kind in _WITH_Z)
+    if kind in _POINTS:
+        for row in points:
+            shapes.add(number, "Point", row[None])
+    elif kind in _LINES | _RINGS:
+        for part in np.split(points, list(shape.parts)[1:]):
+            shapes.add(number, "LineString" if kind in _LINES else "Polygon", part)
+    else:
+        name = "MultiPatch" if kind == _MULTIPATCH else f"shape of the unknown type {kind}"
+        raise MapError(f"{shapes.where}: feature {number + 1} is a {name}, which is not drawn")
+
+
+def _points(shape: Any, has_z: bool) -> NDArray[np.float64]:
+    flat = np.array([point[:2] for point in shape.points], float).reshape(-1, 2)
+    z = np.array(list(getattr(shape, "z", ())) if has_z else (), float)
+    if len(z) != len(flat):
+        return flat
+    return np.column_stack([flat, np.where(z < _NO_DATA, np.nan, z)])
+
+
+def _records(
+    where: str, fetch: Fetch, rule: LabelRule
+) -> tuple[Sequence[str], list[Mapping[str, Any] | None], tuple[str, ...]]:
+    """Names of the fields; the wanted ones of each record, None of a deleted one; remarks."""
+    content = fetch(".dbf")
+    if content is None:
+        return (), [], (f"{where}: has no .dbf: no labels",)
+    pyshp = _pyshp()
+    try:
+        with pyshp.Reader(
+            dbf=io.BytesIO(content),
+            encoding=_encoding(fetch(".cpg"), content),
+            encodingErrors="replace",
+        ) as reader:
+            fields = [each[0] for each in reader.fields if each[0] != "DeletionFlag"]
+            wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each]
+            return fields, list(_rows(reader, wanted)), ()
+    except _damage(pyshp) as error:
+        raise MapError(f"{where}: a damaged .dbf: {_line(error)}") from None
+
+
+def _rows(reader: Any, wanted: Sequence[str]) -> Iterator[Mapping[str, Any] | None]:
+    for number in range(len(reader)):
+        record = reader.record(number, fields=list(wanted))
+        yield None if record is None else dict(zip(wanted, record, strict=True))
+
+
+def _encoding(cpg: bytes | None, dbf: bytes) -> str:
+    """The code page that the .cpg names, else the .dbf; UTF-8 where its bytes are, else Latin."""
+    named = (cpg or b"").decode("ascii", "replace").strip().strip("\0").lower()
+    digits = named.removeprefix("ansi").strip()
+    for name in (
+        named,
+        f"cp{digits}",
+        named.replace(" ", "-"),
+        _LANGUAGES.get(dbf[29] if len(dbf) > 29 else 0),
+    ):
+        if name and _known(name):
+            return name
+    try:
+        dbf.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _known(name: str) -> bool:
+    try:
+        return isinstance(b"".decode(name), str)
+    except (LookupError, ValueError):  # unknown, or a codec of no text
+        return False
+
+
+def _damage(pyshp: Any) -> tuple[type[Exception], ...]:
+    """What pyshp raises, or lets through, of a file that is damaged."""
+    return (
+        pyshp.ShapefileException,
+        struct.error,
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AssertionError,
+        OSError,
+    )
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:100] or type(error).__name__
+
+
+def _pyshp() -> Any:
+    try:
+        import shapefile  # noqa: PLC0415  the other formats work without it
+    except ModuleNotFoundError:
+        raise MapError("a Shapefile needs the library pyshp: pip install pyshp") from None
+    return shapefile

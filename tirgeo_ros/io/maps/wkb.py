@@ -1,0 +1,108 @@
+"""Well-known binary (OGC 06-103r4, ISO 13249-3), with the flags of EWKB too."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tirgeo_ros.core.errors import MapError
+
+#: What the geometries are made of; the rest of ISO's are curves, and are not taken.
+_POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
+_COLLECTIONS = {4, 5, 6, 7, 15, 16}  # multi-point to collection, polyhedral surface, TIN
+_CURVES = {
+    8: "CircularString",
+    9: "CompoundCurve",
+    10: "CurvePolygon",
+    11: "MultiCurve",
+    12: "MultiSurface",
+    13: "Curve",
+    14: "Surface",
+}
+_EWKB_Z, _EWKB_M, _EWKB_SRID = 0x80000000, 0x40000000, 0x20000000
+_DEEPEST = 16  # collections in collections: more than any map has
+_SMALLEST = 9  # bytes of a geometry: byte order, type, number of what it holds
+
+Part = tuple[str, NDArray[np.float64]]  # Point, LineString or Polygon (a ring); (n, 2) or (n, 3)
+
+
+def wkb_parts(data: bytes, start: int, where: str) -> Iterator[Part]:
+    """The points, lines and rings of the geometry at ``start``; none of an empty one.
+
+    Raises MapError, led by ``where``, for a curve, and for bytes that are no geometry.
+    """
+    try:
+        yield from _Cursor(data, start, where).geometry(0)
+    except struct.error:
+        raise MapError(f"{where}: its geometry (WKB) ends too early") from None
+
+
+class _Cursor:
+    """Walks over the bytes of a geometry."""
+
+    def __init__(self, data: bytes, at: int, where: str) -> None:
+        self._data = data
+        self._at = at
+        self._where = where
+
+    def geometry(self, depth: int) -> Iterator[Part]:
+        order, base, width, height = self._header()
+        if base == _POINT:
+            point = self._positions(order, 1, width, height)
+            if not np.isnan(point[:, :2]).all():  # an empty point has no other form
+                yield "Point", point
+        elif base == _LINE:
+            count = self._count(order, 8 * width)
+            yield "LineString", self._positions(order, count, width, height)
+        elif base in {_POLYGON, _TRIANGLE}:
+            for _ in range(self._count(order, 4)):
+                count = self._count(order, 8 * width)
+                yield "Polygon", self._positions(order, count, width, height)
+        else:
+            yield from self._members(order, base, depth)
+
+    def _members(self, order: str, base: int, depth: int) -> Iterator[Part]:
+        if base in _CURVES:
+            raise self._error(f"a {_CURVES[base]} has arcs; save it as lines (segmentize it)")
+        if base not in _COLLECTIONS:
+            raise self._error(f"its geometry (WKB) is of the unknown type {base}")
+        if depth == _DEEPEST:
+            raise self._error("its geometry (WKB) is nested too deeply")
+        for _ in range(self._count(order, _SMALLEST)):
+            yield from self.geometry(depth + 1)
+
+    def _header(self) -> tuple[str, int, int, int]:
+        """Byte order, type without its flags, numbers in a position, those of them that count."""
+        first = self._data[self._at] if self._at < len(self._data) else None
+        if first not in {0, 1}:
+            raise self._error("its geometry (WKB) is damaged: no byte order where one must be")
+        order = "<" if first else ">"
+        (kind,) = struct.unpack_from(order + "I", self._data, self._at + 1)
+        self._at += 9 if kind & _EWKB_SRID else 5
+        thousands, base = divmod(kind & 0x0FFFFFFF, 1000)
+        if thousands > 3:
+            raise self._error(f"its geometry (WKB) is of the unknown type {kind}")
+        has_z = bool(kind & _EWKB_Z) or thousands in {1, 3}
+        has_m = bool(kind & _EWKB_M) or thousands in {2, 3}
+        return order, base, 2 + has_z + has_m, 2 + has_z
+
+    def _count(self, order: str, size: int) -> int:
+        """A number of things of at least ``size`` bytes, that the rest has room for."""
+        (count,) = struct.unpack_from(order + "I", self._data, self._at)
+        self._at += 4
+        if count * size > len(self._data) - self._at:
+            raise self._error(f"its geometry (WKB) ends before the {count} parts that it tells of")
+        return int(count)
+
+    def _positions(self, order: str, count: int, width: int, height: int) -> NDArray[np.float64]:
+        if count * width * 8 > len(self._data) - self._at:
+            raise self._error("its geometry (WKB) ends too early")
+        flat = np.frombuffer(self._data, order + "f8", count * width, self._at)
+        self._at += 8 * count * width
+        return flat.reshape(count, width)[:, :height]
+
+    def _error(self, problem: str) -> MapError:
+        return MapError(f"{self._where}: {problem}")
