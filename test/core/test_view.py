@@ -12,10 +12,10 @@ from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_mul
 from tirgeo_ros.core.camera import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature
+from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.vector_map import VectorMap
-from tirgeo_ros.core.view import CHORD_PX, View
+from tirgeo_ros.core.view import CHORD_PX, FAR_M, View
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 PINHOLE = Camera(640, 512, 500.0, 500.0, 319.5, 255.5)
@@ -37,13 +37,16 @@ def pose_at(position_n=(0, 0, -20), roll=0.0, pitch=-30.0, yaw=0.0):
     )
 
 
+def laid(features):
+    return VectorMap.from_layers([MapLayer("", features)], PLANE)
+
+
 def map_of(*lines, closed=False):
-    return VectorMap.from_geodetic(
+    return laid(
         [
             GeoFeature("", closed, np.column_stack(PLANE.geodetic_from_ned(np.array(line, float))))
             for line in lines
-        ],
-        PLANE,
+        ]
     )
 
 
@@ -53,8 +56,9 @@ def sampled(camera, pose, vector_map):
     found = [np.empty((0, 2))]
     for line in vector_map.lines.split():
         for a, b in itertools.pairwise((line - pose.position_n) @ rotation):
-            uv, valid = camera.project(samples_by_angle(a, b))
-            found.append(uv[valid])
+            points_c = samples_by_angle(a, b)
+            uv, valid = camera.project(points_c)
+            found.append(uv[valid & (points_c[:, 2] <= FAR_M)])
     uv = np.concatenate(found)
     return uv[View(camera).inside(uv.T)]
 

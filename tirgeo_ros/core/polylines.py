@@ -49,11 +49,7 @@ class Polylines:
 
     def select(self, which: IntArray) -> Polylines:
         """The lines of these numbers."""
-        if len(which) == len(self):
-            return self
-        lengths = self.starts[which + 1] - self.starts[which]
-        starts = np.concatenate([[0], np.cumsum(lengths)])
-        index = np.arange(starts[-1]) + np.repeat(self.starts[which] - starts[:-1], lengths)
+        index, starts = runs(self.starts[which], self.starts[which + 1] - self.starts[which])
         return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
     def cut(self, enter: Array, leave: Array) -> Polylines:
@@ -99,6 +95,15 @@ class Polylines:
         return replace(
             self, points=points, starts=np.append(after - pieces, after[-1])[self.starts]
         )
+
+
+def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
+    """``count[i]`` numbers from ``first[i]`` on, one run after another, and where each begins.
+
+    The second has one entry more, the end of the last run.
+    """
+    starts = np.concatenate([[0], np.cumsum(count)])
+    return np.arange(starts[-1]) + np.repeat(first - starts[:-1], count), starts
 
 
 def joined(first: Polylines, second: Polylines) -> Polylines:

@@ -1,4 +1,4 @@
-"""A map of lines, outlines and points, laid once into the map's tangent plane."""
+"""A map of lines, outlines and points in layers, laid once into the map's tangent plane."""
 
 from __future__ import annotations
 
@@ -9,33 +9,29 @@ from itertools import chain
 
 import numpy as np
 
-from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.detail import Boxes, Details
+from tirgeo_ros.core.draping import Ground, check_heights, lay
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined, runs
 from tirgeo_ros.core.samples import Array
 
 
-def grounded(features: Sequence[GeoFeature], ground_height_m: float) -> list[GeoFeature]:
-    """The features at ``ground_height_m``, or at their own heights where that is nan.
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """Outlines that are filled, each as the pieces of the map's lines that it is made of.
 
-    Raises ConfigError if neither is known.
+    Ring ``i`` is ``pieces[starts[i]:starts[i + 1]]``, one after the other, of ``owner[i]``.
     """
-    if math.isfinite(ground_height_m):
-        return [_at_height(feature, ground_height_m) for feature in features]
-    unknown = sum(not np.isfinite(feature.points[:, 2]).all() for feature in features)
-    if unknown:
-        raise ConfigError(
-            f"map: {unknown} of {len(features)} features have no height; set ground_height_m "
-            "(--ground-height) to the ellipsoidal height of the ground"
-        )
-    return list(features)
 
+    pieces: IntArray
+    starts: IntArray
+    owner: IntArray
+    boxes: Boxes
 
-def _at_height(feature: GeoFeature, height_m: float) -> GeoFeature:
-    points = np.array(feature.points, float)
-    points[:, 2] = height_m
-    return replace(feature, points=points)
+    def __len__(self) -> int:
+        """Return the number of rings."""
+        return len(self.owner)
 
 
 @dataclass(frozen=True)
@@ -46,7 +42,9 @@ class VectorMap:
     map, and ``labelled`` says which are not empty; outlines are lines that end where they begin.
     ``layers`` are in the order of drawing, without their features; ``layer`` (features,) is the
     one to which a feature belongs, and never falls from one feature to the next.
-    ``centres`` and ``halves`` (3, lines) are the lines' bounding boxes.
+    ``details`` are the lines as they are drawn, ``rings`` the outlines of layers with a fill.
+    ``without_ground`` features have parts where the ground's height is unknown, which are left
+    out; ``notes`` is what a person should be told.
     """
 
     labels: tuple[str, ...]
@@ -55,44 +53,57 @@ class VectorMap:
     layer: IntArray
     lines: Polylines
     marks: Polylines
-    centres: Array
-    halves: Array
+    details: Details
+    rings: Rings
+    without_ground: int
+    notes: tuple[str, ...]
 
     @classmethod
     def from_layers(
-        cls, layers: Sequence[MapLayer], plane: TangentPlane, ground_height_m: float = math.nan
+        cls, layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground = math.nan
     ) -> VectorMap:
-        """Lay layers into a plane; raises ConfigError where heights are unknown."""
-        of_layers = [
-            [f for f in grounded(layer.features, ground_height_m) if len(f.points)]
-            for layer in layers
-        ]
+        """Lay layers into a plane, on the ground; raises ConfigError where heights are unknown."""
+        check_heights(layers, ground)
+        of_layers = [[f for f in layer.features if len(f.points)] for layer in layers]
         labels, layer, owner = _owners(of_layers)
-        parts = [_closed(feature) for features in of_layers for feature in features]
-        lines = [i for i, part in enumerate(parts) if len(part) > 1]
-        marks = [i for i, part in enumerate(parts) if len(part) == 1]
-        laid = _laid([parts[i] for i in lines], owner[lines], plane)
-        low, high = _bounds(laid)
+        features = list(chain.from_iterable(of_layers))
+        single = np.array([len(feature.points) == 1 for feature in features], bool)
+        parts = [_closed(feature) for feature in features]
+        lines, step = lay(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
+        marks, _ = lay(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
+        filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
+        rings = np.array([feature.closed for feature in features], bool)[~single]
+        rings &= filled[layer[lines.owner]]
+        lines, rings, lost = _on_ground(lines, rings)
+        marks, _, lost_marks = _on_ground(marks, np.zeros(len(marks), bool))
+        without_ground = len(np.union1d(lost, lost_marks))
+        details = Details.of(lines, layer[lines.owner])
         return cls(
             labels,
             np.array([bool(label) for label in labels], bool),
-            tuple(replace(layer, features=()) for layer in layers),
+            tuple(replace(each, features=()) for each in layers),
             layer,
-            laid,
-            _laid([parts[i] for i in marks], owner[marks], plane),
-            (low + high) / 2,
-            (high - low) / 2,
+            lines,
+            marks,
+            details,
+            _rings(lines, np.flatnonzero(rings), details),
+            without_ground,
+            tuple(_notes(without_ground, len(labels), step)),
         )
 
-    @classmethod
-    def from_geodetic(
-        cls,
-        features: Sequence[GeoFeature],
-        plane: TangentPlane,
-        ground_height_m: float = math.nan,
-    ) -> VectorMap:
-        """Lay the features of one layer into a plane."""
-        return cls.from_layers([MapLayer("", features)], plane, ground_height_m)
+
+def _notes(without_ground: int, features: int, step: float) -> list[str]:
+    notes = []
+    if without_ground:
+        notes.append(
+            f"map: {without_ground} of {features} features lie where the elevation model has no "
+            "height, and are not drawn there"
+        )
+    if step > 1:
+        notes.append(
+            f"map: too long for the elevation model: its lines touch it every {step:.1f} cells"
+        )
+    return notes
 
 
 def _owners(
@@ -122,16 +133,34 @@ def _closed(feature: GeoFeature) -> Array:
     return np.concatenate([points, points[:1]])
 
 
-def _laid(parts: Sequence[Array], owner: IntArray, plane: TangentPlane) -> Polylines:
-    starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
-    geodetic = np.concatenate([np.empty((0, 3)), *parts])
-    points_n = plane.ned_from_geodetic(*geodetic.T)
-    return Polylines(np.ascontiguousarray(points_n.T), starts, owner)
+def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylines:
+    """The parts of these numbers, (3, V) latitude, longitude, height."""
+    chosen = [parts[i] for i in which.tolist()]
+    starts = np.cumsum([0, *map(len, chosen)], dtype=np.int64)
+    geodetic = np.concatenate([np.empty((0, 3)), *chosen])
+    return Polylines(np.ascontiguousarray(geodetic.T), starts, owner[which])
 
 
-def _bounds(lines: Polylines) -> tuple[Array, Array]:
-    if not len(lines):
-        return np.empty((3, 0)), np.empty((3, 0))
-    begin = lines.starts[:-1]
-    low = np.minimum.reduceat(lines.points, begin, axis=1)
-    return low, np.maximum.reduceat(lines.points, begin, axis=1)
+def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
+    """What is finite of lines, which of them are whole rings, and the features that lost."""
+    finite = np.isfinite(lines.points).all(axis=0)
+    if finite.all():
+        return lines, rings, np.empty(0, np.int64)
+    whole: BoolArray = np.bitwise_and.reduceat(finite, lines.starts[:-1])
+    broken = lines.select(np.flatnonzero(~whole))
+    finite = np.isfinite(broken.points).all(axis=0)
+    leave = broken.links() & finite[:-1] & finite[1:]
+    left = broken.cut(np.zeros(len(leave)), leave.astype(float))
+    lines = joined(lines.select(np.flatnonzero(whole)), left)
+    rings = np.append(rings[whole], np.zeros(len(left), bool))
+    return lines, rings, np.unique(broken.owner)
+
+
+def _rings(lines: Polylines, which: IntArray, details: Details) -> Rings:
+    """The lines of these numbers as rings, each from its pieces in their order."""
+    first = details.piece_starts[which]
+    number, starts = runs(first, details.piece_starts[which + 1] - first)
+    pieces = details.place[number]
+    centres, halves = details.boxes.centres[:, pieces], details.boxes.halves[:, pieces]
+    boxes = Boxes.around(centres - halves, centres + halves, starts)
+    return Rings(pieces, starts, lines.owner[which], boxes)

@@ -1,4 +1,8 @@
-"""What a camera sees of a map: culled, clipped in the camera frame, then bent by the lens."""
+"""What a camera sees of a map: culled, clipped in the camera frame, then bent by the lens.
+
+Pieces of lines come at the coarsest level of detail that stays within half a pixel of the line,
+unless so little is in view that all of it can be drawn.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tirgeo_ros.core.areas import closed, cut_rings_to_disc, cut_rings_to_planes
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.clipping import clip_to_disc, clip_to_planes
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.detail import levels_at
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.vector_map import VectorMap
 
@@ -19,6 +25,13 @@ _BORDER_PX = 8.0
 #: How far a drawn chord may leave the curve into which the lens bends a straight line.
 CHORD_PX = 0.1
 _EDGE_SAMPLES = 33
+#: Ground farther than this is not drawn. From 100 m up, 20 km and the horizon are 4 rows of the
+#: XT2's picture apart, less than the attitude is known to; a far map would be a solid bar there.
+FAR_M = 20_000.0
+#: How far a line at a coarser level of detail may leave its place.
+DETAIL_PX = 0.5
+#: With fewer vertices in view than this, lines are drawn with all of theirs.
+_FEW_VERTICES = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +46,7 @@ class Seen(Polylines):
     def points_c(self) -> Array:
         """(3, V) the places on the map, in the optical frame, m."""
         x, y, inverse_depth = self.rays
-        return np.stack([x, y, np.ones_like(x)]) / inverse_depth
+        return np.asarray(np.stack([x, y, np.ones_like(x)]) / inverse_depth)
 
     def points_n(self, pose: CameraPose) -> Array:
         """(3, V) the places on the map, as seen from the pose, m."""
@@ -44,39 +57,97 @@ class Seen(Polylines):
 class View:
     """A camera's field of view, computed once for a calibration."""
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: Camera, far_m: float = FAR_M) -> None:
         self.camera = camera
         left, right, top, bottom = _field_of_view(camera)
         self._normals_c = np.array(
-            [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]]
+            [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
-        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])
+        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -far_m])
         widest = math.hypot(max(-left, right), max(-top, bottom))
         self._reaches_past_lens = widest > camera.max_radius
-        bend = _largest_bend(camera, min(widest, camera.max_radius))
+        radius = min(widest, camera.max_radius)
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
-        self._pieces_per_length = math.sqrt(bend / (8 * CHORD_PX))
+        self._pieces_per_length = math.sqrt(_largest_bend(camera, radius) / (8 * CHORD_PX))
+        self._px_per_rad = _largest_scale(camera, radius)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's lines as they are drawn: (2, V) pixels, owned as in the map.
 
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
+        A line may come in several parts that meet.
         """
-        rotation_nc = matrix_from_quat(pose.q_nc)
-        seen = vector_map.lines.select(self._in_view(vector_map, pose.position_n, rotation_nc))
-        points_c = rotation_nc.T @ (seen.points - pose.position_n[:, None])
-        lines = Polylines(points_c, seen.starts, seen.owner)
-        lines = clip_to_planes(lines, self._normals_c, self._offsets)
-        # One over the depth changes evenly along a line of the plane z = 1, as x and y do.
-        inverse_depth = 1 / lines.points[2]
-        rays = np.stack([*(lines.points[:2] * inverse_depth), inverse_depth])
-        flat = Polylines(rays, lines.starts, lines.owner)
+        details = vector_map.details
+        piece = details.within(*self._planes_n(pose))
+        level = self._levels(vector_map, piece, pose)
+        if level.any():
+            piece, level = self._thinned(vector_map, piece, level, pose)
+        lines = _in_camera(details.lines(piece, level), pose)
+        flat = _flat(clip_to_planes(lines, self._normals_c, self._offsets))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
-        flat = flat.subdivided(self._pieces(flat))
         return self._seen(flat)
 
+    def areas(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
+        """Insides of the outlines of layers with a fill: closed rings (2, V) pixels.
+
+        To be filled by the even-odd rule, all rings of one owner together. They reach a little
+        beyond the image, and are filled beyond the distance at which lines end.
+        """
+        rings, details = vector_map.rings, vector_map.details
+        normals, offsets = self._planes_n(pose)
+        seen = rings.boxes.within(normals, offsets)
+        number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
+        piece = rings.pieces[number]
+        level = self._levels(vector_map, piece, pose)
+        # A piece in a box that no part of is seen may take any way through it.
+        out = np.ones(len(piece), bool)
+        out[details.boxes.take(piece).within(normals, offsets)] = False
+        level[out] = len(details.count) - 1
+        lines = details.lines(piece, level)
+        lines = _in_camera(Polylines(lines.points, lines.starts[starts], rings.owner[seen]), pose)
+        flat = _flat(cut_rings_to_planes(lines, self._normals_c[:-1], self._offsets[:-1]))
+        if self._reaches_past_lens:
+            flat = cut_rings_to_disc(flat, self.camera.max_radius)
+        return self._seen(closed(flat))
+
+    def _planes_n(self, pose: CameraPose) -> tuple[Array, Array]:
+        """The field of view in the map's plane: ``normals @ point >= offsets``."""
+        normals = self._normals_c @ matrix_from_quat(pose.q_nc).T
+        return normals, self._offsets + normals @ pose.position_n
+
+    def _levels(self, vector_map: VectorMap, piece: IntArray, pose: CameraPose) -> IntArray:
+        """(N,) the level of detail of each piece."""
+        details = vector_map.details
+        if details.count[0, piece].sum() <= _FEW_VERTICES:
+            return np.zeros(len(piece), np.int64)
+        distance_m = details.boxes.take(piece).distance(pose.position_n)
+        return levels_at(distance_m * (DETAIL_PX / self._px_per_rad))
+
+    def _thinned(
+        self, vector_map: VectorMap, piece: IntArray, level: IntArray, pose: CameraPose
+    ) -> tuple[IntArray, IntArray]:
+        """Of pieces smaller than a pixel, one for each pixel."""
+        boxes = vector_map.details.boxes.take(piece)
+        size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
+        small = np.flatnonzero(size * self._px_per_rad < boxes.distance(pose.position_n))
+        rotation_nc = matrix_from_quat(pose.q_nc)
+        uv, valid = self.camera.project((boxes.centres.T[small] - pose.position_n) @ rotation_nc)
+        valid[valid] = self.inside(uv[valid].T)
+        small, uv = small[valid], uv[valid]
+        # Each layer has its own picture, and what has a label has another.
+        owner = vector_map.details.owner[piece[small]]
+        sheet = 2 * vector_map.layer[owner] + vector_map.labelled[owner]
+        column, row = np.rint(uv.T).astype(np.int64)
+        pixel = (sheet * self.camera.height + row) * self.camera.width + column
+        _, first = np.unique(pixel, return_index=True)
+        keep = np.ones(len(piece), bool)
+        keep[small] = False
+        keep[small[first]] = True
+        return piece[keep], level[keep]
+
     def _seen(self, flat: Polylines) -> Seen:
+        flat = flat.subdivided(self._pieces(flat))
         uv = np.stack(self.camera.pixels(*flat.points[:2]))
         return Seen(uv, flat.starts, flat.owner, flat.points)
 
@@ -98,13 +169,6 @@ class View:
         inside = (u >= -0.5) & (u < self.camera.width - 0.5)
         return np.asarray(inside & (v >= -0.5) & (v < self.camera.height - 0.5))
 
-    def _in_view(self, vector_map: VectorMap, position_n: Array, rotation_nc: Array) -> IntArray:
-        """Numbers of the lines whose bounding box is not wholly outside one of the planes."""
-        normals_n = self._normals_c @ rotation_nc.T
-        nearest = normals_n @ (vector_map.centres - position_n[:, None])
-        nearest += np.abs(normals_n) @ vector_map.halves
-        return np.flatnonzero((nearest >= self._offsets[:, None]).all(axis=0))
-
     def _pieces(self, flat: Polylines) -> IntArray:
         step = np.diff(flat.points[:2], axis=1) * self._pieces_per_length
         squared = step[0] * step[0] + step[1] * step[1]
@@ -112,6 +176,19 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return pieces
+
+
+def _in_camera(lines: Polylines, pose: CameraPose) -> Polylines:
+    """Lines of the map's plane in the optical frame."""
+    points_c = matrix_from_quat(pose.q_nc).T @ (lines.points - pose.position_n[:, None])
+    return Polylines(points_c, lines.starts, lines.owner)
+
+
+def _flat(lines: Polylines) -> Polylines:
+    """On the plane z = 1: x, y and one over the depth, which change evenly along a line there."""
+    inverse_depth = 1 / lines.points[2]
+    points = np.stack([*(lines.points[:2] * inverse_depth), inverse_depth])
+    return Polylines(points, lines.starts, lines.owner)
 
 
 def _field_of_view(camera: Camera) -> tuple[float, float, float, float]:
@@ -149,3 +226,16 @@ def _largest_bend(camera: Camera, radius: float) -> float:
     yy = at(0, 1) - 2 * at(0, 0) + at(0, -1)
     xy = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
     return float(np.sqrt((xx**2 + 2 * xy**2 + yy**2).sum(axis=0).max()) / (h * h))
+
+
+def _largest_scale(camera: Camera, radius: float) -> float:
+    """Bound of the pixels that a small angle between two rays makes, up to ``radius``; px/rad."""
+    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
+    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
+    h = 1e-4
+    by_x = np.stack(camera.pixels(x + h, y)) - np.stack(camera.pixels(x - h, y))
+    by_y = np.stack(camera.pixels(x, y + h)) - np.stack(camera.pixels(x, y - h))
+    gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
+    # On the plane z = 1 an angle makes at most 1 + r^2 as much.
+    scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
+    return float(scale.max())
