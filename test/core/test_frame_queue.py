@@ -16,29 +16,50 @@ def put(queue, *stamps_s):
         queue.put(Frame(round(stamp_s * SECOND), PICTURE, 0))
 
 
-def test_the_newest_wins_and_the_other_is_counted():
+def stamps(queue):
+    return [frame.stamp_ns / SECOND for frame in queue]
+
+
+def test_the_newest_comes_first_and_the_older_give_way_to_it():
     queue = FrameQueue()
-    put(queue, 1.0, 1.1)
-    assert queue.waiting.stamp_ns == 1_100_000_000
-    queue.clear()
-    assert queue.waiting is None
-    put(queue, 1.2)
-    assert queue.counts == {"replaced": 1, "out_of_order": 0, "time_jumps": 0, "invalid": 0}
+    put(queue, 1.0, 1.1, 1.2, 1.3)
+    assert stamps(queue) == [1.3, 1.2, 1.1, 1.0]
+    queue.take(list(queue)[1])
+    assert stamps(queue) == [1.3]  # newer ones go on waiting
+    assert queue.counts == {"replaced": 2, "out_of_order": 0, "time_jumps": 0, "invalid": 0}
+    queue.take(next(iter(queue)))
+    assert len(queue) == 0
+    assert queue.counts["replaced"] == 2
+
+
+def test_no_more_than_a_second_of_video_waits():
+    queue = FrameQueue()
+    put(queue, *(0.1 * i for i in range(1, 101)))
+    assert len(queue) == 30
+    assert stamps(queue)[0] == 10.0
+    assert queue.counts["replaced"] == 70
 
 
 def test_a_late_or_repeated_frame_is_dropped():
     queue = FrameQueue()
     put(queue, 5.0, 4.5, 5.0)
-    assert queue.waiting.stamp_ns == 5 * SECOND
+    assert stamps(queue) == [5.0]
     assert queue.counts["out_of_order"] == 2
 
 
 def test_after_the_clock_went_back_the_video_goes_on():
     queue = FrameQueue()
     put(queue, 100.0, 100.1, 3.0, 3.1)
-    assert queue.waiting.stamp_ns == 3_100_000_000
+    assert stamps(queue) == [3.1, 3.0]  # what waited before would come out after them
     assert queue.counts["time_jumps"] == 1
+    assert queue.counts["replaced"] == 2
     assert queue.rate_hz == pytest.approx(10.0)
+
+
+def test_pictures_of_16_bits_are_taken():
+    queue = FrameQueue()
+    queue.put(Frame(SECOND, np.zeros((4, 5), np.uint16), 0))
+    assert len(queue) == 1
 
 
 def test_the_rate_is_of_the_last_ten():
@@ -53,7 +74,8 @@ def test_the_rate_is_of_the_last_ten():
 @pytest.mark.parametrize(
     "pixels",
     [
-        np.zeros((4, 5), np.uint16),
+        np.zeros((4, 5, 3), np.uint16),
+        np.zeros((4, 5), np.int16),
         np.zeros((4, 5), float),
         np.zeros((4, 5, 4), np.uint8),
         np.zeros((4, 5, 1), np.uint8),
@@ -66,5 +88,5 @@ def test_the_rate_is_of_the_last_ten():
 def test_what_is_no_picture_is_counted(pixels):
     queue = FrameQueue()
     queue.put(Frame(SECOND, pixels, 0))
-    assert queue.waiting is None
+    assert len(queue) == 0
     assert queue.counts["invalid"] == 1

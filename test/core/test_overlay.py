@@ -1,82 +1,36 @@
 """Frames that wait for their pose; lines where the truth is; a notice where there is no pose."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from overlays import (
+    GREY,
+    LATENCY,
+    MOVED_N,
+    MS,
+    PLANE,
+    SQUARE_N,
+    START,
+    WAIT,
+    assert_on,
+    distances,
+    geo,
+    ink_on,
+    pose_at,
+    ready,
+    status,
+    true_outline,
+)
 
-from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay
-from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
-
-PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
-MS = 1_000_000
-START = 1_700_000_000_000 * MS
-LATENCY = 50 * MS
-WAIT = 100 * MS
-GREY = np.full((512, 640), 90, np.uint8)
-SQUARE_N = np.array([[30, -6, 0], [30, 6, 0], [42, 6, 0], [42, -6, 0]], float)
-
-
-def geo(points_n, label="", *, height=True):
-    points = np.column_stack(PLANE.geodetic_from_ned(np.asarray(points_n, float)))
-    if not height:
-        points[:, 2] = np.nan
-    return GeoFeature(label, closed=len(points_n) > 2, points=points)
-
-
-def pose_at(stamp_ns, north=0.0, yaw_deg=0.0):
-    q_nc = quat_multiply(
-        quat_from_euler(0.0, math.radians(-30), math.radians(yaw_deg)), Q_BODY_OPTICAL
-    )
-    return CameraPose(stamp_ns, np.array([north, 0.0, -20.0]), q_nc, np.eye(6) * 1e-4)
-
-
-def status(state=FilterState.RUNNING, reason=""):
-    return NavigationStatus("ekf_heading", state, reason, FixStatus.FIXED, 0.002, {}, {})
-
-
-def ready(features=None, **config):
-    layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
-    overlay = Overlay(OverlayConfig(**config), [layer])
-    overlay.set_plane(PLANE)
-    overlay.set_camera(XT2)
-    overlay.set_status(status())
-    return overlay
-
-
-def ink_on(image):
-    v, u = np.nonzero(image[:490, :, 2].astype(int) - image[:490, :, 0] > 100)
-    return np.column_stack([u, v])
-
-
-def true_outline(pose, points_n=SQUARE_N):
-    ring = np.concatenate([points_n, points_n[:1]])
-    t = np.linspace(0, 1, 2000)[:, None]
-    points = np.concatenate([a + t * (b - a) for a, b in pairwise(ring)])
-    uv, valid = XT2.project((points - pose.position_n) @ matrix_from_quat(pose.q_nc))
-    return uv[valid]
-
-
-def distances(pixels, outline):
-    return np.array([np.hypot(*(outline - pixel).T).min() for pixel in pixels])
-
-
-def assert_on(image, pose):
-    pixels = ink_on(image)
-    assert len(pixels) > 400
-    # Half the diagonal of a pixel and the ink's own width to each side.
-    assert distances(pixels, true_outline(pose)).max() < 1.5
-    outline = true_outline(pose)
-    seen = outline[(outline > 2).all(axis=1) & (outline < [637, 487]).all(axis=1)]
-    assert distances(seen[::40], pixels).max() < 1.5
+from tirgeo_ros.core.samples import CameraPose, FilterState
 
 
 def test_the_lines_lie_on_the_truth_at_the_exposure():
@@ -106,31 +60,66 @@ def test_a_colour_frame():
     assert (colour == 90).all()
 
 
-def test_a_frame_waits_for_the_pose_after_its_exposure():
-    overlay = ready()
-    overlay.add_pose(pose_at(START - 20 * MS))
-    now = START + LATENCY
-    overlay.add_frame(now, GREY, now)
-    assert overlay.take(now) is None
-    assert overlay.take(now + WAIT - 1) is None
-    overlay.add_pose(pose_at(START + 20 * MS))
-    result = overlay.take(now + WAIT - 1)
-    assert result.notice == ""
-    assert overlay.take(now + WAIT) is None  # nothing waits any more
+def test_a_rectified_picture():
+    """Lines lie on the truth of a camera without distortion, and a click is taken on that one."""
+    plain = Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+    wide_n = SQUARE_N * [1, 2, 1]
+    overlay = ready([geo(wide_n)], rectify=True, ground_height_m=25.0)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    result = overlay.take(START)
+    assert result.camera == plain
+    pixels = ink_on(result.image)
+    pixels = pixels[result.image[pixels[:, 1], pixels[:, 0], 1] > 100]  # not the border's edge
+    assert distances(pixels, true_outline(pose_at(START), wide_n, plain)).max() < 1.5
+    assert distances(pixels, true_outline(pose_at(START), wide_n)).max() > 3  # the lens bends more
+    uv, _ = plain.project((SQUARE_N[:1] - [0, 0, -20.0]) @ matrix_from_quat(pose_at(START).q_nc))
+    located = overlay.clicks.locate(tuple(uv[0]))
+    np.testing.assert_allclose(located.point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
 
 
-def test_a_pose_is_never_extrapolated():
+def test_a_click_is_located_with_the_picture_it_was_made_on():
+    overlay = ready(ground_height_m=25.0)
+    for k in range(3):
+        overlay.add_pose(pose_at(START + 100 * MS * k, north=k))
+        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
+        assert overlay.take(START).camera == XT2
+    found = [
+        overlay.clicks.locate((320.0, 256.0), START + 100 * MS * k + LATENCY).point_n[0]
+        for k in range(3)
+    ]
+    np.testing.assert_allclose(np.diff(found), 1.0, atol=1e-3)
+
+
+def test_another_map_while_running():
     overlay = ready()
-    overlay.add_pose(pose_at(START - 800 * MS))
-    now = START + LATENCY
-    overlay.add_frame(now, GREY, now)
-    result = overlay.take(now + WAIT)
-    assert result.notice == "NO MAP: pose 0.8 s old"
-    assert result.pose is None
-    outline = true_outline(pose_at(START))
-    assert ((outline > [0, 120]) & (outline < [639, 480])).all(axis=1).sum() > 1000
-    assert (result.image[120:480] == 90).all()  # under the notice, above the status line
-    assert overlay.counts["notices"] == 1
+    overlay.add_pose(pose_at(START))
+    overlay.add_pose(pose_at(START + 200 * MS))
+    ready_map = overlay.laid([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])])
+    overlay.add_frame(START + LATENCY, GREY, START)
+    assert_on(overlay.take(START).image, pose_at(START))
+    overlay.set_map(ready_map)
+    overlay.add_frame(START + LATENCY + MS, GREY, START)
+    pixels = ink_on(overlay.take(START).image)
+    outline = true_outline(pose_at(START), SQUARE_N + MOVED_N)
+    assert distances(pixels, outline).max() < 1.5
+    with pytest.raises(ConfigError, match="set ground_height_m"):
+        overlay.set_layers([MapLayer("flat", [geo(SQUARE_N, height=False)])])
+    overlay.add_frame(START + LATENCY + 2 * MS, GREY, START)
+    assert distances(ink_on(overlay.take(START).image), outline).max() < 1.5
+
+
+def test_a_map_that_was_laid_in_an_older_plane_is_laid_again():
+    overlay = ready()
+    old = overlay.laid([MapLayer("map", [geo(SQUARE_N)])])
+    moved = TangentPlane(PLANE.latitude_rad + 1e-6, PLANE.longitude_rad, 25.0)
+    overlay.set_plane(moved)
+    overlay.set_map(old)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    square_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
+    pixels = ink_on(overlay.take(START).image)
+    assert distances(pixels, true_outline(pose_at(START), square_n)).max() < 1.5
 
 
 def gap(overlay):
@@ -218,37 +207,6 @@ def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_stat
     assert (pictures[0][-20:] != pictures[1][-20:]).any() == (state is not FilterState.RUNNING)
 
 
-def test_the_newest_frame_wins():
-    overlay = ready()
-    overlay.add_pose(pose_at(START))
-    overlay.add_pose(pose_at(START + 200 * MS))
-    for stamp in (START + LATENCY, START + 100 * MS, START + 90 * MS):
-        overlay.add_frame(stamp, GREY, START + 100 * MS)
-    assert overlay.take(START + 100 * MS).stamp_ns == START + 100 * MS
-    assert overlay.counts["replaced"] == 1
-    assert overlay.counts["out_of_order"] == 1
-
-
-def test_a_bag_that_begins_again():
-    overlay = ready()
-    for _ in range(2):
-        for i in range(15):
-            stamp = START + 100 * MS * i
-            overlay.add_pose(pose_at(stamp - LATENCY))
-            overlay.add_frame(stamp, GREY, stamp)
-            assert overlay.take(stamp).notice == ""
-    assert overlay.counts["drawn"] == 30
-    assert overlay.counts["time_jumps"] == 1
-    assert overlay.counts["poses_went_back"] == 1
-
-
-def test_a_clock_that_goes_back_does_not_keep_a_frame():
-    overlay = ready()
-    overlay.add_frame(START, GREY, START)
-    assert overlay.take(START) is None
-    assert overlay.take(START - 10_000 * MS).notice == "NO MAP: no pose at this frame"
-
-
 def test_poses_that_are_not_finite_are_counted():
     overlay = ready()
     bad = pose_at(START)
@@ -277,15 +235,6 @@ def test_the_latency_is_a_parameter():
     overlay.add_pose(pose_at(START, yaw_deg=3.0))
     overlay.add_frame(START, GREY, START)
     assert_on(overlay.take(START).image, pose_at(START, yaw_deg=3.0))
-
-
-def test_a_long_latency_keeps_poses_long_enough():
-    overlay = ready(video_latency_s=5.0)
-    for i in range(60):
-        overlay.add_pose(pose_at(START + 100 * MS * i))
-    stamp = START + 5_900 * MS
-    overlay.add_frame(stamp, GREY, stamp)
-    assert overlay.take(stamp).notice == ""
 
 
 def test_a_map_without_heights():

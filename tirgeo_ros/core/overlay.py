@@ -1,7 +1,8 @@
 """The map on the video: each frame waits for the camera's pose at its exposure, then is drawn on.
 
 No line is drawn that cannot be trusted. Where there is no camera, no origin, or no pose on both
-sides of the exposure, the picture carries a plain notice in the lines' place.
+sides of the exposure and none that can be predicted, the picture carries a plain notice in the
+lines' place.
 """
 
 from __future__ import annotations
@@ -10,18 +11,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.clicks import Clicks
+from tirgeo_ros.core.confidence import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_drawing import MapDrawing
+from tirgeo_ros.core.map_drawing import LaidMap, MapDrawing
 from tirgeo_ros.core.map_layers import MapLayer
-from tirgeo_ros.core.painting import coloured, paint_notice, paint_status
+from tirgeo_ros.core.painting import Field, paint_notice, paint_status
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
+from tirgeo_ros.core.pose_prediction import FIT_S, TRIAL_S, predicted
+from tirgeo_ros.core.rectify import Rectifier
 from tirgeo_ros.core.samples import CameraPose, NavigationStatus
 from tirgeo_ros.core.status_line import status_line, words_of
-from tirgeo_ros.core.text import Pixels
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.text import Colour, Pixels
+from tirgeo_ros.core.thermal import Raw, Toner
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
+_RATES_NS = 100_000_000  # over which the camera's motion is taken: short of a turn, beyond noise
+_PREDICTED_BGR: Colour = (60, 140, 255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +46,54 @@ class OverlayResult:
 
 
 class Overlay:
-    """Frames and poses in, pictures out. Raises ConfigError if the map's heights are unknown."""
+    """Frames and poses in, pictures out. Raises ConfigError if the map's heights are unknown.
 
-    def __init__(self, config: OverlayConfig, layers: Sequence[MapLayer]) -> None:
+    ``clicks`` locates on the pictures that were given out.
+    """
+
+    def __init__(
+        self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None = None
+    ) -> None:
         self._latency_ns = round(config.video_latency_s * 1e9)
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
-        self._drawing = MapDrawing(config, layers)
+        self._prediction_ns = round(config.max_prediction_s * 1e9)
+        self._drawing = MapDrawing(config, layers, terrain)
+        self.clicks = Clicks(config.confidence)
+        self.clicks.set_ground(self._drawing.ground)
+        self._toner = Toner(config.picture, config.palette)
         self._frames = FrameQueue()
         kept_s = max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S
         self._poses: PoseHistory[CameraPose] = PoseHistory(span_s=kept_s)
         self._plane: TangentPlane | None = None
+        self._camera: Camera | None = None
+        self._rectify = config.rectify
+        self._rectifier: Rectifier | None = None
         self._status: NavigationStatus | None = None
-        self._results = {"drawn": 0, "notices": 0}
+        self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
 
     @property
     def counts(self) -> dict[str, int]:
-        """What became of the frames and the poses, for diagnostics."""
+        """What became of the frames and the poses, for diagnostics.
+
+        Frames: those of FrameQueue; ``drawn`` have lines, of which ``predicted`` with a predicted
+        pose; ``notices`` have none; of both, ``late`` came out no sooner than the wait for a pose
+        may last. Poses: ``poses_invalid`` and ``poses_went_back``.
+        """
         poses = {
             "poses_invalid": self._poses.invalid,
             "poses_went_back": self._poses.went_back,
         }
         return self._results | self._frames.counts | poses
+
+    @property
+    def waiting(self) -> int:
+        """How many frames wait for a pose, or to be taken."""
+        return len(self._frames)
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the frames, by their stamps; nan with less than two."""
+        return self._frames.rate_hz
 
     def set_plane(self, plane: TangentPlane) -> None:
         """The map's plane. Poses in another plane are forgotten."""
@@ -65,14 +101,29 @@ class Overlay:
             self._plane = plane
             self._poses.clear()
             self._drawing.set_plane(plane)
+            self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
         """The camera's calibration."""
-        self._drawing.set_camera(camera)
+        if camera != self._camera:
+            self._camera = camera
+            self._rectifier = Rectifier(camera) if self._rectify else None
+            self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
+
+    def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
+        """Another map, made ready to be drawn: the slow part of a change, for any thread.
+
+        Raises ConfigError if its heights are unknown.
+        """
+        return self._drawing.laid(layers)
+
+    def set_map(self, new: LaidMap) -> None:
+        """Draw another map from the next frame on."""
+        self._drawing.set_map(new)
 
     def set_layers(self, layers: Sequence[MapLayer]) -> None:
-        """Another map. Raises ConfigError, and keeps the present one, if heights are unknown."""
-        self._drawing.set_layers(layers)
+        """Another map, at once. Raises ConfigError, and keeps the present one."""
+        self.set_map(self.laid(layers))
 
     def set_status(self, status: NavigationStatus) -> None:
         """What the estimator says of itself, for the status line and the notices."""
@@ -82,38 +133,39 @@ class Overlay:
         """A pose of the camera, in order of time; one that is not finite is counted."""
         self._poses.add(pose)
 
-    def add_frame(self, stamp_ns: int, pixels: Pixels, now_ns: int) -> None:
-        """A frame (h, w) or (h, w, 3) BGR uint8. It takes the place of one that still waits."""
+    def add_frame(self, stamp_ns: int, pixels: Raw, now_ns: int) -> None:
+        """A frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` as in ``take``."""
         self._frames.put(Frame(stamp_ns, pixels, now_ns))
 
     def take(self, now_ns: int) -> OverlayResult | None:
-        """The waiting frame's picture, or None while it waits for a pose or there is none."""
-        frame = self._frames.waiting
-        if frame is None:
-            return None
-        exposure_ns = frame.stamp_ns - self._latency_ns
-        pose = self._poses.at(exposure_ns)
-        obstacle = self._obstacle(frame.pixels)
-        if not obstacle and isinstance(pose, Miss):
-            if pose in {Miss.EMPTY, Miss.TOO_NEW} and self._may_wait(frame, now_ns):
-                return None
-            obstacle = self._why_no_pose(pose, exposure_ns)
-        self._frames.clear()
-        if obstacle or isinstance(pose, Miss):
-            return self._without_map(frame, now_ns, obstacle)
-        return self._with_map(frame, now_ns, pose)
+        """The newest picture that need not wait any more; None where all wait, or none is there.
+
+        Older frames give way to it. ``now_ns`` is the caller's clock, that of the stamps.
+        """
+        for frame in self._frames:
+            pose = self._poses.at(frame.stamp_ns - self._latency_ns)
+            obstacle = self._obstacle(frame.pixels)
+            if obstacle or not self._waits(frame, pose, now_ns):
+                self._frames.take(frame)
+                self._results["late"] += now_ns - frame.arrival_ns >= self._wait_ns
+                return self._finished(frame, now_ns, pose, obstacle)
+        return None
+
+    def _waits(self, frame: Frame, pose: CameraPose | Miss, now_ns: int) -> bool:
+        may_come = pose is Miss.EMPTY or pose is Miss.TOO_NEW
+        return may_come and self._may_wait(frame, now_ns)
 
     def _may_wait(self, frame: Frame, now_ns: int) -> bool:
         # A clock that went back would keep the frame for ever.
         return 0 <= now_ns - frame.arrival_ns < self._wait_ns
 
-    def _obstacle(self, pixels: Pixels) -> str:
+    def _obstacle(self, pixels: Raw) -> str:
         """Why no pose could help, else empty."""
         if self._drawing.empty:
             return "no map is given"
-        if self._drawing.view is None:
+        camera = self._camera
+        if camera is None:
             return "no camera info"
-        camera = self._drawing.view.camera
         height, width = pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
@@ -134,21 +186,71 @@ class Overlay:
         reason = f": {self._status.reason}" if self._status.reason else ""
         return f"{words_of(self._status.state)}{reason}"
 
-    def _without_map(self, frame: Frame, now_ns: int, obstacle: str) -> OverlayResult:
+    def _finished(
+        self, frame: Frame, now_ns: int, pose: CameraPose | Miss, obstacle: str
+    ) -> OverlayResult:
+        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
+        if not obstacle and pose is Miss.TOO_NEW:
+            pose, predicted_s = self._predicted(exposure_ns)
+        if not obstacle and isinstance(pose, Miss):
+            obstacle = self._why_no_pose(pose, exposure_ns)
+        image = self._picture(frame)
+        if obstacle or isinstance(pose, Miss):
+            return self._without_map(frame, image, now_ns, obstacle)
+        return self._with_map(frame, image, now_ns, pose, predicted_s)
+
+    def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
+        """A pose that goes on from the last ones, and by how much; a Miss where that is too far.
+
+        Where the estimator says that it is silent with reason, nothing is predicted.
+        """
+        ahead_ns = exposure_ns - (self._poses.newest_ns or 0)
+        if ahead_ns > self._prediction_ns or self._not_navigating():
+            return Miss.TOO_NEW, 0.0
+        latest = self._poses.latest(FIT_S + TRIAL_S)
+        pose = predicted(latest, exposure_ns, self._poses.max_gap_s)
+        return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
+
+    def _picture(self, frame: Frame) -> Pixels:
+        """In colour, and rectified where it is of the camera's size."""
+        image = self._toner.tone(frame.pixels, frame.stamp_ns)
+        fits = self._camera and image.shape[:2] == (self._camera.height, self._camera.width)
+        return self._rectifier.rectified(image) if self._rectifier and fits else image
+
+    def _without_map(
+        self, frame: Frame, image: Pixels, now_ns: int, obstacle: str
+    ) -> OverlayResult:
         self._results["notices"] += 1
         notice = f"NO MAP: {obstacle}"
-        image = coloured(frame.pixels)
         paint_notice(image, notice)
         self._paint_status(image, frame, now_ns)
-        return OverlayResult(frame.stamp_ns, image, None, notice)
+        camera = self._drawing.camera
+        if camera is not None:
+            self.clicks.show(frame.stamp_ns, camera, None)
+        return OverlayResult(frame.stamp_ns, image, None, notice, camera)
 
-    def _with_map(self, frame: Frame, now_ns: int, pose: CameraPose) -> OverlayResult:
+    def _with_map(
+        self, frame: Frame, image: Pixels, now_ns: int, pose: CameraPose, predicted_s: float
+    ) -> OverlayResult:
+        camera = self._drawing.camera
+        assert camera is not None
         self._results["drawn"] += 1
-        image = coloured(frame.pixels)
+        self._results["predicted"] += predicted_s > 0
+        self.clicks.show(frame.stamp_ns, camera, pose, self._rates(pose))
         self._drawing.draw(image, pose)
-        self._paint_status(image, frame, now_ns)
-        return OverlayResult(frame.stamp_ns, image, pose, "")
+        self._paint_status(image, frame, now_ns, predicted_s)
+        return OverlayResult(frame.stamp_ns, image, pose, "", camera, predicted_s)
 
-    def _paint_status(self, image: Pixels, frame: Frame, now_ns: int) -> None:
+    def _rates(self, pose: CameraPose) -> CameraRates | None:
+        """The camera's motion up to a pose; None where it is not known."""
+        before = self._poses.at(pose.stamp_ns - _RATES_NS)
+        return None if isinstance(before, Miss) else CameraRates.between(before, pose)
+
+    def _paint_status(
+        self, image: Pixels, frame: Frame, now_ns: int, predicted_s: float = 0.0
+    ) -> None:
         age_s = (now_ns - frame.stamp_ns) * 1e-9
-        paint_status(image, status_line(self._status, age_s, self._frames.rate_hz))
+        fields = status_line(self._status, age_s, self._frames.rate_hz)
+        if predicted_s:
+            fields.insert(0, Field(f"predicted {predicted_s * 1e3:.0f} ms", _PREDICTED_BGR))
+        paint_status(image, fields)
