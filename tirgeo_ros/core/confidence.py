@@ -15,7 +15,8 @@ uncertain, an attitude that is hardly known) the answer says so: ``linear`` is F
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from tirgeo_ros.core.attitude import (
     quat_conjugate,
     quat_multiply,
     rotvec_from_quat,
+    skew,
 )
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
@@ -37,9 +39,20 @@ CHI2_95 = -2 * math.log(0.05)
 SIGMAS_95 = 1.959963984540054
 #: Standard deviation of a point's depth over its depth, from which on first order is too little:
 MOST_DEPTH_SIGMA = 0.1
-
-
-Variances: TypeAlias = tuple[Array, Array, Array]  # (N,): column, between them, row
+#: So much may the lens's slopes change from an ellipse's middle to its edge:
+MOST_BEND = 0.2
+# Of correlations: below it a negative eigenvalue is no rounding of float32 messages or sums.
+_ROUNDING = 1e-4
+_LEAST_VARIANCE = 1e-18
+_BLOCK = 2500  # points: larger products of matrices are handed to threads, at a loss
+_LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
+# A point at d from the camera moves in c by -position + d x phi. Over its depth that is the sum
+# of these (3, 6), times x, y, 1 and 1/z.
+_MOVES = np.zeros((4, 3, 6))
+_MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
+_MOVES[3, :, :3] = -np.eye(3)
+_FIRST, _SECOND = np.triu_indices(4)  # of the products of x, y, 1 and 1/z
+_ROWS, _COLUMNS = np.triu_indices(3)
 
 
 class CameraRates(NamedTuple):
@@ -70,12 +83,11 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
     point's are px/m. nan where the point is not in front of the camera or outside the lens model.
     """
     rays = rays_to(camera, pose, points_n)
-    by_camera = np.stack(_by_camera(rays))  # (2, 6, N): of x and y, by errors resolved in c
-    slopes = np.array(camera.slopes(*rays[:2])).reshape(2, 2, -1)
-    rotation_cn = matrix_from_quat(pose.q_nc).T
-    by_pose = np.empty((rays.shape[1], 2, 6))
-    for part in (slice(0, 3), slice(3, 6)):
-        by_pose[:, :, part] = np.einsum("ijn,jkn->nik", slopes, by_camera[:, part]) @ rotation_cn
+    x, y, nearness = rays
+    moved = np.einsum("kie,kn->nie", _MOVES, np.stack([x, y, np.ones_like(x), nearness]))
+    on_plane = moved[:, :2] - rays[:2].T[:, :, None] * moved[:, 2:]
+    slopes = np.stack(camera.slopes(x, y), axis=-1).reshape(-1, 2, 2)
+    by_pose = slopes @ on_plane @ _both(matrix_from_quat(pose.q_nc).T)
     return by_pose, -by_pose[:, :, :3]
 
 
@@ -85,26 +97,28 @@ def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
     nan where a point is nearer than NEAR_M along the optical axis, or outside the lens model.
     """
     offset_n = np.asarray(points_n, float).reshape(-1, 3) - pose.position_n
-    points_c = matrix_from_quat(pose.q_nc).T @ offset_n.T
-    with np.errstate(invalid="ignore", over="ignore"):
-        points_c[:, ~(points_c[2] > NEAR_M)] = np.nan
-        x, y = points_c[:2] / points_c[2]
-        rays = np.stack([x, y, 1 / points_c[2]])
-        rays[:, ~(x * x + y * y <= camera.max_radius**2)] = np.nan
+    points_c = offset_n @ matrix_from_quat(pose.q_nc)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        nearness = 1 / points_c[:, 2]
+        x, y = points_c[:, 0] * nearness, points_c[:, 1] * nearness
+        seen = (points_c[:, 2] > NEAR_M) & (x * x + y * y <= camera.max_radius**2)
+    rays = np.stack([x, y, nearness])
+    rays[:, ~seen] = np.nan
     return rays
 
 
-def _by_camera(rays: Array) -> tuple[Array, Array]:
-    """(6, N) derivatives of x, and of y, by position and phi of the camera, resolved in c.
+def timed_covariance(pose: CameraPose, rates: CameraRates | None, sigma_s: float) -> Array:
+    """The pose's covariance (6, 6) with an error of the time in it, along the camera's motion.
 
-    A point at d from the camera moves in it by -position + d x phi.
+    All nan where the pose's is none, with a negative variance: nothing follows from it.
     """
-    x, y, nearness = rays
-    zero = np.zeros_like(x)
-    return (
-        np.stack([-nearness, zero, x * nearness, x * y, -1 - x * x, y]),
-        np.stack([zero, -nearness, y * nearness, 1 + y * y, -x * y, -x]),
-    )
+    covariance = np.array(pose.covariance, float)
+    if rates is not None:
+        along = sigma_s * np.concatenate(rates)
+        covariance += along[:, None] * along
+    sigma = np.sqrt(np.maximum(np.diag(pose.covariance), _LEAST_VARIANCE))
+    least = np.linalg.eigvalsh(pose.covariance / (sigma[:, None] * sigma))[0]
+    return covariance if least > -_ROUNDING else np.full((6, 6), np.nan)
 
 
 class FrameConfidence:
@@ -126,71 +140,136 @@ class FrameConfidence:
         self._camera = camera
         self._map_sigma_m = config.map_sigma_m
         self._lens_variance = config.lens_sigma_px**2
-        covariance = np.array(pose.covariance, float)
-        covariance[2, 2] += config.ground_sigma_m**2
-        if rates is not None:
-            along = config.latency_sigma_s * np.concatenate(rates)
-            covariance += along[:, None] * along
         rotation_cn = matrix_from_quat(pose.q_nc).T
-        turn = np.kron(np.eye(2), rotation_cn)
-        self._covariance_c = turn @ covariance @ turn.T
+        covariance_n = timed_covariance(pose, rates, config.latency_sigma_s)
+        covariance_n[2, 2] += config.ground_sigma_m**2
+        turn = _both(rotation_cn)
+        covariance_c = turn @ covariance_n @ turn.T
+        self._axis_variance = covariance_c[5, 5]
+        self._weights = _weights(covariance_c)
+        # a point's level error: as much along all axes less that along the vertical
         down_c = rotation_cn[:, 2]
-        self._level_c = np.eye(3) - np.outer(down_c, down_c)
+        self._level_c = (np.eye(3) - np.outer(down_c, down_c))[_ROWS, _COLUMNS]
 
     def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
         """Covariances of the points' pixels; rays (3, N)."""
-        uu, uv, vv = self.variances(rays, sigma_m)
+        uu, uv, vv, linear = self._by_block(self._spread, rays, sigma_m)
         covariance = np.stack([uu, uv, uv, vv], axis=-1).reshape(-1, 2, 2)
+        return ScreenCovariance(covariance, linear > 0)
+
+    def _spread(self, rays: Array, sigma_m: Array | None) -> Array:
+        """(4, N): ``_in_pixels``, and 1 where it tells the whole, else 0."""
+        moves = self._moves(rays, sigma_m)
+        # The second order is to the first as the depth's error to the depth: this is the turns'
+        # too, by which a tangent bends. A turn about the axis bends by half its angle.
         with np.errstate(invalid="ignore"):
-            linear = self._depth_variance(rays) <= MOST_DEPTH_SIGMA**2
-        return ScreenCovariance(covariance, linear)
+            linear = moves[5] + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
+        linear &= self._within_lens(rays, moves)
+        return np.stack([*self._in_pixels(rays, moves), linear])
 
     def radius_95(self, rays: Array, sigma_m: Array | float | None = None) -> Array:
         """(N,) major semi-axis of the ellipse of 95 %, px."""
-        uu, uv, vv = self.variances(rays, sigma_m)
+        uu, uv, vv = self._by_block(self._variances, rays, sigma_m)
         longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
-        return np.asarray(np.sqrt(CHI2_95 * longest))
+        return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
 
-    def variances(self, rays: Array, sigma_m: Array | float | None = None) -> Variances:
-        """Variance of the column, covariance of column and row, variance of the row, px2."""
-        by_x, by_y = _by_camera(rays)
-        covariance, extra = self._with_map(sigma_m)
-        spread_x, spread_y = covariance @ by_x, covariance @ by_y
-        if extra is not None:
-            spread_x[:3] += extra * (self._level_c @ by_x[:3])
-            spread_y[:3] += extra * (self._level_c @ by_y[:3])
-        xx = np.einsum("in,in->n", by_x, spread_x)
-        xy = np.einsum("in,in->n", by_y, spread_x)
-        yy = np.einsum("in,in->n", by_y, spread_y)
-        return self._in_pixels(rays, xx, xy, yy)
+    def _variances(self, rays: Array, sigma_m: Array | None) -> Array:
+        return np.stack(self._in_pixels(rays, self._moves(rays, sigma_m)))
 
-    def _with_map(self, sigma_m: Array | float | None) -> tuple[Array, Array | None]:
-        """The covariance with the map's error in it, and (N,) m2 that points have beyond it."""
-        sigma = np.asarray(np.nan if sigma_m is None else sigma_m, float)
-        variance = np.where(np.isnan(sigma), self._map_sigma_m, sigma) ** 2
-        least = variance.min() if variance.size else 0.0
-        covariance = self._covariance_c.copy()
-        covariance[:3, :3] += least * self._level_c
-        return covariance, variance - least if (variance > least).any() else None
+    @staticmethod
+    def _by_block(
+        work: Callable[[Array, Array | None], Array], rays: Array, sigma_m: Array | float | None
+    ) -> Array:
+        """What ``work`` makes of the points, in pieces that stay in the processor's cache."""
+        count = rays.shape[1]
+        sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
+        parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
+        done = [work(rays[:, part], None if sigma is None else sigma[part]) for part in parts]
+        return np.concatenate(done, axis=-1)
 
-    def _in_pixels(self, rays: Array, xx: Array, xy: Array, yy: Array) -> Variances:
-        """What the lens makes of variances on the plane z = 1."""
+    def half_width_95(
+        self, rays: Array, normals: Array, sigma_m: Array | float | None = None
+    ) -> Array:
+        """(N,) px to both sides of a line that hold 95 %; its unit normals (2, N) in pixels."""
+        uu, uv, vv = self._by_block(self._variances, rays, sigma_m)
+        u, v = normals
+        across = u * u * uu + 2 * u * v * uv + v * v * vv
+        return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
+
+    def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
+        """(6, N) covariance of how points move in c, over their depth: its upper triangle."""
+        x, y, nearness = rays
+        factors = np.stack([x, y, np.ones_like(x), nearness])
+        products = factors[_FIRST] * factors[_SECOND]
+        least, beyond = self._map_variance(sigma_m)
+        weights = self._weights.copy()
+        weights[:, -1] += least * self._level_c
+        moves = weights @ products
+        if beyond is not None:
+            moves += self._level_c[:, None] * (beyond * products[-1])
+        return np.asarray(moves, float)
+
+    def _map_variance(self, sigma_m: Array | None) -> tuple[float, Array | None]:
+        """The least variance of the points' level places, m2, and (N,) what some have beyond."""
+        if sigma_m is None or not len(sigma_m):
+            return self._map_sigma_m**2, None
+        variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
+        least = float(variance.min())
+        return least, variance - least if (variance > least).any() else None
+
+    def _in_pixels(self, rays: Array, moves: Array) -> tuple[Array, Array, Array]:
+        """(N,) each: variance of the column, covariance, variance of the row, px2."""
+        xx, xy, yy = _on_plane(rays, moves)
         ux, uy, vx, vy = self._camera.slopes(rays[0], rays[1])
-        u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the pixel's covariance with x and y
+        u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the column's covariance with x and y
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         lens = self._lens_variance
         return u_x * ux + u_y * uy + lens, u_x * vx + u_y * vy, v_x * vx + v_y * vy + lens
 
-    def _depth_variance(self, rays: Array) -> Array:
-        """Variance of the depth over the depth, to which the second order is proportional.
+    def _within_lens(self, rays: Array, moves: Array) -> BoolArray:
+        """Whether the ellipse lies where the lens model holds, and bends it by little.
 
-        It has x and y times the turns about y and x too, by which a tangent bends; a turn about
-        the axis bends by half its angle.
+        Told at the ellipse's outermost point. A lens bends more the farther from its axis.
         """
-        x, y, nearness = rays
-        by_depth = np.stack([-nearness, -y, x])
-        depth = np.einsum("in,ij,jn->n", by_depth, self._covariance_c[2:5, 2:5], by_depth)
-        return np.asarray(depth + self._covariance_c[5, 5] / 4)
+        x, y = rays[:2]
+        xx, xy, yy = _on_plane(rays, moves)
+        squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
+        radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
+        outwards = np.sqrt(CHI2_95 * radial) / squared
+        farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
+        with np.errstate(invalid="ignore"):
+            inside = farthest <= self._camera.max_radius**2
+        scale = np.where(inside, 1 + outwards, 1.0)
+        here = np.array(self._camera.slopes(x, y))
+        change = here - self._camera.slopes(x * scale, y * scale)
+        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
+        return np.asarray(inside & ~bent)
+
+
+def _both(rotation: Array) -> Array:
+    """(6, 6) that turns position and phi alike."""
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = rotation
+    return turn
+
+
+def _weights(covariance_c: Array) -> Array:
+    """(6, 10): of the products of x, y, 1 and 1/z, in the covariance of points' moves."""
+    parts: Array = np.einsum("kia,ab,ljb->klij", _MOVES, covariance_c, _MOVES)
+    both = parts[_FIRST, _SECOND] + parts[_SECOND, _FIRST]
+    both[_FIRST == _SECOND] /= 2
+    return np.asarray(both[:, _ROWS, _COLUMNS].T, float)
+
+
+def _on_plane(rays: Array, moves: Array) -> tuple[Array, Array, Array]:
+    """Variance of x, covariance of x and y, variance of y on the plane z = 1.
+
+    x moves by the point's move along x less x times that along z, both over the depth.
+    """
+    x, y = rays[:2]
+    xx, xy, xz, yy, yz, zz = moves
+    x_z, y_z = xz - x * zz, yz - y * zz
+    return xx - x * (xz + x_z), xy - x * yz - y * x_z, yy - y * (yz + y_z)
 
 
 def screen_covariance(
