@@ -17,8 +17,9 @@ from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Reason, locate
 from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.core.terrain import Terrain, cell_size_m, graticule
+from tirgeo_ros.core.terrain import Terrain, graticule
 from tirgeo_ros.core.terrain_rays import Stop, first_hit
+from tirgeo_ros.core.terrain_slopes import Slopes
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
 SIZE = 801  # nodes a side
@@ -235,10 +236,30 @@ def test_a_grid_across_the_antimeridian():
     np.testing.assert_allclose(heights, [1.25, 1.75])
 
 
-def test_the_size_of_a_cell():
-    assert cell_size_m(HILLS, PLANE.latitude_rad, PLANE.longitude_rad) == pytest.approx(
-        1, rel=0.02
+def test_the_slopes_of_the_hills_and_the_size_of_a_cell():
+    point_n = np.array([12.0, -33.0, 0.0])
+    slopes = Slopes(HILLS, PLANE, point_n, np.eye(3))  # axes differ by 1e-5 rad from the plane's
+    assert slopes.cell_m == pytest.approx(1, rel=0.02)
+    north, east = 12 / 70, -33 / 90
+    expected = -8 * np.array(
+        [np.cos(north) * np.cos(east) / 70, -np.sin(north) * np.sin(east) / 90]
     )
+    for step_m in (1.0, 5.0):
+        normal_n = slopes.normal_n(step_m)
+        # a central difference over 5 m of a wave of 70 m is off by a sixth of (5 / 70)^2; the
+        # radii of ``metres`` are rounded to 0.3 %
+        np.testing.assert_allclose(normal_n[:2], expected, rtol=8e-3)
+        assert normal_n[2] == -1
+
+
+def test_slopes_on_the_rim_are_of_the_side_that_is_there():
+    ramp = Terrain(np.arange(9.0).reshape(3, 3), graticule(SOUTH_WEST_DEG, STEP_DEG, 3))
+    corner = PLANE.ned_from_geodetic(*np.radians(np.add(SOUTH_WEST_DEG, 1e-8)), 0.0)
+    normal_n = Slopes(ramp, PLANE, corner, np.eye(3)).normal_n(1.0)
+    # 3 m a row of 1.00 m, southwards; 1 m a column of 1.00 m, eastwards
+    np.testing.assert_allclose(normal_n, [3, -1, -1], rtol=0.02)
+    one = Terrain(np.zeros((2, 2)), graticule(SOUTH_WEST_DEG, STEP_DEG, 2))
+    assert Slopes(one, PLANE, corner, np.eye(3)).normal_n(9.0).tolist() == [0, 0, -1]
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,12 @@ from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground, Reason, locate
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.terrain import Terrain, cell_size_m
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.terrain_slopes import Slopes
 
 #: A point whose ellipse of 95 % is longer than this share of its distance is refused: beyond,
 #: the ellipse of first order says less than the truth, which has a long tail away from the camera.
 MOST_SHARE = 0.5
-#: The least step over which the terrain's slope is taken where it has no cells: none has them.
-_LEAST_STEP_M = 0.1
 
 
 class Ellipse(NamedTuple):
@@ -123,13 +122,19 @@ def point_covariance(
         covariance += along[:, None] * along
     by_pose, by_point = (j[0] for j in pixel_jacobian(camera, pose, point_n[None]))
     in_pixels = by_pose @ covariance @ by_pose.T + config.lens_sigma_px**2 * np.eye(2)
-    up_n, normal_n = _up_and_normal(plane, ground, point_n, _LEAST_STEP_M)
-    found = _solved(by_point, in_pixels, normal_n, up_n, config.ground_sigma_m)
-    if isinstance(ground, Terrain) and np.isfinite(found).all():
-        step_m = math.sqrt(float(np.linalg.eigvalsh(found[:2, :2])[-1]))
-        normal_n = _up_and_normal(plane, ground, point_n, step_m)[1]
-        found = _solved(by_point, in_pixels, normal_n, up_n, config.ground_sigma_m)
-    return found
+    latitude, longitude, _ = plane.geodetic_from_ned(point_n)
+    axes_n = plane.rotation_from_local(float(latitude), float(longitude))
+    up_n, sigma_m = -axes_n[:, 2], config.ground_sigma_m
+    if not isinstance(ground, Terrain):
+        return _solved(by_point, in_pixels, up_n, up_n, sigma_m)
+    slopes = Slopes(ground, plane, point_n, axes_n)
+    found = _solved(by_point, in_pixels, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
+    spread = float(found[0, 0] + found[1, 1])
+    if not spread > slopes.cell_m**2:  # nor where it is nan
+        return found
+    # As far as the point may truly be away, and no further than could pass for one slope.
+    step_m = min(math.sqrt(spread), 0.1 * float(np.linalg.norm(point_n - pose.position_n)))
+    return _solved(by_point, in_pixels, slopes.normal_n(step_m), up_n, sigma_m)
 
 
 def _solved(
@@ -146,35 +151,6 @@ def _solved(
         return np.full((3, 3), np.nan)
     covariance: Array = inverse @ known @ inverse.T
     return 0.5 * (covariance + covariance.T)
-
-
-def _up_and_normal(
-    plane: TangentPlane, ground: Ground, point_n: Array, step_m: float
-) -> tuple[Array, Array]:
-    """(3,) up at a point, and (3,) the ground's normal there, not of unit length."""
-    latitude, longitude, _ = plane.geodetic_from_ned(point_n)
-    axes_n = plane.rotation_from_local(float(latitude), float(longitude))
-    up_n = -axes_n[:, 2]
-    if not isinstance(ground, Terrain):
-        return up_n, up_n
-    step_m = max(step_m, cell_size_m(ground, float(latitude), float(longitude)))
-    rises = [_rise(plane, ground, point_n, axis_n, step_m) for axis_n in axes_n.T[:2]]
-    return up_n, up_n - rises[0] * axes_n[:, 0] - rises[1] * axes_n[:, 1]
-
-
-def _rise(
-    plane: TangentPlane, terrain: Terrain, point_n: Array, axis_n: Array, step_m: float
-) -> float:
-    """The terrain's slope at a point along a horizontal axis, over a step to both sides.
-
-    Beside the model or a gap over the other side alone, and level where both lack: a model of one
-    cell has no more to say.
-    """
-    steps = np.array([-step_m, 0.0, step_m])
-    latitude, longitude, _ = plane.geodetic_from_ned(point_n + steps[:, None] * axis_n)
-    heights = terrain.height_m(latitude, longitude)
-    rises = np.diff(heights)[np.isfinite(np.diff(heights))]
-    return float(rises.mean()) / step_m if rises.size else 0.0
 
 
 def ellipse_of(covariance_n: Array) -> Ellipse:

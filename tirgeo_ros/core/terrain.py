@@ -6,7 +6,6 @@ where on it a place lies. Nothing is resampled, so that the surface is the file'
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -111,16 +110,3 @@ def graticule(
         return turned / step_lon, rows - 1 - (np.degrees(latitude_rad) - south) / step_lat
 
     return grid_of
-
-
-def cell_size_m(terrain: Terrain, latitude_rad: float, longitude_rad: float) -> float:
-    """About the longer side of a cell at a place."""
-    step = 1e-6  # 6 m of latitude
-    latitudes = np.array([latitude_rad, latitude_rad + step, latitude_rad])
-    longitudes = np.array([longitude_rad, longitude_rad, longitude_rad + step])
-    column, row = terrain.grid_of(latitudes, longitudes)
-    radius_m = 6.37e6
-    northward = math.hypot(column[1] - column[0], row[1] - row[0]) / (step * radius_m)
-    eastward = math.hypot(column[2] - column[0], row[2] - row[0])
-    eastward /= step * radius_m * max(math.cos(latitude_rad), 1e-3)
-    return 1.0 / max(min(northward, eastward), 1e-9)
