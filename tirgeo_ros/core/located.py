@@ -85,9 +85,9 @@ def place(
     points_n, reasons = locate(camera, pose, np.array([uv]), plane, ground)
     if reasons[0] is not None:
         return Refusal(pose.stamp_ns, uv, reasons[0])
-    covariance_n = point_covariance(camera, pose, points_n[0], plane, ground, config, rates)
-    if not np.isfinite(covariance_n).all():
+    if not np.isfinite(pose.covariance).all():
         return Refusal(pose.stamp_ns, uv, Reason.UNCERTAIN_POSE)
+    covariance_n = point_covariance(camera, pose, points_n[0], plane, ground, config, rates)
     distance_m = float(np.linalg.norm(points_n[0] - pose.position_n))
     if not ellipse_of(covariance_n).major_m <= MOST_SHARE * distance_m:
         return Refusal(pose.stamp_ns, uv, Reason.GRAZING)

@@ -16,12 +16,13 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M, TangentPlane
+from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.terrain import Terrain
 
-_PIECE_M = 2000.0
+_PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
 _PIECE_CELLS = 2048.0
+_LEVEL = 1e-6  # the slope of a ray that is as good as level
 _KNOTS = np.array([0.0, 0.5, 1.0])
 #: From the values at the knots to constant, linear and square coefficient.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
@@ -88,25 +89,33 @@ def _piece(
     terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array, start_m: float
 ) -> _Piece:
     """The ray's next part: as far as it may reach the lowest height, but no longer than may be."""
-    length_m = _PIECE_M
-    for _ in range(3):
+    length_m = _guessed_m(terrain, plane, position_n, ray_n)
+    while True:
         ways = start_m + length_m * _KNOTS
         places = plane.geodetic_from_ned(position_n + ways[:, None] * ray_n)
         column, row = terrain.grid_of(places[0], places[1])
         piece = _Piece(start_m, length_m, *(_PARABOLA @ x for x in (column, row, places[2])))
+        to_lowest_m = _to_lowest_m(terrain, piece)
         cells = abs(column[2] - column[0]) + abs(row[2] - row[0])
-        shorter = min(_to_lowest_m(terrain, piece), length_m * _PIECE_CELLS / max(cells, 1.0))
-        if shorter >= length_m:
-            break
-        length_m = shorter
-    return piece
+        fits = length_m <= 1.5 * to_lowest_m and not cells > _PIECE_CELLS
+        if fits or length_m <= _LEAST_PIECE_M:
+            return piece
+        shorter = min(to_lowest_m, 0.9 * length_m * _PIECE_CELLS / max(cells, _PIECE_CELLS))
+        length_m = max(shorter, _LEAST_PIECE_M)
+
+
+def _guessed_m(terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array) -> float:
+    """The way to the lowest height as on a flat earth, and a little more."""
+    drop = plane.height_m - float(position_n[2]) - terrain.lowest_m
+    down = float(ray_n[2])
+    return min(_PIECE_M, 1.01 * max(drop, 0.0) / down + 1.0) if down > _LEVEL else _PIECE_M
 
 
 def _to_lowest_m(terrain: Terrain, piece: _Piece) -> float:
     """The length of a piece that goes down to the lowest height, and 1 m more."""
-    drop = piece.height[0] - terrain.lowest_m
-    down = -piece.height[1] / piece.length_m  # on the level, and bent away from further on
-    return max(drop, 0.0) / down + 1.0 if down > 1.0 / SEMI_MAJOR_AXIS_M else math.inf
+    drop = float(piece.height[0]) - terrain.lowest_m
+    down = -float(piece.height[1]) / piece.length_m
+    return max(drop, 0.0) / down + 1.0 if down > _LEVEL else math.inf
 
 
 def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:

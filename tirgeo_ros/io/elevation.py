@@ -143,7 +143,8 @@ def _unwrapped(system: pyproj.CRS, source: Any) -> Callable[[Array], Array]:
         return lambda x: x
     unit = system.axis_info[0].unit_conversion_factor  # radians in a unit
     turn = 2 * np.pi / unit
-    middle = float((source.transform * (source.width / 2, source.height / 2))[0])
+    a, b, c = (float(x) for x in tuple(source.transform)[:3])
+    middle = a * source.width / 2 + b * source.height / 2 + c
     return lambda x: middle + (x - middle + turn / 2) % turn - turn / 2
 
 

@@ -1,0 +1,223 @@
+"""Elevation models from real GeoTIFF files, against the surface that they were made of."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pyproj
+import pytest
+
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.errors import ElevationError
+from tirgeo_ros.io import elevation
+from tirgeo_ros.io.elevation import ground_of, load_terrain
+
+UTM = "EPSG:32650"
+WEST, NORTH, SIZE = 500_100.0, 4_411_600.0, 150
+
+
+def wave(x, y):
+    return 40.0 + 3.0 * np.sin(np.asarray(x) / 50.0) + 2.0 * np.cos(np.asarray(y) / 40.0)
+
+
+@pytest.fixture
+def rasterio():
+    return pytest.importorskip("rasterio", reason="elevation models need rasterio")
+
+
+def written(rasterio, path, values, transform, crs=UTM, tags=None, units=None, **profile):
+    bands = values if values.ndim == 3 else values[None]
+    profile = {"nodata": -9999.0} | profile
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        count=len(bands),
+        height=bands.shape[1],
+        width=bands.shape[2],
+        dtype=bands.dtype,
+        crs=crs,
+        transform=transform,
+        **profile,
+    ) as out:
+        out.write(bands)
+        out.update_tags(**(tags or {}))
+        if units:
+            out.units = (units,) * len(bands)
+    return path
+
+
+def place(transform, column, row):
+    """x and y of a column and row counted from the first pixel's corner."""
+    a, b, c, d, e, f = tuple(transform)[:6]
+    return a * column + b * row + c, d * column + e * row + f
+
+
+def grid_of_metres(rasterio, west=WEST, north=NORTH, size=SIZE, step=1.0):
+    """Middles of pixels of ``step`` m, and the transform of their corners."""
+    x = west + step * (np.arange(size) + 0.5)
+    y = north - step * (np.arange(size) + 0.5)
+    return *np.meshgrid(x, y), rasterio.transform.from_origin(west, north, step, step)
+
+
+def at(terrain, x, y, crs=UTM):
+    lon, lat = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(x, y)
+    return terrain.height_m(np.radians(lat), np.radians(lon))
+
+
+def some_places(rng, margin=2.0):
+    x = rng.uniform(WEST + margin, WEST + SIZE - margin, 200)
+    return x, rng.uniform(NORTH - SIZE + margin, NORTH - margin, 200)
+
+
+# A metre of grid: 3 / 50^2 and 2 / 40^2 of curvature, an eighth of their sum: 0.3 mm; half a pixel
+# of shift would be 3 / 50 / 2 = 30 mm.
+BILINEAR_M = 5e-4
+
+
+@pytest.mark.parametrize("kind", ["Area", "Point"])
+def test_heights_are_those_of_the_pixels_middles(rasterio, tmp_path, kind):
+    x, y, transform = grid_of_metres(rasterio)
+    path = tmp_path / "dem.tif"
+    values = wave(x, y).astype(np.float32)
+    written(rasterio, path, values, transform, tags={"AREA_OR_POINT": kind})
+    with rasterio.open(path) as back:
+        assert back.tags()["AREA_OR_POINT"] == kind
+    terrain = load_terrain(path)
+    places = some_places(np.random.default_rng(1))
+    np.testing.assert_allclose(at(terrain, *places), wave(*places), atol=BILINEAR_M)
+    assert terrain.notes == ()
+
+
+def test_a_grid_of_points_by_its_raw_tags(rasterio, tmp_path):
+    """A file whose tie point is the first node itself, as surveys write them."""
+    x, y, transform = grid_of_metres(rasterio)
+    path = tmp_path / "points.tif"
+    with rasterio.Env(GTIFF_POINT_GEO_IGNORE=True):  # the tie point is stored as given
+        tie = rasterio.Affine(1.0, 0.0, WEST + 0.5, 0.0, -1.0, NORTH - 0.5)
+        tags = {"AREA_OR_POINT": "Point"}
+        written(rasterio, path, wave(x, y).astype(np.float32), tie, tags=tags)
+    places = some_places(np.random.default_rng(2))
+    np.testing.assert_allclose(at(load_terrain(path), *places), wave(*places), atol=BILINEAR_M)
+
+
+def test_a_turned_grid_and_one_from_the_south(rasterio, tmp_path):
+    cos, sin = math.cos(0.4), math.sin(0.4)
+    column, row = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
+    for k, down in enumerate((1.0, -1.0)):
+        transform = rasterio.Affine(cos, -down * sin, WEST, sin, down * cos, NORTH - 75)
+        values = wave(*place(transform, column, row)).astype(np.float32)
+        path = written(rasterio, tmp_path / f"{k}.tif", values, transform)
+        x, y = place(transform, *np.random.default_rng(3).uniform(2, SIZE - 2, (2, 100)))
+        np.testing.assert_allclose(at(load_terrain(path), x, y), wave(x, y), atol=BILINEAR_M)
+
+
+@pytest.mark.parametrize("middle_deg", [116.7, 180.0, 200.0])
+def test_degrees_also_over_the_antimeridian(rasterio, tmp_path, middle_deg):
+    step = 1e-5
+    transform = rasterio.transform.from_origin(
+        middle_deg - 50 * step, 40.0 + 50 * step, step, step
+    )
+    values = np.add.outer(np.zeros(100), np.arange(100.0)).astype(np.float32)
+    terrain = load_terrain(written(rasterio, tmp_path / "d.tif", values, transform, "EPSG:4326"))
+    for longitude in (middle_deg, middle_deg - 360):
+        found = terrain.height_m(math.radians(40.0), math.radians(longitude))
+        assert found == pytest.approx(49.5, abs=1e-4)
+
+
+def test_no_data_and_masks_are_gaps(rasterio, tmp_path):
+    x, y, transform = grid_of_metres(rasterio)
+    values = wave(x, y).astype(np.float32)
+    values[70:80, 70:80] = -9999.0
+    values[20, 20] = np.nan
+    terrain = load_terrain(written(rasterio, tmp_path / "gap.tif", values, transform))
+    assert np.isnan(at(terrain, WEST + 75, NORTH - 75))
+    assert np.isnan(at(terrain, WEST + 20.5, NORTH - 20.5))
+    assert np.isfinite(at(terrain, WEST + 90, NORTH - 75))
+    assert np.isnan(at(terrain, WEST - 3, NORTH - 75))
+
+
+def test_integers_with_a_scale_and_an_undulation(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    path = written(
+        rasterio, tmp_path / "i.tif", np.full((9, 9), 1234, np.int16), transform, nodata=-1
+    )
+    with rasterio.open(path, "r+") as out:
+        out.scales, out.offsets = (0.1,), (5.0,)
+    terrain = load_terrain(path, -9.5)
+    assert at(terrain, WEST + 4, NORTH - 4) == pytest.approx(123.4 + 5.0 - 9.5, abs=1e-4)
+
+
+def test_what_a_person_should_know(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    bands = np.stack([np.full((9, 9), 100.0), np.zeros((9, 9))]).astype(np.float32)
+    path = written(rasterio, tmp_path / "n.tif", bands, transform, "EPSG:32650+5773", units="ft")
+    terrain = load_terrain(path)
+    assert at(terrain, WEST + 4, NORTH - 4) == pytest.approx(30.48, abs=1e-4)
+    bands_note, unit_note, datum_note = terrain.notes
+    assert "2 bands; the first one is taken" in bands_note
+    assert "heights in ft" in unit_note
+    assert "EGM96" in datum_note
+    assert "set dem_undulation_m" in datum_note
+    assert all(note.startswith(str(path)) for note in terrain.notes)
+    assert len(load_terrain(path, -9.0).notes) == 2  # corrected: nothing to say of the datum
+
+
+def test_a_unit_that_nobody_knows_is_said(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    values = np.full((9, 9), 7.0, np.float32)
+    terrain = load_terrain(
+        written(rasterio, tmp_path / "u.tif", values, transform, units="cubits")
+    )
+    assert "'cubits', which is not known" in terrain.notes[0]
+    assert terrain.highest_m == 7.0
+
+
+def test_what_is_refused(rasterio, tmp_path, monkeypatch):
+    _, _, transform = grid_of_metres(rasterio)
+    flat = np.full((9, 9), 7.0, np.float32)
+    nowhere = written(rasterio, tmp_path / "nowhere.tif", flat, transform, crs=None)
+    with pytest.raises(ElevationError, match=r"nowhere\.tif: no coordinate system"):
+        load_terrain(nowhere)
+    empty = written(rasterio, tmp_path / "empty.tif", np.full_like(flat, -9999), transform)
+    with pytest.raises(ElevationError, match=r"empty\.tif: .*all of it is no data"):
+        load_terrain(empty)
+    marked = written(rasterio, tmp_path / "marked.tif", np.full_like(flat, -32768), transform)
+    with pytest.raises(ElevationError, match=r"marked\.tif: .*is its no-data value declared"):
+        load_terrain(marked)
+    whole = written(rasterio, tmp_path / "large.tif", flat, transform)
+    monkeypatch.setattr(elevation, "MOST_NODES", 80)
+    with pytest.raises(ElevationError, match=r"large\.tif: 9 x 9 pixels, more than 80; cut out"):
+        load_terrain(whole)
+    (tmp_path / "text.tif").write_text("no picture")
+    with pytest.raises(ElevationError, match=r"text\.tif: cannot be read as a raster"):
+        load_terrain(tmp_path / "text.tif")
+    with pytest.raises(ElevationError, match=r"absent\.tif: cannot be read as a raster"):
+        load_terrain(tmp_path / "absent.tif")
+
+
+def test_a_cut_file_is_one_line(rasterio, tmp_path):
+    x, y, transform = grid_of_metres(rasterio)
+    path = written(rasterio, tmp_path / "cut.tif", wave(x, y).astype(np.float32), transform)
+    path.write_bytes(path.read_bytes()[:40_000])
+    with pytest.raises(ElevationError, match=r"cut\.tif: cannot be read as a raster") as caught:
+        load_terrain(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_rasterio_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(
+        ElevationError, match=r"d\.tif: .*need rasterio: pip install 'tirgeo\[dem\]'"
+    ):
+        load_terrain(tmp_path / "d.tif")
+
+
+def test_the_ground_of_the_parameters(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    path = str(written(rasterio, tmp_path / "g.tif", np.full((9, 9), 7.0, np.float32), transform))
+    assert ground_of(OverlayConfig()) is None
+    assert ground_of(OverlayConfig(ground_height_m=3.0, dem=path)) == 3.0
+    assert ground_of(OverlayConfig(dem=path, dem_undulation_m=2.0)).highest_m == 9.0
