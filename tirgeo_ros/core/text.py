@@ -21,12 +21,23 @@ from tirgeo_ros.core.errors import ConfigError
 Pixels = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
+TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
 _CACHED = 1024
+#: Of these parts of a picture's width and height is a text: 9 px on a phone 360 px wide.
+_WIDTH_PARTS, _HEIGHT_PARTS = 40, 24
+_SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 _PAD = 2
 _WEIGHT = 500  # of OpenCV's typeface: 400 is plain, 700 bold
 _SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
+
+
+def text_px(image: Pixels) -> int:
+    """The size of plain text on a picture (h, w, ...)."""
+    height, width = image.shape[:2]
+    fits = round(min(width / _WIDTH_PARTS, height / _HEIGHT_PARTS))
+    return int(min(max(fits, _SMALLEST_PX), _LARGEST_PX))
 
 
 @dataclass(frozen=True, slots=True)

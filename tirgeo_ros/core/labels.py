@@ -1,0 +1,193 @@
+"""Labels off each other, off marks and edges, each in its place from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.label_anchors import AnchorFinder, Anchors
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.strokes import mark_radius_px
+from tirgeo_ros.core.text import TEXT_BGR, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.vector_map import VectorMap
+from tirgeo_ros.core.view import Seen
+
+#: No more are drawn: what cannot be read does not help.
+MOST = 40
+
+_CONSIDERED = 3 * MOST
+#: A label that is in its outline stays in it until the outline is this much smaller.
+_STAYS_WITHIN = 0.8
+#: A label comes to a place only with so much room around it, or it would be gone again soon.
+_ROOM_PX = 4
+
+#: Places, the best first: where the label's middle is, in halves of the room for label and
+#: feature, to the right and down.
+_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
+_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
+_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
+_WITHIN = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
+
+
+class Box(NamedTuple):
+    """A rectangle of pixels; right and bottom are the first ones outside."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def meets(self, other: Box, room: int = 0) -> bool:
+        """Whether less than so much room is between them."""
+        return (
+            self.left - room < other.right
+            and other.left < self.right + room
+            and self.top - room < other.bottom
+            and other.top < self.bottom + room
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label in its place."""
+
+    feature: int  # index of the map's labels
+    anchor: tuple[float, float]  # the pixel that it tells of
+    box: Box
+    text: Stamp
+
+
+class Labels:
+    """Places and paints the labels of one map, frame after frame."""
+
+    def __init__(self, vector_map: VectorMap) -> None:
+        self._texts = vector_map.labels
+        self._anchors = AnchorFinder(vector_map)
+        self._places: dict[int, _Place] = {}  # of each shown feature's label
+
+    def paint(
+        self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
+    ) -> list[Label]:
+        """Write the labels of what is seen on the picture, off the boxes that are taken."""
+        labels = self.place(image, lines, marks, taken)
+        for label in labels:
+            label.text.lay(image, label.box.left, label.box.top)
+        return labels
+
+    def place(
+        self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
+    ) -> list[Label]:
+        """Where the labels go. A label keeps its place, beside its feature, as long as it can."""
+        shown = np.array([*self._places], np.int64)
+        anchors = self._anchors.find(lines, marks, shown, _CONSIDERED)
+        room = _Room(image, marks.points[:2], taken)
+        places, labels = self._places, []
+        self._places = {}
+        for i, feature in enumerate(anchors.feature.tolist()):
+            text = stamp(self._texts[feature], room.text_px, TEXT_BGR)
+            last = places.get(feature)
+            wish = _Wish.of(anchors, i, text, room.mark_px, last)
+            found = room.find(wish, last)
+            if found is None:
+                continue
+            self._places[feature] = _Place(wish.places, found[0])
+            labels.append(Label(feature, (wish.u, wish.v), found[1], text))
+            if len(labels) == MOST:
+                break
+        return labels
+
+
+class _Place(NamedTuple):
+    """One of some places."""
+
+    places: tuple[tuple[int, int], ...]
+    number: int
+
+
+class _Wish(NamedTuple):
+    """A label's size and anchor, and which places are good for it."""
+
+    u: float
+    v: float
+    width: int
+    height: int
+    half_u: float  # of the feature, off which it should be
+    half_v: float
+    mark: bool
+    places: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(
+        cls, anchors: Anchors, i: int, text: Stamp, mark_px: float, last: _Place | None
+    ) -> _Wish:
+        u, v = anchors.uv[:, i].tolist()
+        half_u, half_v = anchors.half[:, i].tolist()
+        width, height = text.size
+        if anchors.mark[i]:
+            return cls(u, v, width, height, mark_px, mark_px, mark=True, places=_BESIDE)
+        if not anchors.inside[i]:
+            return cls(u, v, width, height, 0, 0, mark=False, places=_ALONG)
+        fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
+        if 2 * half_u < fits * width or 2 * half_v < fits * height:
+            return cls(u, v, width, height, half_u, half_v, mark=False, places=_UNDER)
+        return cls(u, v, width, height, 0, 0, mark=False, places=_WITHIN)
+
+    def middle(self, place: int) -> tuple[float, float]:
+        to_right, down = self.places[place]
+        return (
+            self.u + to_right * (self.width / 2 + self.half_u),
+            self.v + down * (self.height / 2 + self.half_v),
+        )
+
+
+class _Room:
+    """What is free of a picture."""
+
+    def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
+        self._height, self._width = image.shape[:2]
+        self.text_px = text_px(image)
+        self.mark_px = mark_radius_px(image)
+        self._marks = marks
+        self._taken = list(taken)
+
+    def find(self, wish: _Wish, last: _Place | None) -> tuple[int, Box] | None:
+        """The number of a place and its box, which is then taken; the place it had, if it can."""
+        for number, box in self._free(wish, last):
+            self._taken.append(box)
+            return number, box
+        return None
+
+    def _free(self, wish: _Wish, last: _Place | None) -> Iterator[tuple[int, Box]]:
+        if wish.width > self._width or wish.height > self._height:
+            return
+        if last is not None and last.places is wish.places:
+            box = self._box(wish, last.number)
+            if self._is_free(box, wish, 0):
+                yield last.number, box
+        boxes = [(number, self._box(wish, number)) for number in range(len(wish.places))]
+        free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
+        yield from ((number, box) for number, box in free if not self._covers_mark(box))
+        yield from free
+
+    def _box(self, wish: _Wish, place: int) -> Box:
+        """A place, moved into the picture."""
+        u, v = wish.middle(place)
+        left = min(max(round(u - wish.width / 2), 0), self._width - wish.width)
+        top = min(max(round(v - wish.height / 2), 0), self._height - wish.height)
+        return Box(left, top, left + wish.width, top + wish.height)
+
+    def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:
+        hides = wish.mark and box.meets(_around(wish.u, wish.v))
+        return not hides and not any(box.meets(other, room) for other in self._taken)
+
+    def _covers_mark(self, box: Box) -> bool:
+        u, v = self._marks
+        inside = (u > box.left) & (u < box.right) & (v > box.top) & (v < box.bottom)
+        return bool(inside.any())
+
+
+def _around(u: float, v: float) -> Box:
+    return Box(round(u) - 1, round(v) - 1, round(u) + 2, round(v) + 2)
