@@ -137,7 +137,7 @@ class FrameConfidence:
         pose: CameraPose,
         rates: CameraRates | None = None,
     ) -> None:
-        self._camera = camera
+        self.camera = camera
         self._map_sigma_m = config.map_sigma_m
         self._lens_variance = config.lens_sigma_px**2
         rotation_cn = matrix_from_quat(pose.q_nc).T
@@ -220,7 +220,7 @@ class FrameConfidence:
     def _in_pixels(self, rays: Array, moves: Array) -> tuple[Array, Array, Array]:
         """(N,) each: variance of the column, covariance, variance of the row, px2."""
         xx, xy, yy = _on_plane(rays, moves)
-        ux, uy, vx, vy = self._camera.slopes(rays[0], rays[1])
+        ux, uy, vx, vy = self.camera.slopes(rays[0], rays[1])
         u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the column's covariance with x and y
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         lens = self._lens_variance
@@ -238,10 +238,10 @@ class FrameConfidence:
         outwards = np.sqrt(CHI2_95 * radial) / squared
         farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
         with np.errstate(invalid="ignore"):
-            inside = farthest <= self._camera.max_radius**2
+            inside = farthest <= self.camera.max_radius**2
         scale = np.where(inside, 1 + outwards, 1.0)
-        here = np.array(self._camera.slopes(x, y))
-        change = here - self._camera.slopes(x * scale, y * scale)
+        here = np.array(self.camera.slopes(x, y))
+        change = here - self.camera.slopes(x * scale, y * scale)
         bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
         return np.asarray(inside & ~bent)
 

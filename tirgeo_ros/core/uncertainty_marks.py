@@ -1,0 +1,204 @@
+"""What the picture shows of its own uncertainty: lines that fade or have a band, and ellipses.
+
+    confidence = Confidence(config.confidence)
+    frame = confidence.frame(camera, pose, rates)                      # once a picture
+    confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
+    drawn, opacity = confidence.faded(frame, lines, sigma)             # for Painter.strokes
+    ellipses = confidence.ellipses(frame, anchors, sigma)              # for Painter.strokes too
+
+A faded line says that there is something, no longer where. An ellipse is left out where the mark
+covers it. Where the ellipse would not tell the truth, or is as large as the picture, it is dashed
+and its feature is ``uncertain``: the label belongs in grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.confidence import CameraRates, FrameConfidence, ellipse_95
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.line_samples import STEP_PX, cut, each, ribbons, sampled
+from tirgeo_ros.core.map_layers import LayerStyle
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.text import Pixels
+from tirgeo_ros.core.vector_map import VectorMap
+from tirgeo_ros.core.view import Seen
+
+#: Opacity falls in so many equal steps, from 1 to the faintest, at the configured radius.
+FADE_STEPS = 3
+FAINTEST = 0.25
+#: The mark covers a smaller ellipse (major semi-axis).
+LEAST_ELLIPSE_PX = 3.0
+#: As many ellipses as labels, at most; of more, one in each part of the picture.
+MOST_ELLIPSES = 40
+
+_BAND_STEP_PX = 16.0
+_BAND_OPACITY = 0.25
+_CORNERS = 48  # of an ellipse
+_DASH = 4  # corners, and as many between two dashes
+
+
+class Anchors(NamedTuple):
+    """Points of features that have an ellipse."""
+
+    uv: Array  # (2, N) pixels
+    rays: Array  # (3, N) as Seen has them
+    owner: IntArray  # (N,) their features
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipses:
+    """Ellipses of 95 % for N anchors."""
+
+    outlines: Polylines  # (2, V) pixels, owned by features; closed, or the dashes of a hint
+    opacity: Array  # (outlines,) 1/4 to 1, as that of lines
+    uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or nobody can tell
+
+
+class Confidence:
+    """Draws the overlay's uncertainty as the configuration says."""
+
+    def __init__(self, config: ConfidenceConfig) -> None:
+        self._config = config
+
+    def frame(
+        self, camera: Camera, pose: CameraPose, rates: CameraRates | None = None
+    ) -> FrameConfidence:
+        """The errors of one frame: pose and rates at its exposure."""
+        return FrameConfidence(self._config, camera, pose, rates)
+
+    def faded(
+        self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None = None
+    ) -> tuple[Polylines, Array]:
+        """The lines cut where their opacity changes, and the opacity of each (lines,), 1/4 to 1.
+
+        ``sigma_m`` (lines,) of the map's layers, nan where not told. Lines with a band fade too:
+        a strong line in the middle of a broad band would still be believed. If nothing is to
+        become of lines, they are returned as they are.
+        """
+        if self._config.lines == "none" or not len(lines):
+            return lines, np.ones(len(lines))
+        lines, some = sampled(lines, STEP_PX)
+        ways = np.flatnonzero(some.links())
+        middle = (some.vertex[ways] + some.vertex[ways + 1]) // 2
+        sigma = each(sigma_m, some.line[ways])
+        opacity = np.ones(len(some.line) - 1)
+        opacity[ways] = self._opacity(frame.radius_95(lines.rays.take(middle, axis=1), sigma))
+        runs, first = cut(lines, some, opacity)
+        return runs, opacity[first]
+
+    def _opacity(self, radius_px: Array) -> Array:
+        """For radii of 95 %; what is not known (nan) is at its faintest."""
+        step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
+        return np.asarray(1 - step * ((1 - FAINTEST) / FADE_STEPS))
+
+    def paint_bands(
+        self,
+        image: Pixels,
+        frame: FrameConfidence,
+        lines: Seen,
+        layer: IntArray,
+        styles: Sequence[LayerStyle],
+        sigma_m: Array | None = None,
+    ) -> None:
+        """Tint (h, w, 3) where 95 % of the true lines run, if lines are to have a band.
+
+        ``layer`` (lines,) is the index of each line's style, whose colour the band has. No band
+        is wider than half the picture.
+        """
+        if self._config.lines != "band" or not len(lines):
+            return
+        lines, some = sampled(lines, _BAND_STEP_PX)
+        most_px = min(image.shape[:2]) / 4
+        quads = ribbons(frame, lines, some, each(sigma_m, some.line), most_px)
+        of_quad = layer[some.line[:-1]]
+        wide = np.isfinite(quads).all(axis=(1, 2))
+        for number in np.unique(of_quad[wide]).tolist():
+            _tint(image, quads[wide & (of_quad == number)], styles[number])
+
+    def ellipses(
+        self, frame: FrameConfidence, anchors: Anchors, sigma_m: Array | None = None
+    ) -> Ellipses:
+        """The ellipses of anchors, the most important first: of too many, not all are drawn.
+
+        ``sigma_m`` (N,) of the map's layers, nan where not told. Without ellipses in the
+        configuration there are no outlines, but still the word on what is uncertain.
+        """
+        covariance, linear = frame.covariance(anchors.rays, sigma_m)
+        semi_px, angle = ellipse_95(covariance)
+        most_px = min(frame.camera.width, frame.camera.height) / 4
+        uncertain = ~(linear & (semi_px[:, 0] <= most_px))
+        drawn = semi_px[:, 0] >= LEAST_ELLIPSE_PX  # not if nan
+        if not self._config.ellipses:
+            drawn[:] = False
+        chosen = _spread_out(anchors.uv, np.flatnonzero(drawn), frame.camera)
+        semi_px, owner = semi_px[chosen], anchors.owner[chosen]
+        corners = _corners(anchors.uv[:, chosen], np.minimum(semi_px, most_px), angle[chosen])
+        outlines, which = _outlines(corners, owner, uncertain[chosen])
+        return Ellipses(outlines, self._opacity(semi_px[which, 0]), uncertain)
+
+
+def layer_sigmas(vector_map: VectorMap) -> Array:
+    """(features,) standard deviation of the places of each feature's layer, m; nan: not told."""
+    told = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
+    return np.array(told, float)[vector_map.layer]
+
+
+def feature_anchors(lines: Seen, inside: BoolArray) -> Anchors:
+    """The middle of each feature's points of which ``inside`` (V,) is true, in order of features.
+
+    On a plane, x, y and 1/z of a middle are the middles of theirs.
+    """
+    owner = np.repeat(lines.owner, np.diff(lines.starts))[inside]
+    features, number, count = np.unique(owner, return_inverse=True, return_counts=True)
+    values = np.concatenate([lines.points[:2], lines.rays])[:, inside]
+    sums = [np.bincount(number, row, len(features)) for row in values]
+    means = np.array(sums).reshape(5, -1) / count
+    return Anchors(means[:2], means[2:], features)
+
+
+def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
+    """Lay a layer's colour thinly over the picture, once where quads overlap."""
+    mask = np.zeros(image.shape[:2], np.uint8)
+    for quad in np.rint(quads).astype(np.int32):
+        cv2.fillConvexPoly(mask, quad, (255,))
+    tinted = cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY)
+    cv2.copyTo(tinted, mask, image)
+    cv2.add(image, np.array([*style.line_bgr, 0.0]) * _BAND_OPACITY, dst=image, mask=mask)
+
+
+def _spread_out(uv: Array, which: IntArray, camera: Camera) -> IntArray:
+    """All, if they are not too many; else the first of each part of the picture."""
+    if len(which) <= MOST_ELLIPSES:
+        return which
+    side = np.sqrt(camera.width * camera.height / MOST_ELLIPSES)
+    across = np.ceil(camera.width / side)
+    cell = np.floor(uv[0, which] / side) + across * np.floor(uv[1, which] / side)
+    _, first = np.unique(cell, return_index=True)
+    return which[np.sort(first)[:MOST_ELLIPSES]]
+
+
+def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
+    """(2, N, corners + 1) points of ellipses, the last one the first."""
+    turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+    along, across = semi_px[:, :1] * np.cos(turn), semi_px[:, 1:] * np.sin(turn)
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return uv[:, :, None] + np.stack([along * c - across * s, along * s + across * c])
+
+
+def _outlines(corners: Array, owner: IntArray, dashed: BoolArray) -> tuple[Polylines, IntArray]:
+    """Closed lines, or dashes, of ellipses' corners (2, N, corners + 1), and whose they are."""
+    whole, broken = np.flatnonzero(~dashed), np.flatnonzero(dashed)
+    dashes = [slice(start, start + _DASH + 1) for start in range(0, _CORNERS, 2 * _DASH)]
+    parts = [corners[:, whole], *(corners[:, broken, dash] for dash in dashes)]
+    which = np.concatenate([whole, *[broken] * len(dashes)])
+    lengths = np.where(dashed[which], _DASH + 1, _CORNERS + 1)
+    points = np.concatenate([part.reshape(2, -1) for part in parts], axis=1)
+    return Polylines(points, np.concatenate([[0], np.cumsum(lengths)]), owner[which]), which
