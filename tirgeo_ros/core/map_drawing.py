@@ -31,6 +31,13 @@ class LaidMap:
     map: VectorMap | None
 
 
+def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane | None, ground: Ground) -> LaidMap:
+    """Lay layers into a plane: the slow part of a change. Raises ConfigError as VectorMap."""
+    check_heights(layers, ground)
+    laid = None if plane is None else VectorMap.from_layers(layers, plane, ground)
+    return LaidMap(layers, plane, laid)
+
+
 class MapDrawing:
     """Layers of a map, laid into a plane, as a camera sees them.
 
@@ -59,14 +66,8 @@ class MapDrawing:
         return self.view.camera if self.view else None
 
     def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
-        """Another map, laid in the present plane: the slow part of a change, for any thread.
-
-        Raises ConfigError if its heights are unknown.
-        """
-        check_heights(layers, self.ground)
-        plane = self._plane
-        laid = None if plane is None else VectorMap.from_layers(layers, plane, self.ground)
-        return LaidMap(layers, plane, laid)
+        """Another map, laid in the present plane. Raises ConfigError if heights are unknown."""
+        return lay_layers(layers, self._plane, self.ground)
 
     def set_map(self, new: LaidMap) -> None:
         """Draw another map from here on."""

@@ -110,11 +110,13 @@ class Overlay:
             self._rectifier = Rectifier(camera) if self._rectify else None
             self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
 
-    def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
-        """Another map, made ready to be drawn: the slow part of a change, for any thread.
+    @property
+    def plane(self) -> TangentPlane | None:
+        """The map's plane, once it is known."""
+        return self._plane
 
-        Raises ConfigError if its heights are unknown.
-        """
+    def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
+        """Another map, made ready to be drawn. Raises ConfigError if its heights are unknown."""
         return self._drawing.laid(layers)
 
     def set_map(self, new: LaidMap) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import Any
 
@@ -13,7 +12,9 @@ from rclpy.node import Node
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
-from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.io.elevation import ground_of
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
     Messages,
@@ -25,15 +26,20 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.nodes.diagnostics import Diagnostics, counts_item, item_name
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
+from tirgeo_ros.nodes.frame_times import FrameTimes
+from tirgeo_ros.nodes.locate_topics import LocateTopics
+from tirgeo_ros.nodes.map_watch import MapWatch
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
-#: How often a frame that waits for its pose is looked at again.
+#: How often frames that wait for their poses are looked at again.
 _RELEASE_PERIOD_S = 0.02
+#: Of what comes while a frame is drawn the newest alone is wanted.
+_FRAME_DEPTH = 1
 
 
 class OverlayNode(Node):
@@ -43,28 +49,41 @@ class OverlayNode(Node):
         super().__init__("overlay_node")
         cv2.setNumThreads(1)  # the work of a frame is too small to share
         self._config = declare(self, OverlayConfig)
-        self._overlay = Overlay(self._config, self._load_map())
+        self._overlay = Overlay(self._config, self._load_map(), self._load_terrain())
+        self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
+        self._times = FrameTimes()
         self._image = advertise(self, "tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = advertise(self, "tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
-        self._arrived_s: float | None = None  # of the frame that waits, if one does
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(_RELEASE_PERIOD_S, self._release, clock=steady)
         self._timer.cancel()
         self._subscribe()
+        self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def _load_map(self) -> list[MapLayer]:
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
             return []
-        features = load_map(self._config.map, self._config.label_field)
-        self.get_logger().info(f"{self._config.map}: {len(features)} features")
-        return [MapLayer("map", features)]
+        layers = load_layers(self._config.map, self._config.style, self._config.label_field)
+        features = sum(len(layer.features) for layer in layers)
+        self.get_logger().info(f"{self._config.map}: {features} features")
+        for note in (note for layer in layers for note in layer.left_out):
+            self.get_logger().warning(note)
+        return layers
+
+    def _load_terrain(self) -> Terrain | None:
+        ground = ground_of(self._config)
+        if not isinstance(ground, Terrain):
+            return None
+        for note in ground.notes:
+            self.get_logger().warning(f"{self._config.dem}: {note}")
+        return ground
 
     def _subscribe(self) -> None:
-        frames, info = sensor_input(IMAGE_DEPTH), sensor_input(1)
+        frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, take, qos in (
             ("thermal/image_raw", partial(self._take_frame, image_pixels), frames),
             ("thermal/image_raw/compressed", partial(self._take_frame, compressed_pixels), frames),
@@ -78,8 +97,9 @@ class OverlayNode(Node):
             self._monitor.expects(topic)
 
     def _take_frame(self, pixels_of: Any, message: Any) -> None:
-        self._overlay.add_frame(stamp_ns(message), pixels_of(message), self._now_ns())
-        self._arrived_s = time.monotonic()
+        stamp = stamp_ns(message)
+        self._times.arrived(stamp)
+        self._overlay.add_frame(stamp, pixels_of(message), self._now_ns())
         self._timer.reset()
         self._release()
 
@@ -104,14 +124,20 @@ class OverlayNode(Node):
         return subject == "navigation" and node.rpartition("/")[0] == namespace
 
     def _release(self) -> None:
-        if self._arrived_s is None:
+        if not self._overlay.waiting:
             return
+        self._renew_map()
         result = self._overlay.take(self._now_ns())
         if result is not None:
-            self._timer.cancel()
             self._publish(result)
-            self._monitor.took("tirgeo/overlay/image", time.monotonic() - self._arrived_s)
-            self._arrived_s = None
+            self._monitor.took("tirgeo/overlay/image", self._times.left(result.stamp_ns))
+        if not self._overlay.waiting:
+            self._timer.cancel()
+
+    def _renew_map(self) -> None:
+        changed = self.resources.changed()
+        if changed is not None:
+            self._overlay.set_map(changed)
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():
@@ -125,7 +151,14 @@ class OverlayNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _items(self) -> list[DiagnosticItem]:
-        return [counts_item(item_name(self, "overlay"), self._overlay.counts)]
+        self._renew_map()
+        watch = self.resources
+        numbers = self._overlay.counts | watch.counts
+        values = {name: str(number) for name, number in numbers.items()}
+        values |= {"frame rate [Hz]": f"{self._overlay.rate_hz:.1f}"}
+        values |= self._times.values | self._clicks.values
+        level = WARN if watch.error else OK
+        return [DiagnosticItem(item_name(self, "overlay"), level, watch.error or "ok", values)]
 
 
 def main() -> int:

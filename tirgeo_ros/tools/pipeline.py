@@ -18,11 +18,13 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.draping import Ground
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.rate import RateLimit
+from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
 from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration
@@ -42,6 +44,7 @@ class Settings:
     gimbal: GimbalConfig
     overlay: OverlayConfig
     layers: Sequence[MapLayer] | None = None  # None: no overlay
+    ground: Ground | None = None  # under the map, where the parameters name one
     raw_images: bool = False
 
 
@@ -63,7 +66,8 @@ class Pipeline:
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
         if settings.layers is not None:
-            self.overlay = Overlay(settings.overlay, settings.layers)
+            ground = settings.ground if isinstance(settings.ground, Terrain) else None
+            self.overlay = Overlay(settings.overlay, settings.layers, ground)
         self.unreadable: Counter[str] = Counter()
         self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()

@@ -12,6 +12,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -20,10 +21,10 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
-from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
-from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.io.elevation import ground_of
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
@@ -44,6 +45,7 @@ def process(
     params: PathLike | None = None,
     map: PathLike | None = None,  # noqa: A002 the option's name
     method: str | None = None,
+    dem: PathLike | None = None,
     ground_height: float | None = None,
     images: bool = True,
     raw_images: bool = False,
@@ -54,18 +56,20 @@ def process(
     """Process a bag and return a summary.
 
     In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed.
-    ``params`` is a ROS 2 parameter YAML of the nodes; ``map`` and ``ground_height`` (ellipsoidal
-    m) stand before those in it. ``progress`` is told seconds of the flight. Nothing is written
-    under its name before it is whole. Raises BagError (no bag, a needed topic absent, nothing
-    readable), ConfigError, MapError, VideoError.
+    ``params`` is a ROS 2 parameter YAML of the nodes; ``map``, and ``dem`` or ``ground_height``
+    (ellipsoidal m), stand before those in it. ``progress`` is told seconds of the flight. Nothing
+    is written under its name before it is whole. Raises BagError (no bag, a needed topic absent,
+    nothing readable), ConfigError, MapError, ElevationError, VideoError.
     """
-    ekf, gimbal, overlay = _configs(params, namespace, method, ground_height)
+    ekf, gimbal, overlay = _configs(params, namespace, method, dem, ground_height)
     map_path = (overlay.map if map is None else os.fspath(map)) if images else ""
     _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
     reader = BagReader(bag_in)
     topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, pictures=bool(map_path))
-    layers = _layers(map_path, overlay) if map_path else None
-    settings = Settings(ekf, gimbal, overlay, layers, raw_images)
+    settings = Settings(ekf, gimbal, overlay, raw_images=raw_images)
+    if map_path:
+        layers = load_layers(map_path, overlay.style, overlay.label_field)
+        settings = replace(settings, layers=layers, ground=ground_of(overlay))
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
@@ -80,7 +84,11 @@ def process(
 
 
 def _configs(
-    params: PathLike | None, namespace: str, method: str | None, ground_height: float | None
+    params: PathLike | None,
+    namespace: str,
+    method: str | None,
+    dem: PathLike | None,
+    ground_height: float | None,
 ) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
     given = ParameterFile(params)
     ekf = given.config("ekf_node", EkfConfig, namespace)
@@ -88,15 +96,13 @@ def _configs(
     overlay = given.config("overlay_node", OverlayConfig, namespace)
     if method is not None:
         ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
+    if dem is not None:
+        overlay = replace(overlay, dem=os.fspath(dem), ground_height_m=math.nan)
     if ground_height is not None:
         overlay = config_from(
             OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
         )
     return ekf, gimbal, overlay
-
-
-def _layers(path: str, overlay: OverlayConfig) -> list[MapLayer]:
-    return [MapLayer(Path(path).stem, load_map(path, overlay.label_field))]
 
 
 def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked: bool) -> None:

@@ -30,6 +30,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument(
         "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
     )
+    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
     parser.add_argument("--no-images", action="store_true", help="poses only, no overlay")
     parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
     parser.add_argument("--video", type=Path, metavar="OUT.mp4", help="the overlay as a video")
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images goes with neither --video nor --raw-images")
+    if args.dem is not None and args.ground_height is not None:
+        raise UsageError("--dem and --ground-height are two grounds: give one")
     with Progress("processing", unit="s") as bar:
         return process(
             args.bag,
@@ -50,6 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             params=args.params,
             map=args.map,
             method=args.method,
+            dem=args.dem,
             ground_height=args.ground_height,
             images=not args.no_images,
             raw_images=args.raw_images,

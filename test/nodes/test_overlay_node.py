@@ -1,0 +1,168 @@
+"""overlay_node over DDS: pictures, clicks, and a map that changes while the video runs."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from graph_helpers import await_words
+from overlays import GREY, PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image, NavSatFix
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.io.messages import Messages, ground_point, image_pixels, stamp_ns
+from tirgeo_ros.nodes.topics import message_class
+
+pytestmark = pytest.mark.graph
+
+MESSAGES = Messages(message_class)
+ITEM = "/overlay_node: overlay"
+NORTH_N = np.array([3.0, 0.0, 0.0])
+
+
+def write_map(path, ring_n) -> None:
+    latitude, longitude, _ = np.degrees(PLANE.geodetic_from_ned(ring_n))
+    ring = np.column_stack([longitude, latitude]).tolist()
+    geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": geometry}))
+
+
+class Flight:
+    """A camera that stands still, its video, and what overlay_node makes of it."""
+
+    def __init__(self, stranger) -> None:
+        self.stranger = stranger
+        node = stranger.node
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.origin = node.create_publisher(NavSatFix, "tirgeo/origin", latched)
+        self.origin.publish(MESSAGES.origin(PLANE, 0))
+        self.info = node.create_publisher(CameraInfo, "thermal/camera_info", 1)
+        self.image = node.create_publisher(Image, "thermal/image_raw", 1)
+        self.pose = node.create_publisher(PoseWithCovarianceStamped, "tirgeo/camera_pose", 10)
+        self.pixel = node.create_publisher(PointStamped, "tirgeo/locate/pixel", 10)
+        self.sent_s = 0.0
+
+    def step(self) -> None:
+        """Twenty frames a second, each with its pose."""
+        if time.monotonic() - self.sent_s < 0.05:
+            return
+        self.sent_s = time.monotonic()
+        now_ns = time.time_ns()
+        self.info.publish(MESSAGES.camera_info(XT2, now_ns))
+        self.pose.publish(MESSAGES.camera_pose(pose_at(now_ns)))
+        self.image.publish(MESSAGES.image(now_ns, GREY))
+
+    def until(self, done, timeout_s: float = 60.0) -> None:
+        def stepped() -> bool:
+            self.step()
+            return done()
+
+        self.stranger.spin_until(stepped, timeout_s)
+
+    def shown(self) -> Image:
+        """The next picture with lines."""
+        pictures = self.stranger.received["tirgeo/overlay/image"]
+        pictures.clear()
+        self.until(lambda: pictures and has_lines(pictures[-1]))
+        return pictures[-1]
+
+    def diagnostics(self) -> dict[str, str]:
+        for array in reversed(self.stranger.received["/diagnostics"]):
+            for status in array.status:
+                if status.name == ITEM:
+                    return {"": status.message} | {pair.key: pair.value for pair in status.values}
+        return {}
+
+    def click(self, u: float, v: float, stamp: int = 0) -> None:
+        message = PointStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        message.point.x, message.point.y = u, v
+        self.pixel.publish(message)
+
+
+@pytest.fixture
+def flight(spawn, meet, tmp_path):
+    write_map(tmp_path / "map.geojson", SQUARE_N)
+    parameters = {"map": tmp_path / "map.geojson", "ground_height_m": 25.0, "reload_s": 0.2}
+    words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    node = spawn("overlay_node", *words)
+    await_words(node, "ready")
+    topics = {
+        "/diagnostics": DiagnosticArray,
+        "tirgeo/overlay/image": Image,
+        "tirgeo/locate/fix": NavSatFix,
+        "tirgeo/locate/point": PoseWithCovarianceStamped,
+    }
+    return Flight(meet(**topics)), node, tmp_path / "map.geojson"
+
+
+def has_lines(picture: Image) -> bool:
+    ink = ink_on(image_pixels(picture))
+    return (ink[:, 1] > 150).sum() > 100  # a notice stands above
+
+
+def off_px(picture: Image, ring_n) -> float:
+    outline = true_outline(pose_at(0), ring_n)
+    return distances(ink_on(image_pixels(picture)), outline).max()
+
+
+def test_a_click_becomes_a_point_on_the_ground(flight):
+    flown, _, _ = flight
+    picture = flown.shown()
+    assert off_px(picture, SQUARE_N) < 1.5
+    corner = (SQUARE_N[:1] - pose_at(0).position_n) @ matrix_from_quat(pose_at(0).q_nc)
+    u, v = XT2.project(corner)[0][0]
+    points = flown.stranger.received["tirgeo/locate/point"]
+
+    def clicked() -> bool:
+        flown.click(u, v, stamp_ns(picture))
+        return bool(points and flown.stranger.received["tirgeo/locate/fix"])
+
+    flown.stranger.spin_until(clicked)
+    stamp, point_n, covariance_n = ground_point(points[0])
+    assert stamp == stamp_ns(picture)
+    np.testing.assert_allclose(point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
+    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    fix = flown.stranger.received["tirgeo/locate/fix"][0]
+    place_n = PLANE.ned_from_geodetic(
+        math.radians(fix.latitude), math.radians(fix.longitude), fix.altitude
+    )
+    np.testing.assert_allclose(place_n, point_n, atol=1e-4)
+    before = len(points)
+    flown.until(
+        lambda: (
+            flown.click(-5.0, 3.0)
+            or flown.diagnostics().get("last_click_refused") == "the pixel is outside the picture"
+        )
+    )
+    assert len(points) <= before + 20  # those of the clicks before; none of these
+    assert int(flown.diagnostics()["clicks_refused_outside_picture"]) > 0
+
+
+def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
+    flown, node, path = flight
+    assert off_px(flown.shown(), SQUARE_N) < 1.5
+    write_map(path, SQUARE_N + NORTH_N)
+    flown.until(lambda: flown.diagnostics().get("reloads") == "1")
+    assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
+    path.write_text(path.read_text()[:50])
+    flown.until(lambda: "not JSON" in flown.diagnostics().get("", ""))
+    assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
+    time.sleep(1.0)
+    assert node.text().count("the map stays as it was") == 1
+    write_map(path, SQUARE_N)
+    flown.until(lambda: flown.diagnostics().get("reloads") == "2")
+    assert off_px(flown.shown(), SQUARE_N) < 1.5
+    assert flown.diagnostics()["reload_errors"] == "1"
+    assert flown.diagnostics()[""] == "ok"
+    assert float(flown.diagnostics()["latency p95 [ms]"]) > 0

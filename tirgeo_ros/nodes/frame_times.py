@@ -1,0 +1,42 @@
+"""How long frames take from their arrival to their picture's leaving."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+_FRAMES = 100
+
+
+class FrameTimes:
+    """Latencies of the newest hundred pictures, by this machine's steady clock."""
+
+    def __init__(self) -> None:
+        self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_FRAMES)  # stamp (ns), time
+        self._took_s: deque[float] = deque(maxlen=_FRAMES)
+
+    def arrived(self, stamp_ns: int) -> None:
+        """A frame came."""
+        self._arrived_s.append((stamp_ns, time.monotonic()))
+
+    def left(self, stamp_ns: int) -> float:
+        """Its picture went out: seconds since its arrival; 0 for one that is not remembered."""
+        now_s = time.monotonic()
+        took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
+        self._took_s.append(took_s)
+        return took_s
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Median and 95th percentile in ms, for diagnostics."""
+        ranked_ms = [1e3 * took_s for took_s in sorted(self._took_s)]
+        return {
+            f"latency p{share} [ms]": f"{_at(ranked_ms, share):.1f}"
+            for share in (50, 95)
+            if ranked_ms
+        }
+
+
+def _at(ranked: list[float], percent: int) -> float:
+    return ranked[math.ceil(percent / 100 * len(ranked)) - 1]
