@@ -10,10 +10,10 @@ from tirgeo_ros.core.attitude import quat_from_matrix, rotation_y, rotation_z
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.labels import MOST, Box, Labels
+from tirgeo_ros.core.labels import MOST, UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.core.text import text_px
+from tirgeo_ros.core.text import Box, text_px
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import View
 
@@ -221,7 +221,8 @@ def test_a_label_keeps_its_place_when_a_better_one_becomes_free():
 def test_a_label_at_the_limit_of_its_outline_does_not_go_in_and_out():
     scene = Scene([square("Park", 300, 200, 50)])
     rng = np.random.default_rng(2)
-    width = scene.place()["Park"].text.size[0]
+    box = scene.place()["Park"].box
+    width = box.right - box.left
     scene = Scene([square("Park", 300, 200, width)])
     inside = []
     for _ in range(30):
@@ -244,6 +245,15 @@ def test_painting_a_label_touches_its_box_alone():
         assert (image[part] > 240).any()
         changed[part] = False
     assert not changed.any()
+
+
+def test_the_label_of_an_uncertain_feature_is_grey():
+    scene = Scene([feature("sure", (200, 100)), feature("unsure", (200, 300))])
+    image = np.zeros((512, 640, 3), np.uint8)
+    seen = scene.view.lines(scene.map, pose()), scene.view.marks(scene.map, pose())
+    for label in scene.labels.paint(image, *seen, uncertain=np.array([1])):
+        part = image[label.box.top : label.box.bottom, label.box.left : label.box.right]
+        assert part.max() == (UNCERTAIN_BGR[0] if label.feature == 1 else 255)
 
 
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024), (60, 20), (1, 1)])

@@ -167,7 +167,7 @@ LINE = [
 
 @pytest.mark.parametrize("width", [1280, 640, 560, 480, 320, 240, 120])
 def test_the_status_line_fits_the_picture(width):
-    kept = fitted(LINE, width)
+    kept = fitted(LINE, width, 12)
     assert line_px(kept) <= width
     assert kept[0].text == "degraded 12 s"
     image = picture(width=width, height=20)
@@ -176,16 +176,16 @@ def test_the_status_line_fits_the_picture(width):
 
 
 def test_what_a_long_status_line_leaves_out():
-    assert fitted(LINE, 1280) == LINE
-    assert fitted(LINE, line_px(LINE)) == LINE[:-1]  # an edge of 6 px stays free on the right
-    assert fitted(LINE, line_px(LINE[:4]) + 10) == LINE[:4]
-    kept = fitted(LINE, line_px(LINE[:4]) - 20)
+    assert fitted(LINE, 1280, 12) == LINE
+    assert fitted(LINE, line_px(LINE), 12) == LINE[:-1]  # an edge of 6 px stays free on the right
+    assert fitted(LINE, line_px(LINE[:4]) + 10, 12) == LINE[:4]
+    kept = fitted(LINE, line_px(LINE[:4]) - 20, 12)
     assert kept[1:] == LINE[1:4]
     assert kept[0].detail.endswith("\u2026")
     assert LINE[0].detail.startswith(kept[0].detail[:-1])
-    no_room = fitted(LINE, line_px([Field("degraded 12 s"), *LINE[1:3]]) + 8)
+    no_room = fitted(LINE, line_px([Field("degraded 12 s"), *LINE[1:3]]) + 8, 12)
     assert [field.text for field in no_room] == ["degraded 12 s", "ekf_heading", "RTK none"]
-    assert fitted(LINE, 1) == [Field("degraded 12 s")]
+    assert fitted(LINE, 1, 12) == [Field("degraded 12 s")]
 
 
 def test_a_field_has_its_colour():

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from tirgeo_ros.core.painting import TEXT_BGR, fitted
+from tirgeo_ros.core.painting import fitted, paint_status
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.core.status_line import status_line
+from tirgeo_ros.core.text import TEXT_BGR
 
 
 def status(state=FilterState.RUNNING, reason="", state_s=0.0, sigma_rad=0.002):
@@ -93,9 +95,36 @@ def test_the_age_of_a_frame(age_s, text):
 
 @pytest.mark.parametrize("state", list(FilterState))
 def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
-    """640 px: whatever the reason, the words that matter stay."""
+    """640 px and the text as large as it is there: the words that matter stay."""
     told = status(state, "rtk/fix, rtk/vel, rtk/heading, gps/fix, gps/vel", 5999.0, 0.17)
-    kept = texts(fitted(status_line(told, 9.999, 60.0), 640))
+    kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 16))
     assert "RTK fixed" in kept
     assert "ekf_heading" in kept
     assert "heading sigma 9.74 deg" in kept
+
+
+def test_a_predicted_pose_is_said_first_and_dropped_frames_last():
+    fields = status_line(status(), 0.083, 8.0, predicted_s=0.042, dropped=7)
+    assert texts(fields)[0] == "predicted 42 ms"
+    assert texts(fields)[-1] == "dropped 7"
+    assert not fields[0].spare
+    assert fields[-1].spare
+    assert not {"predicted", "dropped"} & set(" ".join(texts(status_line(None, 0, 8))).split())
+
+
+def luminance(bgr):
+    """Relative luminance of an sRGB colour (IEC 61966-2-1)."""
+    unit = np.array(bgr) / 255
+    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.0722, 0.7152, 0.2126])
+
+
+@pytest.mark.parametrize("ground", [(255, 255, 255), (0, 255, 255), (0, 0, 0)])
+def test_every_colour_of_the_text_stands_out_from_its_strip(ground):
+    """4.5 to 1: level AA of WCAG 2 for small text."""
+    image = np.full((512, 640, 3), ground, np.uint8)
+    paint_status(image, [])
+    under = luminance(image[-1, 320])
+    states = [status_line(status(state), 0.0, 8.0, 0.1) for state in FilterState]
+    for colour in {field.colour for fields in states for field in fields}:
+        assert (luminance(colour) + 0.05) / (under + 0.05) >= 4.5

@@ -9,15 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.label_anchors import AnchorFinder, Anchors
+from tirgeo_ros.core.polylines import IntArray
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strokes import mark_radius_px
-from tirgeo_ros.core.text import TEXT_BGR, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.text import TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen
 
 #: No more are drawn: what cannot be read does not help.
 MOST = 40
 
+UNCERTAIN_BGR: Colour = (165, 165, 165)
+
+_NONE: IntArray = np.empty(0, np.int64)
 _CONSIDERED = 3 * MOST
 #: A label that is in its outline stays in it until the outline is this much smaller.
 _STAYS_WITHIN = 0.8
@@ -32,24 +36,6 @@ _UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
 _WITHIN = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
 
 
-class Box(NamedTuple):
-    """A rectangle of pixels; right and bottom are the first ones outside."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def meets(self, other: Box, room: int = 0) -> bool:
-        """Whether less than so much room is between them."""
-        return (
-            self.left - room < other.right
-            and other.left < self.right + room
-            and self.top - room < other.bottom
-            and other.top < self.bottom + room
-        )
-
-
 @dataclass(frozen=True, slots=True)
 class Label:
     """A label in its place."""
@@ -57,7 +43,6 @@ class Label:
     feature: int  # index of the map's labels
     anchor: tuple[float, float]  # the pixel that it tells of
     box: Box
-    text: Stamp
 
 
 class Labels:
@@ -69,12 +54,23 @@ class Labels:
         self._places: dict[int, _Place] = {}  # of each shown feature's label
 
     def paint(
-        self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
+        self,
+        image: Pixels,
+        lines: Seen,
+        marks: Seen,
+        taken: Sequence[Box] = (),
+        uncertain: IntArray = _NONE,
     ) -> list[Label]:
-        """Write the labels of what is seen on the picture, off the boxes that are taken."""
+        """Write the labels of what is seen on the picture, off the boxes that are taken.
+
+        Those of ``uncertain`` features are grey.
+        """
         labels = self.place(image, lines, marks, taken)
+        grey = set(uncertain.tolist())
         for label in labels:
-            label.text.lay(image, label.box.left, label.box.top)
+            colour = UNCERTAIN_BGR if label.feature in grey else TEXT_BGR
+            text = stamp(self._texts[label.feature], text_px(image), colour)
+            text.lay(image, label.box.left, label.box.top)
         return labels
 
     def place(
@@ -94,7 +90,7 @@ class Labels:
             if found is None:
                 continue
             self._places[feature] = _Place(wish.places, found[0])
-            labels.append(Label(feature, (wish.u, wish.v), found[1], text))
+            labels.append(Label(feature, (wish.u, wish.v), found[1]))
             if len(labels) == MOST:
                 break
         return labels

@@ -11,24 +11,24 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.text import LONGEST, Colour, Pixels, Stamp, stamp
+from tirgeo_ros.core.text import LONGEST, TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
 
 LINE_BGR: Colour = (0, 255, 255)  # each 0 or 255
-TEXT_BGR: Colour = (255, 255, 255)
 NOTICE_BGR: Colour = (80, 200, 255)
 
 _SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
 _HALO = np.ones((3, 3), np.uint8)
 _MARK_PX = 4
 _MARK = _MARK_PX * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # a small open diamond
-_LABEL_PX, _STATUS_PX, _NOTICE_PX = 12, 12, 20
-_SMALL_NOTICE_PX = 12  # on pictures narrower than _WIDE_PX
-_WIDE_PX = 480
+_LABEL_PX = 12
+_NOTICE_TIMES = 1.25  # the size of plain text
+#: What is left of the picture under the status line: so little that every colour of its text has
+#: a contrast of 4.5 to 1 on a white picture too (WCAG 2, relative luminance).
+_STRIP_LIGHT = 0.14
 _MOST_LABELS = 40
 _CELL_PX = 8  # labels keep each other out of squares of this size
 _STATUS_HEIGHT_PX = 20
-_STATUS_GAP_PX = 10
-_STATUS_EDGE_PX = 6
+_GAP_PARTS, _EDGE_PARTS = 0.8, 0.5  # of the size of the status line's text
 _LEAST_DETAIL = 6  # characters; less of a detail says nothing
 
 
@@ -110,57 +110,69 @@ def _place(image: Pixels, taken: BoolArray, text: Stamp, u: float, v: float) -> 
         text.lay(image, left, top)
 
 
+def status_box(image: Pixels) -> Box:
+    """The strip at the bottom of a picture (h, w, ...) that the status line takes."""
+    height, width = image.shape[:2]
+    return Box(0, max(height - _strip_px(text_px(image)), 0), width, height)
+
+
+def _strip_px(size_px: int) -> int:
+    return size_px + size_px // 3 + 4
+
+
 def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
-    strip = image[-_STATUS_HEIGHT_PX:]
-    strip[:] = cv2.convertScaleAbs(strip, alpha=0.35)
-    left = _STATUS_EDGE_PX
-    for field in fitted(fields, image.shape[1]):
-        text = _written(field)
-        text.lay(image, left, image.shape[0] - _STATUS_HEIGHT_PX)
-        left += text.size[0] + _STATUS_GAP_PX
+    top, size_px = status_box(image).top, text_px(image)
+    strip = image[top:]
+    strip[:] = cv2.convertScaleAbs(strip, alpha=_STRIP_LIGHT)
+    left = round(_EDGE_PARTS * size_px)
+    for field in fitted(fields, image.shape[1], size_px):
+        text = _written(field, size_px)
+        text.lay(image, left, image.shape[0] - _strip_px(size_px))
+        left += text.size[0] + round(_GAP_PARTS * size_px)
 
 
-def fitted(fields: Sequence[Field], width_px: int) -> list[Field]:
-    """As much of the fields as one line of the picture's width takes.
+def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
+    """As much of the fields as one line of the picture's width takes, in text of a size.
 
     Spare fields go first, then details are cut, then fields go from the right; the first stays.
     """
     kept = list(fields)
     for spare in [field for field in reversed(fields) if field.spare]:
-        if _excess_px(kept, width_px) > 0:
+        if _excess_px(kept, width_px, size_px) > 0:
             kept.remove(spare)
     for number, field in enumerate(kept):
-        excess_px = _excess_px(kept, width_px)
+        excess_px = _excess_px(kept, width_px, size_px)
         if excess_px > 0 and field.detail:
-            kept[number] = _cut(field, _written(field).size[0] - excess_px)
-    while len(kept) > 1 and _excess_px(kept, width_px) > 0:
+            kept[number] = _cut(field, _written(field, size_px).size[0] - excess_px, size_px)
+    while len(kept) > 1 and _excess_px(kept, width_px, size_px) > 0:
         kept.pop()
     return kept
 
 
-def _excess_px(fields: Sequence[Field], width_px: int) -> int:
-    written = sum(_written(field).size[0] for field in fields)
-    return written + _STATUS_GAP_PX * (len(fields) - 1) + 2 * _STATUS_EDGE_PX - width_px
+def _excess_px(fields: Sequence[Field], width_px: int, size_px: int) -> int:
+    written = sum(_written(field, size_px).size[0] for field in fields)
+    between = round(_GAP_PARTS * size_px) * (len(fields) - 1)
+    return written + between + 2 * round(_EDGE_PARTS * size_px) - width_px
 
 
-def _cut(field: Field, width_px: int) -> Field:
+def _cut(field: Field, width_px: int, size_px: int) -> Field:
     """With as much of its detail as fits, or with none."""
     for length in range(len(field.detail) - 1, _LEAST_DETAIL - 1, -1):
         shorter = replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
-        if _written(shorter).size[0] <= width_px:
+        if _written(shorter, size_px).size[0] <= width_px:
             return shorter
     return replace(field, detail="")
 
 
-def _written(field: Field) -> Stamp:
-    return stamp(field.text + field.detail, _STATUS_PX, field.colour)
+def _written(field: Field, size_px: int) -> Stamp:
+    return stamp(field.text + field.detail, size_px, field.colour)
 
 
 def paint_notice(image: Pixels, notice: str) -> None:
     """Write a notice across the upper part of the picture, in as many lines as it takes."""
     width = image.shape[1]
-    size_px = _NOTICE_PX if width >= _WIDE_PX else _SMALL_NOTICE_PX
+    size_px = round(_NOTICE_TIMES * text_px(image))
     top = image.shape[0] // 8
     for line in _wrapped(notice, size_px, width):
         text = stamp(line, size_px, NOTICE_BGR)

@@ -18,7 +18,7 @@ _RTK_NAMES = {
     FixStatus.FIXED: "fixed",
 }
 _ORANGE_BGR: Colour = (60, 140, 255)
-_RED_BGR: Colour = (90, 90, 255)
+_RED_BGR: Colour = (100, 100, 255)
 _COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
 _CLOCK_STEP_S = 0.02
 
@@ -28,10 +28,22 @@ def words_of(state: FilterState) -> str:
     return state.value.replace("_", " ")
 
 
-def status_line(status: NavigationStatus | None, age_s: float, rate_hz: float) -> list[Field]:
-    """The fields, left to right, for a frame of ``age_s``; ``rate_hz`` is nan at the first one."""
-    video = Field(_age(age_s), spare=True), Field(_rate(rate_hz), spare=True)
-    return [*_filter_fields(status), *video]
+def status_line(
+    status: NavigationStatus | None,
+    age_s: float,
+    rate_hz: float,
+    predicted_s: float = 0.0,
+    dropped: int = 0,
+) -> list[Field]:
+    """The fields, left to right, for a frame of ``age_s``; ``rate_hz`` is nan at the first one.
+
+    ``predicted_s`` is how far its pose is a prediction, ``dropped`` how many frames were lost.
+    """
+    mark = [Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR)] if predicted_s else []
+    video = [Field(_age(age_s), spare=True), Field(_rate(rate_hz), spare=True)]
+    if dropped:
+        video.append(Field(f"dropped {dropped}", spare=True))
+    return [*mark, *_filter_fields(status), *video]
 
 
 def _filter_fields(status: NavigationStatus | None) -> list[Field]:

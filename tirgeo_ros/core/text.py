@@ -10,7 +10,7 @@ import contextlib
 import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -38,6 +38,24 @@ def text_px(image: Pixels) -> int:
     height, width = image.shape[:2]
     fits = round(min(width / _WIDTH_PARTS, height / _HEIGHT_PARTS))
     return int(min(max(fits, _SMALLEST_PX), _LARGEST_PX))
+
+
+class Box(NamedTuple):
+    """A rectangle of pixels; right and bottom are the first ones outside."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def meets(self, other: Box, room: int = 0) -> bool:
+        """Whether less than so much room is between them."""
+        return (
+            self.left - room < other.right
+            and other.left < self.right + room
+            and self.top - room < other.bottom
+            and other.top < self.bottom + room
+        )
 
 
 @dataclass(frozen=True, slots=True)
