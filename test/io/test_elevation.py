@@ -93,7 +93,7 @@ def test_heights_are_those_of_the_pixels_middles(rasterio, tmp_path, kind):
 
 def test_a_grid_of_points_by_its_raw_tags(rasterio, tmp_path):
     """A file whose tie point is the first node itself, as surveys write them."""
-    x, y, transform = grid_of_metres(rasterio)
+    x, y, _ = grid_of_metres(rasterio)
     path = tmp_path / "points.tif"
     with rasterio.Env(GTIFF_POINT_GEO_IGNORE=True):  # the tie point is stored as given
         tie = rasterio.Affine(1.0, 0.0, WEST + 0.5, 0.0, -1.0, NORTH - 0.5)
