@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.polylines import IntArray, Polylines, runs
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
 from tirgeo_ros.core.samples import Array
 
-#: Metres in space. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km. Steps of
-#: four: of two, they would hold twice the memory for a tenth fewer vertices on the picture.
-TOLERANCES_M = np.array([0.0, 0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96])
+#: Metres in space. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
+TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
 #: Long enough to be simplified, short enough to be culled well.
 PIECE_VERTICES = 64
 _BLOCK_PIECES = 64
@@ -51,6 +50,12 @@ class Boxes:
         nearest = normals @ self.centres
         nearest += np.abs(normals) @ self.halves
         return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
+
+    def inside(self, normals: Array, offsets: Array) -> BoolArray:
+        """(N,) whether a box is wholly inside the planes."""
+        nearest = normals @ self.centres
+        nearest -= np.abs(normals) @ self.halves
+        return np.asarray((nearest >= offsets[:, None]).all(axis=0))
 
     def distance(self, point: Array) -> Array:
         """(N,) from a point to the nearest one of each box."""

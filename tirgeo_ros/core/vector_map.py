@@ -143,12 +143,13 @@ def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylin
 
 def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
     """What is finite of lines, which of them are whole rings, and the features that lost."""
-    finite = np.isfinite(lines.points).all(axis=0)
+    finite: BoolArray = np.isfinite(lines.points.sum(axis=0))
     if finite.all():
         return lines, rings, np.empty(0, np.int64)
-    whole: BoolArray = np.bitwise_and.reduceat(finite, lines.starts[:-1])
+    unknown = np.cumsum(np.append(0, ~finite))
+    whole = np.diff(unknown[lines.starts]) == 0
     broken = lines.select(np.flatnonzero(~whole))
-    finite = np.isfinite(broken.points).all(axis=0)
+    finite = np.isfinite(broken.points.sum(axis=0))
     leave = broken.links() & finite[:-1] & finite[1:]
     left = broken.cut(np.zeros(len(leave)), leave.astype(float))
     lines = joined(lines.select(np.flatnonzero(whole)), left)

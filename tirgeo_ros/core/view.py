@@ -1,7 +1,8 @@
 """What a camera sees of a map: culled, clipped in the camera frame, then bent by the lens.
 
 Pieces of lines come at the coarsest level of detail that stays within half a pixel of the line,
-unless so little is in view that all of it can be drawn.
+unless so little is in view that all of it can be drawn. Of pieces smaller than a pixel one is
+drawn in each pixel, and pieces lower than half a row become spans of that row.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from tirgeo_ros.core.areas import closed, cut_rings_to_disc, cut_rings_to_planes
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.clipping import clip_to_disc, clip_to_planes
-from tirgeo_ros.core.detail import levels_at
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
+from tirgeo_ros.core.detail import Boxes, levels_at
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined, runs
 from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.thinning import ends, merged
 from tirgeo_ros.core.vector_map import VectorMap
 
 #: Lines reach this far beyond the image, so that their cut ends are not seen.
@@ -28,10 +30,12 @@ _EDGE_SAMPLES = 33
 #: Ground farther than this is not drawn. From 100 m up, 20 km and the horizon are 4 rows of the
 #: XT2's picture apart, less than the attitude is known to; a far map would be a solid bar there.
 FAR_M = 20_000.0
-#: How far a line at a coarser level of detail may leave its place.
-DETAIL_PX = 0.5
 #: With fewer vertices in view than this, lines are drawn with all of theirs.
 _FEW_VERTICES = 4096
+#: How far a line at a coarser level of detail may leave its place: the first at which no more
+#: than so many vertices are left. Where half a pixel leaves more, they cover the whole picture.
+_DETAILS_PX = (0.5, 1.0, 2.0)
+_MANY_VERTICES = 24_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +82,50 @@ class View:
         A line may come in several parts that meet.
         """
         details = vector_map.details
-        piece = details.within(*self._planes_n(pose))
-        level = self._levels(vector_map, piece, pose)
-        if level.any():
-            piece, level = self._thinned(vector_map, piece, level, pose)
-        lines = _in_camera(details.lines(piece, level), pose)
-        flat = _flat(clip_to_planes(lines, self._normals_c, self._offsets))
+        normals, offsets = self._planes_n(pose)
+        piece = details.within(normals, offsets)
+        level, detail_px = self._levels(vector_map, piece, pose)
+        if detail_px:
+            keep = self._dots(vector_map, piece, pose, 2 * detail_px)
+            piece, level = piece[keep], level[keep]
+        whole, row = self._lie(details.boxes.take(piece), pose, detail_px)
+        inner, outer, spans = ((piece[some], level[some]) for some in (whole & ~row, ~whole, row))
+        # Most pieces lie wholly in view, and cutting costs as much as all the rest.
+        cut = clip_to_planes(
+            _in_camera(details.lines(*outer), pose), self._normals_c, self._offsets
+        )
+        flat = _flat(joined(_in_camera(details.lines(*inner), pose), cut))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
+        if row.any():
+            flat = joined(flat, self._spans(vector_map, *spans, pose))
         return self._seen(flat)
+
+    def _lie(self, boxes: Boxes, pose: CameraPose, row_px: float) -> tuple[BoolArray, BoolArray]:
+        """Which boxes are wholly in view, and which of them are lower than a part of a row.
+
+        A step of x, y, z in the optical frame moves the row by (y - v z) / depth, where v is the
+        row on the plane z = 1.
+        """
+        normals, offsets = self._planes_n(pose)
+        whole = boxes.inside(normals, offsets)
+        if self._reaches_past_lens:
+            return whole, np.zeros(len(whole), bool)
+        _, down, ahead = matrix_from_quat(pose.q_nc).T
+        from_camera = boxes.centres - pose.position_n[:, None]
+        depth = np.where(whole, ahead @ from_camera, 1.0)
+        v = (down @ from_camera) / depth
+        half = sum(np.abs(down[i] - v * ahead[i]) * boxes.halves[i] for i in range(3)) / depth
+        return whole, whole & (2 * half * self._px_per_rad < row_px)
+
+    def _spans(
+        self, vector_map: VectorMap, piece: IntArray, level: IntArray, pose: CameraPose
+    ) -> Polylines:
+        """Pieces that lie in one row each, as spans of rows on the plane z = 1."""
+        lines = _in_camera(vector_map.details.lines(piece, level), pose)
+        spans = _flat(ends(lines, lines.points[0] / lines.points[2]))
+        uv = np.stack(self.camera.pixels(*spans.points[:2]))
+        return merged(spans, uv, _sheet(vector_map, spans.owner))
 
     def areas(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """Insides of the outlines of layers with a fill: closed rings (2, V) pixels.
@@ -99,7 +138,7 @@ class View:
         seen = rings.boxes.within(normals, offsets)
         number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
         piece = rings.pieces[number]
-        level = self._levels(vector_map, piece, pose)
+        level, _ = self._levels(vector_map, piece, pose)
         # A piece in a box that no part of is seen may take any way through it.
         out = np.ones(len(piece), bool)
         out[details.boxes.take(piece).within(normals, offsets)] = False
@@ -116,35 +155,41 @@ class View:
         normals = self._normals_c @ matrix_from_quat(pose.q_nc).T
         return normals, self._offsets + normals @ pose.position_n
 
-    def _levels(self, vector_map: VectorMap, piece: IntArray, pose: CameraPose) -> IntArray:
-        """(N,) the level of detail of each piece."""
+    def _levels(
+        self, vector_map: VectorMap, piece: IntArray, pose: CameraPose
+    ) -> tuple[IntArray, float]:
+        """(N,) the level of detail of each piece, and how far it may be off, px."""
         details = vector_map.details
+        level, detail_px = np.zeros(len(piece), np.int64), 0.0
         if details.count[0, piece].sum() <= _FEW_VERTICES:
-            return np.zeros(len(piece), np.int64)
+            return level, detail_px
         distance_m = details.boxes.take(piece).distance(pose.position_n)
-        return levels_at(distance_m * (DETAIL_PX / self._px_per_rad))
+        for detail_px in _DETAILS_PX:
+            level = levels_at(distance_m * (detail_px / self._px_per_rad))
+            if details.count[level, piece].sum() <= _MANY_VERTICES:
+                break
+        return level, detail_px
 
-    def _thinned(
-        self, vector_map: VectorMap, piece: IntArray, level: IntArray, pose: CameraPose
-    ) -> tuple[IntArray, IntArray]:
-        """Of pieces smaller than a pixel, one for each pixel."""
+    def _dots(
+        self, vector_map: VectorMap, piece: IntArray, pose: CameraPose, dot_px: float
+    ) -> BoolArray:
+        """Which pieces to keep so that of those smaller than a dot there is one in each."""
         boxes = vector_map.details.boxes.take(piece)
         size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
-        small = np.flatnonzero(size * self._px_per_rad < boxes.distance(pose.position_n))
+        distance = boxes.distance(pose.position_n)
+        small = np.flatnonzero(size * self._px_per_rad < dot_px * distance)
         rotation_nc = matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project((boxes.centres.T[small] - pose.position_n) @ rotation_nc)
         valid[valid] = self.inside(uv[valid].T)
-        small, uv = small[valid], uv[valid]
-        # Each layer has its own picture, and what has a label has another.
-        owner = vector_map.details.owner[piece[small]]
-        sheet = 2 * vector_map.layer[owner] + vector_map.labelled[owner]
-        column, row = np.rint(uv.T).astype(np.int64)
-        pixel = (sheet * self.camera.height + row) * self.camera.width + column
-        _, first = np.unique(pixel, return_index=True)
+        small = small[valid]
+        column, row = np.rint(uv[valid].T / dot_px).astype(np.int64)
+        sheet = _sheet(vector_map, vector_map.details.owner[piece[small]])
+        cell = (sheet * (self.camera.height + 2) + row) * (self.camera.width + 2) + column
+        _, first = np.unique(cell, return_index=True)
         keep = np.ones(len(piece), bool)
         keep[small] = False
         keep[small[first]] = True
-        return piece[keep], level[keep]
+        return keep
 
     def _seen(self, flat: Polylines) -> Seen:
         flat = flat.subdivided(self._pieces(flat))
@@ -176,6 +221,11 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return pieces
+
+
+def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
+    """Lines of one number may stand for each other: of one layer, with a label or without."""
+    return 2 * vector_map.layer[owner] + vector_map.labelled[owner]
 
 
 def _in_camera(lines: Polylines, pose: CameraPose) -> Polylines:
