@@ -89,7 +89,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         # Tables keep whole numbers as floats, and nan where there is none.
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124  nan alone
-    return _clean(str(value))
+    return str(value).strip()
 
 
 def _clean(text: str) -> str:

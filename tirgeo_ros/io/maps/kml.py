@@ -21,7 +21,8 @@ from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
 from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
 
-_COMMA = re.compile(r"\s*,\s*")  # some programs put blanks around it
+_COMMA = re.compile(r"\s*,\s*")
+_BLANK_COMMA = re.compile(r"\s,|,\s")  # some programs write so
 _DEEPEST = 200  # elements in elements
 _HOLDERS = {"kml", "Document", "Folder"}
 _GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon"}
@@ -178,7 +179,7 @@ def _as_drawn(kind: str, points: NDArray[np.float64]) -> tuple[str, NDArray[np.f
 
 def _positions(text: str, where: str) -> NDArray[np.float64]:
     """Longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ..."."""
-    tuples = _COMMA.sub(",", text).split()
+    tuples = (_COMMA.sub(",", text) if _BLANK_COMMA.search(text) else text).split()
     if not tuples:
         return np.empty((0, 2))
     commas = {each.count(",") for each in tuples}

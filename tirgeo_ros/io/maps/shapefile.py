@@ -25,6 +25,7 @@ _POINTS = {1, 8, 11, 18, 21, 28}
 _LINES = {3, 13, 23}
 _RINGS = {5, 15, 25}
 _WITH_Z = {11, 13, 15, 18}
+_HEADER_BYTES = 100
 _NO_DATA = -1e38  # less than this is "no data"
 
 #: Code pages by the number that a .dbf has in its header, where no .cpg tells.
@@ -108,6 +109,7 @@ def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
     """The shapes as pyshp has them."""
     pyshp = _pyshp()
+    content = _whole(content, where)
     room = len(content) // 12  # a record takes so many bytes at least: one that leads back is none
     try:
         with pyshp.Reader(shp=io.BytesIO(content)) as reader:
@@ -119,6 +121,14 @@ def _shapes(content: bytes, where: str) -> Iterator[Any]:
         raise MapError(f"{where}: a damaged shapefile: {_line(error)}") from None
 
 
+def _whole(content: bytes, where: str) -> bytes:
+    """The bytes that the header tells of (its length counts words of two); MapError if cut."""
+    size = 2 * int.from_bytes(content[24:28], "big")
+    if not _HEADER_BYTES <= size <= len(content):
+        raise MapError(f"{where}: a damaged shapefile: {len(content)} bytes, to be {size}")
+    return content[:size]
+
+
 def _add(shapes: ShapeBuilder, number: int, shape: Any) -> None:
     kind = int(shape.shapeType)
     if kind == _NULL:
@@ -128,7 +138,10 @@ def _add(shapes: ShapeBuilder, number: int, shape: Any) -> None:
         for row in points:
             shapes.add(number, "Point", row[None])
     elif kind in _LINES | _RINGS:
-        for part in np.split(points, list(shape.parts)[1:]):
+        starts = list(shape.parts)
+        if starts != sorted(starts) or starts[:1] != [0] or starts[-1] > len(points):
+            raise MapError(f"{shapes.where}: feature {number + 1} is damaged: its parts overlap")
+        for part in np.split(points, starts[1:]):
             shapes.add(number, "LineString" if kind in _LINES else "Polygon", part)
     else:
         name = "MultiPatch" if kind == _MULTIPATCH else f"shape of the unknown type {kind}"
@@ -191,7 +204,7 @@ def _encoding(cpg: bytes | None, dbf: bytes) -> str:
 
 def _known(name: str) -> bool:
     try:
-        return isinstance(b"".decode(name), str)
+        return isinstance(b"a".decode(name), str)
     except (LookupError, ValueError):  # unknown, or a codec of no text
         return False
 

@@ -1,0 +1,149 @@
+"""GeoPackages: their tables, systems and frames of geometries, and one that is in use."""
+
+import math
+import sqlite3
+from contextlib import closing
+
+import numpy as np
+import pytest
+from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage
+
+from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.maps import load_layers, map_files
+
+LINE = gpb(wkb("LineString", RING))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a map #1?.gpkg"
+
+
+def degrees(feature):
+    return np.degrees(feature.points[:, 1::-1])
+
+
+def test_tables_are_layers_in_their_order(path):
+    polygon = gpb(wkb("Polygon", [RING, HOLE]))
+    write_geopackage(
+        path,
+        {
+            'road "A"': (4326, [(LINE, "Ringstraße", 7), (None, "none", 8), (LINE, None, 9)]),
+            "houses": (4326, [(polygon, "Haus", 1)]),
+        },
+    )
+    roads, houses = load_layers(str(path))
+    assert [(f.label, f.group, f.closed) for f in roads.features] == [
+        ("Ringstraße", 0, False),
+        ("", 2, False),
+    ]
+    assert [(f.label, f.group, f.closed) for f in houses.features] == [("Haus", 0, True)] * 2
+    assert (roads.name, houses.name) == ('road "A"', "houses")
+    np.testing.assert_allclose(degrees(houses.features[1]), HOLE, atol=1e-12)
+    assert [f.label for f in load_layers(str(path), "", "REF")[0].features] == ["7", "9"]
+
+
+@pytest.mark.parametrize("envelope", range(5))
+def test_every_envelope(path, envelope):
+    write_geopackage(path, {"a": (4326, [(gpb(wkb("LineString", RING), envelope), "a", 1)])})
+    np.testing.assert_allclose(degrees(load_layers(str(path))[0].features[0]), RING, atol=1e-12)
+
+
+def test_heights_and_empty_geometries(path):
+    line = wkb("LineString", [(16.0, 48.0, 171.5, 1.0), (16.1, 48.0, math.nan, 2.0)], dims="ZM")
+    nowhere = wkb("Point", (math.nan, math.nan))
+    rows = [(gpb(nowhere, empty=True), "a", 1), (gpb(nowhere), "b", 2), (gpb(line), "c", 3)]
+    write_geopackage(path, {"a": (4326, rows)})
+    (feature,) = load_layers(str(path))[0].features
+    np.testing.assert_array_equal(feature.points[:, 2], [171.5, np.nan])
+
+
+@pytest.mark.parametrize("srs_id", [32633, 100001])
+def test_systems_by_code_and_by_definition(path, srs_id):
+    """UTM 33N has its central meridian at 15 deg, 500 km east."""
+    line = gpb(wkb("LineString", [(500000.0, 0.0), (500000.0, 1000.0)]))
+    write_geopackage(path, {"a": (srs_id, [(line, "a", 1)])})
+    layer = load_layers(str(path))[0]
+    np.testing.assert_allclose(degrees(layer.features[0])[0], [15.0, 0.0], atol=1e-9)
+    assert layer.left_out == ()
+
+
+def test_undefined_systems(path):
+    write_geopackage(path, {"a": (0, [(LINE, "a", 1)])})
+    layer = load_layers(str(path))[0]
+    np.testing.assert_allclose(degrees(layer.features[0]), RING, atol=1e-12)
+    assert "undefined geographic one: taken for WGS84" in layer.left_out[0]
+    write_geopackage(path, {"a": (-1, [(LINE, "a", 1)])})
+    with pytest.raises(
+        MapError, match=r"layer a: unknown .* 'undefined Cartesian'; .* style sheet"
+    ):
+        load_layers(str(path))
+    write_geopackage(path, {"a": (100002, [(LINE, "a", 1)])})
+    with pytest.raises(MapError, match="layer a: unknown coordinate reference system 'nonsense'"):
+        load_layers(str(path))
+
+
+@pytest.mark.parametrize("journal", ["delete", "wal"])
+def test_a_package_that_another_program_writes(path, journal):
+    """What that has written last is read, and nothing is left beside the file."""
+    tables = {"a": (4326, [(LINE, "old", 1)])}
+    with closing(sqlite3.connect(path)) as writer:
+        fill_geopackage(writer, tables, journal)
+        writer.execute("UPDATE a SET name = 'new'")
+        writer.commit()
+        before = sorted(path.parent.iterdir())
+        assert load_layers(str(path))[0].features[0].label == "new"
+        assert sorted(path.parent.iterdir()) == before
+        writer.execute("UPDATE a SET name = 'not yet'")  # and not committed
+        assert load_layers(str(path))[0].features[0].label == "new"
+    assert load_layers(str(path))[0].features[0].label == "new"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_the_log_is_watched_too(path):
+    assert [each.name for each in map_files(str(path))] == [path.name, path.name + "-wal"]
+
+
+def of_geometry(blob):
+    return {"a": (4326, [(LINE, "a", 1), (blob, "b", 2)])}
+
+
+BAD = {
+    "text": (of_geometry("text"), "layer a: feature 2: its geometry is none of a GeoPackage's"),
+    "short": (of_geometry(b"GP"), "feature 2: its geometry is none"),
+    "magic": (of_geometry(b"XX" + LINE[2:]), "feature 2: its geometry is none"),
+    "version": (of_geometry(b"GP\1" + LINE[3:]), "feature 2: its geometry is none"),
+    "envelope": (of_geometry(b"GP\0\x0f" + LINE[4:]), "feature 2: .* extended or unknown form"),
+    "extended": (of_geometry(b"GP\0\x21" + LINE[4:]), "feature 2: .* extended or unknown form"),
+    "cut": (of_geometry(LINE[:-3]), "feature 2: its geometry .WKB. ends before"),
+    "one point": (
+        of_geometry(gpb(wkb("LineString", RING[:1]))),
+        "feature 2: a LineString of 1 positions is none",
+    ),
+    "nan": (
+        of_geometry(gpb(wkb("LineString", [RING[0], (math.nan, 1.0)]))),
+        r"layer a: feature 2: \(nan, 1, nan\) is not finite",
+    ),
+    "infinite": (of_geometry(gpb(wkb("Point", (math.inf, 1.0)))), "feature 2: .* is not finite"),
+    "range": (of_geometry(gpb(wkb("Point", (16.0, 90.1)))), "feature 2: .16, 90.1. is not a long"),
+    "no tables": ({}, "the map has no feature with a geometry"),
+    "no rows": ({"a": (4326, [])}, "the map has no feature with a geometry"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_wrong_is_said_with_layer_and_feature(path, case):
+    tables, message = BAD[case]
+    write_geopackage(path, tables)
+    with pytest.raises(MapError, match=message) as caught:
+        load_layers(str(path))
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_that_is_told_of_but_absent(path):
+    write_geopackage(path, {"a": (4326, [(LINE, "a", 1)])})
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("DROP TABLE a")
+    with pytest.raises(MapError, match="no GeoPackage that can be read: no such table: a"):
+        load_layers(str(path))

@@ -1,0 +1,163 @@
+"""Which files make which layers, with and without a style sheet; and what a reload watches."""
+
+import json
+
+import pytest
+from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
+
+from tirgeo_ros.core.errors import ConfigError, MapError
+from tirgeo_ros.core.map_layers import LayerStyle
+from tirgeo_ros.io.maps import load_layers, map_files
+
+RED = (0, 0, 255)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """roads.gpkg of two tables, houses.geojson of one feature, wells.shp."""
+    line = gpb(wkb("LineString", RING))
+    write_geopackage(
+        tmp_path / "roads.gpkg",
+        {"main": (4326, [(line, "A1", 1)]), "paths": (4326, [(line, "P", 2)]), "no": (4326, [])},
+    )
+    house = {
+        "type": "Feature",
+        "properties": {"name": "Haus", "street": "Gasse", "number": 7},
+        "geometry": {"type": "Polygon", "coordinates": [RING]},
+    }
+    (tmp_path / "houses.geojson").write_text(json.dumps(house))
+    write_shapefile(tmp_path / "wells.shp", "point", [RING[0]])
+    return tmp_path
+
+
+@pytest.fixture
+def styled(folder):
+    def load(sheet, *files, label_field="name"):
+        (folder / "sub").mkdir(exist_ok=True)
+        path = folder / "sub" / "style.yaml"
+        path.write_text(sheet)
+        return load_layers(named(folder, *files), str(path), label_field)
+
+    return load
+
+
+def named(folder, *files):
+    return ", ".join(str(folder / file) for file in files)
+
+
+def names(layers):
+    return [layer.name for layer in layers]
+
+
+def test_several_files_each_table_a_layer(folder):
+    layers = load_layers(named(folder, "houses.geojson", "roads.gpkg", "wells.shp") + ",")
+    assert names(layers) == ["houses", "main", "paths", "wells"]
+    assert all(layer.style == LayerStyle() and layer.sigma_m is None for layer in layers)
+
+
+def test_no_map_is_no_layers():
+    assert load_layers("", "", "name") == []
+
+
+def test_a_name_with_a_comma(folder):
+    path = folder / "a, b.geojson"
+    (folder / "houses.geojson").rename(path)
+    assert names(load_layers(str(path))) == ["a, b"]
+    assert map_files(str(path)) == [path]
+
+
+def test_a_sheet_with_its_own_files(styled):
+    layers = styled(
+        """
+        layers:
+          - {file: ../roads.gpkg, layer: paths, colour: red, sigma: 0.5}
+          - {file: ../houses.geojson, label: "{street} {number}"}
+          - {file: ../roads.gpkg, label: false}
+        """
+    )
+    assert names(layers) == ["paths", "houses", "main", "paths"]
+    assert (layers[0].style.line_bgr, layers[0].sigma_m) == (RED, 0.5)
+    assert [layer.features[0].label for layer in layers] == ["P", "Gasse 7", "", ""]
+    assert not layers[3].style.labels
+
+
+def test_entries_without_a_file_are_of_the_map(styled):
+    layers = styled("layers: [{colour: red}, {layer: main}]", "roads.gpkg")
+    assert names(layers) == ["main", "paths", "main"]
+    assert [layer.style.line_bgr == RED for layer in layers] == [True, True, False]
+    with pytest.raises(ConfigError, match=r"style.yaml: layer 1: has no file, and the parameter"):
+        styled("layers: [{colour: red}]")
+
+
+def test_files_that_the_sheet_does_not_draw_come_first(styled):
+    layers = styled("layers: [{file: ../roads.gpkg, layer: main}]", "roads.gpkg", "wells.shp")
+    assert names(layers) == ["wells", "main"]
+
+
+def test_the_label_field_where_the_sheet_does_not_say(styled):
+    layers = styled("layers: [{}, {label: name}]", "houses.geojson", label_field="street")
+    assert [layer.features[0].label for layer in layers] == ["Gasse", "Haus"]
+
+
+def test_the_system_of_the_sheet_stands_above_the_files(folder, styled):
+    """The same numbers in UTM would be north-east of the equator's foot of the zone."""
+    plain, moved = styled(
+        "layers: [{}, {crs: '+proj=longlat +datum=WGS84 +pm=1'}]", "houses.geojson"
+    )
+    shift = moved.features[0].points - plain.features[0].points
+    assert shift[:, 1] == pytest.approx(0.017453292519943295, abs=1e-12)  # 1 deg
+
+
+def test_what_a_sheet_asks_for_in_vain(styled):
+    with pytest.raises(
+        MapError, match=r"roads.gpkg: there is no layer 'pats' \(did you mean paths"
+    ):
+        styled("layers: [{layer: pats}]", "roads.gpkg")
+    with pytest.raises(MapError, match="there is no layer 'a'"):
+        styled("layers: [{layer: a}]", "houses.geojson")
+    with pytest.raises(ConfigError, match=r"layer 1: label: .*houses.geojson has no field 'nmae'"):
+        styled("layers: [{label: nmae}]", "houses.geojson")
+    with pytest.raises(MapError, match=r"absent.kml: there is no such map; check its name"):
+        styled("layers: [{file: absent.kml}]")
+
+
+def test_a_line_of_no_length_is_counted(folder):
+    path = folder / "a.geojson"
+    shapes = [
+        {"type": "LineString", "coordinates": [p, p, q]} for p, q in (RING[:2], [RING[0]] * 2)
+    ]
+    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": shapes}))
+    (layer,) = load_layers(str(path))
+    assert [len(f.points) for f in layer.features] == [2]
+    assert layer.left_out == (f"{path}: 1 lines of no length left out",)
+
+
+def test_a_feature_a_line(folder):
+    feature = (folder / "houses.geojson").read_text()
+    point = json.dumps({"type": "Point", "coordinates": RING[0]})
+    path = folder / "a.geojsonl"
+    for text in (f"{feature}\n\n{point}\n", f"\x1e{feature}\n\x1e{point}\n"):
+        path.write_text(text)
+        (layer,) = load_layers(str(path))
+        assert [(f.label, f.group) for f in layer.features] == [("Haus", 0), ("", 1)]
+    path.write_text(f"{feature}\n{point[:-3]}\n")
+    with pytest.raises(MapError, match="not JSON"):
+        load_layers(str(path))
+
+
+def test_content_goes_before_the_name(folder):
+    (folder / "roads.gpkg").rename(folder / "roads.geojson")
+    assert names(load_layers(named(folder, "roads.geojson"))) == ["main", "paths"]
+
+
+def test_what_is_watched(folder):
+    (folder / "site.prj").write_text("")
+    sheet = folder / "style.yaml"
+    sheet.write_text("layers: [{file: wells.shp, crs: 4326}, {file: houses.geojson}]")
+    watched = map_files(named(folder, "houses.geojson", "roads.gpkg"), str(sheet))
+    wanted = ["houses.geojson", "roads.gpkg", "roads.gpkg-wal", "style.yaml", "wells.shp"]
+    wanted += ["wells.shx", "wells.dbf", "wells.prj", "wells.cpg"]
+    assert [each.name for each in watched] == wanted
+    sheet.write_text("layers: [")
+    assert [each.name for each in map_files("", str(sheet))] == ["style.yaml"]
+    assert map_files("", "") == []

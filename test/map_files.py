@@ -1,0 +1,137 @@
+"""Map files made for tests, by code that shares nothing with the readers."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from contextlib import closing
+
+import shapefile
+
+RING = [(16.0, 48.0), (16.001, 48.0), (16.001, 48.001), (16.0, 48.0)]
+HOLE = [(16.0003, 48.0003), (16.0006, 48.0003), (16.0006, 48.0006), (16.0003, 48.0003)]
+
+WKB_TYPES = {
+    "Point": 1,
+    "LineString": 2,
+    "Polygon": 3,
+    "MultiPoint": 4,
+    "MultiLineString": 5,
+    "MultiPolygon": 6,
+    "GeometryCollection": 7,
+}
+_SINGLE = {"MultiPoint": "Point", "MultiLineString": "LineString", "MultiPolygon": "Polygon"}
+
+
+def wkb(kind, coordinates, order="<", dims="", ewkb=False, srid=None):
+    """A geometry as WKB; ``dims`` is "", "Z", "M" or "ZM", and coordinates have as many more."""
+    code = WKB_TYPES[kind]
+    if ewkb:
+        code |= 0x80000000 * ("Z" in dims) | 0x40000000 * ("M" in dims)
+        code |= 0x20000000 * (srid is not None)
+    else:
+        code += {"": 0, "Z": 1000, "M": 2000, "ZM": 3000}[dims]
+    head = struct.pack(order + "BI", order == "<", code)
+    if ewkb and srid is not None:
+        head += struct.pack(order + "I", srid)
+
+    def numbers(positions):
+        return b"".join(struct.pack(f"{order}{len(p)}d", *p) for p in positions)
+
+    def counted(items):
+        return struct.pack(order + "I", len(items)) + b"".join(items)
+
+    def sized(positions):
+        return struct.pack(order + "I", len(positions)) + numbers(positions)
+
+    if kind == "Point":
+        return head + numbers([coordinates])
+    if kind == "LineString":
+        return head + sized(coordinates)
+    if kind == "Polygon":
+        return head + counted([sized(ring) for ring in coordinates])
+    if kind == "GeometryCollection":
+        return head + counted([wkb(k, c, order, dims, ewkb) for k, c in coordinates])
+    return head + counted([wkb(_SINGLE[kind], c, order, dims, ewkb) for c in coordinates])
+
+
+def gpb(body, envelope=0, empty=False, srs_id=4326):
+    """A geometry in GeoPackage's frame; ``envelope`` is its code, 0 to 4."""
+    flags = 1 | envelope << 1 | empty << 4
+    size = [0, 4, 6, 6, 8][envelope]
+    return struct.pack(f"<2sBBi{size}d", b"GP", 0, flags, srs_id, *[0.0] * size) + body
+
+
+SYSTEMS = {
+    -1: ("NONE", -1, "undefined"),
+    0: ("NONE", 0, "undefined"),
+    4326: ("EPSG", 4326, "GEOGCS[...]"),
+    32633: ("EPSG", 32633, "PROJCS[...]"),
+    100001: ("surveyors", 7, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
+    100002: ("surveyors", 8, "nonsense"),
+}
+
+
+def write_geopackage(path, tables, journal="delete"):
+    """``tables``: name -> (srs_id, [(geometry blob or None, name, ref)]); left closed."""
+    path.unlink(missing_ok=True)
+    with closing(sqlite3.connect(path)) as database:
+        fill_geopackage(database, tables, journal)
+
+
+def fill_geopackage(database, tables, journal="delete"):
+    database.execute(f"PRAGMA journal_mode = {journal}")
+    database.executescript(
+        """
+        PRAGMA application_id = 0x47504B47;
+        CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT, srs_id INTEGER PRIMARY KEY,
+            organization TEXT, organization_coordsys_id INTEGER, definition TEXT);
+        CREATE TABLE gpkg_contents (table_name TEXT PRIMARY KEY, data_type TEXT, srs_id INTEGER);
+        CREATE TABLE gpkg_geometry_columns (table_name TEXT, column_name TEXT,
+            geometry_type_name TEXT, srs_id INTEGER, z INTEGER, m INTEGER);
+        """
+    )
+    for srs_id, system in SYSTEMS.items():
+        database.execute(
+            "INSERT INTO gpkg_spatial_ref_sys VALUES ('', ?, ?, ?, ?)", (srs_id, *system)
+        )
+    for name, (srs_id, rows) in tables.items():
+        database.execute("INSERT INTO gpkg_contents VALUES (?, 'features', ?)", (name, srs_id))
+        database.execute(
+            "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'GEOMETRY', ?, 2, 2)",
+            (name, srs_id),
+        )
+        quoted = name.replace('"', '""')
+        database.execute(
+            f'CREATE TABLE "{quoted}" (fid INTEGER PRIMARY KEY, geom BLOB, name TEXT, ref INTEGER)'
+        )
+        database.executemany(f'INSERT INTO "{quoted}" VALUES (NULL, ?, ?, ?)', rows)
+    database.commit()
+
+
+WGS84_PRJ = (
+    'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
+)
+UTM33_PRJ = (
+    f'PROJCS["WGS_1984_UTM_Zone_33N",{WGS84_PRJ},PROJECTION["Transverse_Mercator"],'
+    'PARAMETER["False_Easting",500000.0],PARAMETER["False_Northing",0.0],'
+    'PARAMETER["Central_Meridian",15.0],PARAMETER["Scale_Factor",0.9996],'
+    'PARAMETER["Latitude_Of_Origin",0.0],UNIT["Meter",1.0]]'
+)
+
+
+def write_shapefile(path, kind, shapes, names=(), prj=WGS84_PRJ, encoding="utf-8"):
+    """``kind`` is a method of pyshp's Writer: point, line, polyz, null ..."""
+    with shapefile.Writer(str(path.with_suffix("")), encoding=encoding) as writer:
+        writer.field("NAME", "C", 40)
+        writer.field("REF", "N", 10, 2)
+        for number, shape in enumerate(shapes):
+            if shape is None:
+                writer.null()
+            else:
+                getattr(writer, kind)(*(shape if kind.startswith("point") else (shape,)))
+            writer.record(names[number] if number < len(names) else f"n{number}", number)
+    if prj is not None:
+        path.with_suffix(".prj").write_text(prj)
+    return path
