@@ -12,18 +12,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, SurveyError
 from tirgeo_ros.core.located import Located, Refusal, place
 from tirgeo_ros.core.locating import Ground, Reason
-from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml, write_texts
-from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.io.survey import Observation, load_observations
 from tirgeo_ros.tools.flight_poses import FlightPoses
+from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.progress import Report, silent
 
 
@@ -48,7 +47,7 @@ def locate_pixels(
     that cannot be located is written with its reason. Raises BagError, ConfigError, SurveyError,
     ElevationError.
     """
-    ekf, gimbal, overlay = _configs(params, namespace, method, dem, ground_height)
+    ekf, gimbal, overlay = node_configs(params, namespace, method, dem, ground_height)
     _check_outputs((bag_in, pixels), [one for one in (output, kml_out, cot_out) if one])
     seen = load_observations(pixels)
     ground = ground_of(overlay)
@@ -77,27 +76,6 @@ def locate_pixels(
         "messages": flight.read,
         "messages_refused": flight.refused,
     } | summary
-
-
-def _configs(
-    params: PathLike | None,
-    namespace: str,
-    method: str | None,
-    dem: PathLike | None,
-    ground_height: float | None,
-) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
-    given = ParameterFile(params)
-    ekf = given.config("ekf_node", EkfConfig, namespace)
-    overlay = given.config("overlay_node", OverlayConfig, namespace)
-    if method is not None:
-        ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
-    if dem is not None:
-        overlay = dataclasses.replace(overlay, dem=os.fspath(dem), ground_height_m=float("nan"))
-    if ground_height is not None:
-        overlay = config_from(
-            OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
-        )
-    return ekf, given.config("gimbal_node", GimbalConfig, namespace), overlay
 
 
 def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> None:

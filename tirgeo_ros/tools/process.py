@@ -19,15 +19,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
-from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
-from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
+from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.video import VideoFile
@@ -61,7 +59,7 @@ def process(
     is written under its name before it is whole. Raises BagError (no bag, a needed topic absent,
     nothing readable), ConfigError, MapError, ElevationError, VideoError.
     """
-    ekf, gimbal, overlay = _configs(params, namespace, method, dem, ground_height)
+    ekf, gimbal, overlay = node_configs(params, namespace, method, dem, ground_height)
     map_path = (overlay.map if map is None else os.fspath(map)) if images else ""
     _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
     reader = BagReader(bag_in)
@@ -81,28 +79,6 @@ def process(
     elapsed_s = time.perf_counter() - begun_s
     summary = run.summary(elapsed_s) | {"warning": _warning(reader, topics, ekf.method, namespace)}
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
-
-
-def _configs(
-    params: PathLike | None,
-    namespace: str,
-    method: str | None,
-    dem: PathLike | None,
-    ground_height: float | None,
-) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
-    given = ParameterFile(params)
-    ekf = given.config("ekf_node", EkfConfig, namespace)
-    gimbal = given.config("gimbal_node", GimbalConfig, namespace)
-    overlay = given.config("overlay_node", OverlayConfig, namespace)
-    if method is not None:
-        ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
-    if dem is not None:
-        overlay = replace(overlay, dem=os.fspath(dem), ground_height_m=math.nan)
-    if ground_height is not None:
-        overlay = config_from(
-            OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
-        )
-    return ekf, gimbal, overlay
 
 
 def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked: bool) -> None:

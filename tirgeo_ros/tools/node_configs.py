@@ -1,0 +1,40 @@
+"""The nodes' parameters as a command takes them: from a file, with its options before them."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.parameter import config_from, values_of
+from tirgeo_ros.io.parameter_file import ParameterFile
+
+PathLike = str | os.PathLike[str]
+
+
+def node_configs(
+    params: PathLike | None,
+    namespace: str,
+    method: str | None,
+    dem: PathLike | None,
+    ground_height: float | None,
+) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
+    """Of ekf_node, gimbal_node and overlay_node, from a parameter file (None: the defaults).
+
+    What is not None stands before the file: ``method``; ``dem``, which unsets the ground's height;
+    ``ground_height`` (ellipsoidal m). Raises ConfigError.
+    """
+    given = ParameterFile(params)
+    ekf = given.config("ekf_node", EkfConfig, namespace)
+    gimbal = given.config("gimbal_node", GimbalConfig, namespace)
+    overlay = given.config("overlay_node", OverlayConfig, namespace)
+    if method is not None:
+        ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
+    if dem is not None:
+        overlay = replace(overlay, dem=os.fspath(dem), ground_height_m=math.nan)
+    if ground_height is not None:
+        overlay = config_from(
+            OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
+        )
+    return ekf, gimbal, overlay
