@@ -63,7 +63,7 @@ def drawn(rng, pose):
 
 
 @pytest.mark.parametrize("kind", ["level", "terrain"])
-@pytest.mark.parametrize("uv", [(320.0, 256.0), (60.0, 40.0), (600.0, 480.0)])
+@pytest.mark.parametrize("uv", [(320.0, 256.0), (60.0, 40.0)])
 def test_the_covariance_against_monte_carlo(kind, uv):
     pose = pose_at([10.0, -20.0, -60.0], 4, -40, 70)
     ground = 5.0 if kind == "level" else slope_terrain()

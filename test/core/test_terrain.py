@@ -230,6 +230,15 @@ def test_heights_outside_and_beside_gaps_are_nan():
     assert (terrain.lowest_m, terrain.highest_m) == (1.0, 6.0)
 
 
+def test_infinite_heights_are_gaps_and_any_layout_in_memory_serves():
+    heights = np.arange(16.0).reshape(4, 4)
+    heights[3, 3] = -np.inf
+    turned = Terrain(heights.T[::-1], graticule((0.0, 0.0), (1.0, 1.0), 4))
+    assert (turned.lowest_m, turned.highest_m) == (0.0, 14.0)
+    assert turned.at(np.array(0.0), np.array(1.0)) == heights.T[::-1][1, 0]
+    assert np.isnan(turned.at(np.array(2.5), np.array(0.5)))
+
+
 def test_a_grid_across_the_antimeridian():
     terrain = Terrain(np.arange(4.0).reshape(2, 2), graticule((-1.0, 179.0), (2.0, 2.0), 2))
     heights = terrain.height_m(np.zeros(2), np.radians([179.5, -179.5]))

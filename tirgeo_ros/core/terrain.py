@@ -6,6 +6,7 @@ where on it a place lies. Nothing is resampled, so that the surface is the file'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -42,15 +43,17 @@ class Terrain:
         heights = np.asarray(self.heights_m)
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise ElevationError(f"elevation model of shape {heights.shape}: 2 x 2 are the fewest")
-        known = heights[np.isfinite(heights)]
-        if not known.size:
+        heights = np.ascontiguousarray(np.where(np.isinf(heights), np.nan, heights))
+        lowest = float(np.fmin.reduce(heights, None))  # of all but the nan
+        highest = float(np.fmax.reduce(heights, None))
+        if math.isnan(lowest):
             raise ElevationError("elevation model without a height: all of it is no data")
-        lowest, highest = float(known.min()), float(known.max())
         if lowest < _LOWEST_M or highest > _HIGHEST_M:
             raise ElevationError(
                 f"elevation model with heights from {lowest:g} to {highest:g} m; is its no-data "
                 "value declared?"
             )
+        object.__setattr__(self, "heights_m", heights)
         object.__setattr__(self, "lowest_m", lowest)
         object.__setattr__(self, "highest_m", highest)
 
@@ -84,7 +87,7 @@ class Terrain:
         self, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]
     ) -> tuple[Array, Array, Array, Array]:
         """Heights at nodes (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1); i columns, j rows."""
-        flat = np.ascontiguousarray(self.heights_m).reshape(-1)
+        flat = self.heights_m.reshape(-1)
         columns = self.heights_m.shape[1]
         first = j * columns + i
         nw, ne, sw, se = (
