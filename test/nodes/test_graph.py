@@ -27,7 +27,7 @@ from tirgeo_ros.core.errors import GraphError
 from tirgeo_ros.core.pose_history import PoseHistory
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.io.bag import BagReader, Cdr
-from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
 from tirgeo_ros.io.parameter_file import load_config
 from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
@@ -116,7 +116,8 @@ def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
     for pose in truth.cameras:
         true_poses.add(pose)
     ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m
-    outlines = Outlines(load_map(sample / "map.geojson"), truth.plane, ground_m)
+    features = load_layers(str(sample / "map.geojson"))[0].features
+    outlines = Outlines(features, truth.plane, ground_m)
     means, covered = [], []
     settled = [s for s in watched.stamps if s > watched.stamps[0] + SETTLED_NS]
     for stamp in settled[::2]:

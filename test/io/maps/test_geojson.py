@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.io.maps import load_map
+from tirgeo_ros.io.maps import load_layers
 
 RING = [[16.0, 48.0], [16.001, 48.0], [16.001, 48.001], [16.0, 48.0]]
 HOLE = [[16.0003, 48.0003], [16.0006, 48.0003], [16.0006, 48.0006], [16.0003, 48.0003]]
@@ -24,6 +24,11 @@ def written(tmp_path):
         return path
 
     return write
+
+
+def load_map(path, label_field="name"):
+    (layer,) = load_layers(str(path), "", label_field)
+    return layer.features
 
 
 def collection(*geometries, properties=None, **members):

@@ -4,6 +4,6 @@ A third coordinate is taken as the height above the WGS84 ellipsoid in metres, e
 format or its coordinate reference system says that heights are others: those are left out.
 """
 
-from tirgeo_ros.io.maps.layers import load_layers, load_map, map_files
+from tirgeo_ros.io.maps.layers import load_layers, map_files
 
-__all__ = ["load_layers", "load_map", "map_files"]
+__all__ = ["load_layers", "map_files"]

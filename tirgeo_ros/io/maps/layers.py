@@ -36,11 +36,6 @@ def load_layers(map: str, style: str = "", label_field: str = "name") -> list[Ma
     return [layer for source in _sources(map, style) for layer in _layers(source, label_field)]
 
 
-def load_map(path: str | Path, label_field: str = "name") -> list[GeoFeature]:
-    """The features of a map's one table."""
-    return list(load_layers(str(path), "", label_field)[0].features)
-
-
 def _named(map_text: str) -> list[Path]:
     """The files of a list with commas; a file whose name has a comma is one too."""
     if Path(map_text).is_file():
