@@ -1,0 +1,170 @@
+"""What helps to read the picture as a map: a bar of known length on the ground, and north."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import Ground, locate
+from tirgeo_ros.core.painting import status_box
+from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
+
+_LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
+_SAMPLES = 33
+_STEEP = math.cos(math.radians(10))  # of the optical axis: its own heading says little
+_NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # right, to north
+_NEEDLE_TIMES = 1.1  # half its length, by the size of the text
+_SHIFT = 4
+_FULL = 255
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleBar:
+    """A part of a row of the picture that spans a round length on the ground."""
+
+    left: float  # pixels
+    right: float
+    row: float
+    length_m: float
+
+    @property
+    def text(self) -> str:
+        """The length as it is written."""
+        if self.length_m >= 1000:
+            return f"{self.length_m / 1000:g} km"
+        return f"{self.length_m:g} m" if self.length_m >= 1 else f"{self.length_m * 100:g} cm"
+
+
+def ground_sample_m(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
+) -> float:
+    """Ground that a pixel in the middle of the picture spans along its row, m; nan if none."""
+    u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
+    points, _ = _row_points(camera, pose, plane, ground, np.array([u - 0.5, u + 0.5]), v)
+    return float(np.linalg.norm(points[1] - points[0]))
+
+
+def scale_bar(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, left: float, row: float
+) -> ScaleBar | None:
+    """A bar that begins at a pixel (left, row) and goes to the right; None without ground there.
+
+    Its length is the largest of 1, 2 and 5 times a power of ten, m, that a quarter of the
+    picture's width holds. On an elevation model the ground is taken as level along the bar.
+    """
+    u = np.linspace(left, left + _LONGEST_PART * camera.width, _SAMPLES)
+    points, sees = _row_points(camera, pose, plane, ground, u, row)
+    away_m = np.linalg.norm(points - points[0], axis=1)
+    if not sees or not (np.diff(away_m) > 0).all():
+        return None
+    length_m = _round_length(float(away_m[-1]))
+    right = float(np.interp(length_m, away_m, u))
+    return ScaleBar(left, right, row, length_m) if right - left >= _shortest(camera) else None
+
+
+def _shortest(camera: Camera) -> float:
+    return _SHORTEST_PART * camera.width
+
+
+def _round_length(most_m: float) -> float:
+    power = 10.0 ** math.floor(math.log10(most_m))
+    return max(step * power for step in (1, 2, 5) if step * power <= most_m)
+
+
+def _row_points(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, u: Array, row: float
+) -> tuple[Array, bool]:
+    """Ground points (N, 3) of pixels of a row, NED, and whether all of them see ground."""
+    uv = np.column_stack([u, np.full_like(u, row)])
+    if isinstance(ground, Terrain):
+        middle, _ = locate(camera, pose, uv[len(uv) // 2, None], plane, ground)
+        ground = float(plane.geodetic_from_ned(middle)[2][0])
+    if not math.isfinite(ground):
+        return np.full((len(u), 3), np.nan), False
+    points, _ = locate(camera, pose, uv, plane, ground)
+    return points, bool(np.isfinite(points).all())
+
+
+def camera_heading_rad(pose: CameraPose) -> float:
+    """Where the camera looks: 0 is north, clockwise, 0 to 2 pi.
+
+    The heading of the optical axis; as that comes within 10 degrees of straight down, more and
+    more that of the picture's upper edge.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
+    steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
+    north, east = ahead[:2] + steep * up[:2]
+    return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
+
+
+def paint_scale_bar(
+    image: Pixels, camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
+) -> Box | None:
+    """Draw the bar over the status line's left end; its box, or None where there is none."""
+    size_px = text_px(image)
+    row = status_box(image).top - 0.6 * size_px
+    bar = scale_bar(camera, pose, plane, ground, 0.8 * size_px, row)
+    if bar is None or row < 3 * size_px:
+        return None
+    tick = 0.3 * size_px
+    ends = [[bar.left, row - tick], [bar.left, row], [bar.right, row], [bar.right, row - tick]]
+    _ink(image, np.array(ends), size_px, closed=False)
+    text = stamp(bar.text, size_px, TEXT_BGR)
+    top = round(row - tick) - text.size[1]
+    text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), top)
+    right = max(bar.right, (bar.left + bar.right + text.size[0]) / 2)
+    return Box(0, top, math.ceil(right + size_px / 2), status_box(image).top)
+
+
+def paint_rose(image: Pixels, heading_rad: float) -> Box | None:
+    """Draw a needle to north, and the heading, in the upper right corner; its box.
+
+    Up is where the camera looks. None where the picture is too small for it.
+    """
+    size_px = text_px(image)
+    reach = round(2.4 * size_px)  # of needle and letter, from the needle's middle
+    heading = stamp(f"{round(math.degrees(heading_rad)) % 360:03d}\u00b0", size_px, TEXT_BGR)
+    box = Box(image.shape[1] - 2 * reach, 0, image.shape[1], 2 * reach + heading.size[1])
+    if box.left < image.shape[1] // 2 or box.bottom > image.shape[0] // 2:
+        return None
+    middle = np.array([box.right - reach, reach], float)
+    to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])  # in the picture
+    to_right = np.array([-to_north[1], to_north[0]])
+    needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+    _ink(image, middle + needle, size_px, closed=True)
+    _lay_middle(image, "N", middle + 1.75 * size_px * to_north)
+    heading.lay(image, round(middle[0] - heading.size[0] / 2), 2 * reach - size_px // 4)
+    return box
+
+
+def _lay_middle(image: Pixels, text: str, uv: Array) -> None:
+    made = stamp(text, text_px(image), TEXT_BGR)
+    left, top = np.rint(uv - np.array(made.size) / 2).astype(int).tolist()
+    made.lay(image, left, top)
+
+
+def _ink(image: Pixels, uv: Array, size_px: int, *, closed: bool) -> None:
+    """A line, or a filled shape, (N, 2) pixels in the text's colour, with a dark halo."""
+    halo_px, wide_px = max(round(size_px / 10), 1), max(round(size_px / 8), 1)
+    room = halo_px + wide_px + 2
+    left, top = np.maximum(np.floor(uv.min(axis=0)).astype(int) - room, 0).tolist()
+    right, bottom = (np.ceil(uv.max(axis=0)).astype(int) + room).tolist()
+    part = image[top:bottom, left:right]
+    mask = np.zeros(part.shape[:2], np.uint8)
+    points = [np.rint((uv - [left, top]) * (1 << _SHIFT)).astype(np.int32)]
+    if closed:
+        cv2.fillPoly(mask, points, (_FULL,), cv2.LINE_AA, _SHIFT)
+    else:
+        cv2.polylines(mask, points, False, (_FULL,), wide_px, cv2.LINE_AA, _SHIFT)
+    halo = cv2.dilate(mask, np.ones((2 * halo_px + 1, 2 * halo_px + 1), np.uint8))
+    dark = cv2.subtract(part, cv2.cvtColor(halo, cv2.COLOR_GRAY2BGR))
+    image[top:bottom, left:right] = cv2.add(dark, cv2.cvtColor(mask, cv2.COLOR_GRAY2BGR))
