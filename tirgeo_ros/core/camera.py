@@ -34,6 +34,7 @@ _LARGEST_COEFFICIENT = 1e9
 _TOO_FAR = 2.0
 _TABLE_SIZE = 512
 _NEWTON_STEPS = 5
+_SETTLED = 1e-9  # of a correction: the next one is of the order of its square
 _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 px
 
 
@@ -180,6 +181,8 @@ class Camera:
             for _ in range(_NEWTON_STEPS):
                 dx, dy = _newton_step(self._k, x, y, xd, yd)
                 x, y = x - dx, y - dy
+                if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
+                    break
             got = _distort(self._k, x, y)
             found = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
             found &= x * x + y * y <= self.max_radius**2

@@ -114,7 +114,7 @@ def point_covariance(
     The pixel is where it is and the point on the ground, whatever pose, lens and ground truly are:
     with u the pixel and m the ground's normal, du = J_pose d_pose + J_point d_point and
     m . d_point = m . up dh are solved for d_point. To first order, with the terrain's slope over
-    the length of the error itself where that is longer than a cell.
+    the length of the error itself where that is longer than two cells.
     """
     covariance = np.array(pose.covariance, float)
     if rates is not None:
@@ -130,7 +130,7 @@ def point_covariance(
     slopes = Slopes(ground, plane, point_n, axes_n)
     found = _solved(by_point, in_pixels, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
     spread = float(found[0, 0] + found[1, 1])
-    if not spread > slopes.cell_m**2:  # nor where it is nan
+    if not spread > (2 * slopes.cell_m) ** 2:  # nor where it is nan
         return found
     # As far as the point may truly be away, and no further than could pass for one slope.
     step_m = min(math.sqrt(spread), 0.1 * float(np.linalg.norm(point_n - pose.position_n)))
