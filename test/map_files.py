@@ -68,6 +68,7 @@ SYSTEMS = {
     4326: ("EPSG", 4326, "GEOGCS[...]"),
     32633: ("EPSG", 32633, "PROJCS[...]"),
     100001: ("surveyors", 7, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
+    100003: ("EPSG", 987654, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
     100002: ("surveyors", 8, "nonsense"),
 }
 

@@ -17,8 +17,14 @@ _REMEDY = (
     "in the style sheet"
 )
 _WGS84_AXIS_M = 6378137.0
-#: A shift less exact than this is told: beside it the aircraft's own position is exact.
-_EXACT_M = 0.5
+#: A shift less exact than this is told. EPSG gives 1 m to the datums of plates (ETRS89 and the
+#: like), which services for RTK work in too.
+_EXACT_M = 1.0
+
+
+def known(name: str) -> bool:
+    """Whether a name is that of a system on the Earth's surface."""
+    return _system(name) is not None
 
 
 def checked_system(name: str, where: str) -> pyproj.CRS:

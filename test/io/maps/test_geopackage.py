@@ -58,7 +58,7 @@ def test_heights_and_empty_geometries(path):
     np.testing.assert_array_equal(feature.points[:, 2], [171.5, np.nan])
 
 
-@pytest.mark.parametrize("srs_id", [32633, 100001])
+@pytest.mark.parametrize("srs_id", [32633, 100001, 100003])
 def test_systems_by_code_and_by_definition(path, srs_id):
     """UTM 33N has its central meridian at 15 deg, 500 km east."""
     line = gpb(wkb("LineString", [(500000.0, 0.0), (500000.0, 1000.0)]))

@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
+import shapefile
 from map_files import HOLE, RING, UTM33_PRJ, write_shapefile
 
 from tirgeo_ros.core.errors import MapError
@@ -150,10 +151,10 @@ def test_zipped(tmp_path):
 
 
 def multipatch(path):
-    write_shapefile(path, "poly", [[OUTER]])
-    content = bytearray(path.read_bytes())
-    struct.pack_into("<i", content, 108, 31)
-    path.write_bytes(content)
+    with shapefile.Writer(str(path.with_suffix(""))) as writer:
+        writer.field("NAME")
+        writer.multipatch([[(*point, 3.0) for point in RING]], [0])
+        writer.record("n0")
 
 
 def overlapping(path):
@@ -161,6 +162,18 @@ def overlapping(path):
     content = bytearray(path.read_bytes())
     struct.pack_into("<2i", content, 152, 4, 0)
     path.write_bytes(content)
+
+
+def unknown(path):
+    write_shapefile(path, "line", [[RING]])
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<i", content, 108, 77)
+    path.write_bytes(content)
+
+
+def cut(path):
+    write_shapefile(path, "line", [[RING]] * 3)
+    path.write_bytes(path.read_bytes()[: 100 + 8 + 48 + 64])  # behind the first record
 
 
 def looping(path):
@@ -173,9 +186,11 @@ def looping(path):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (multipatch, "a damaged shapefile|feature 1 is a MultiPatch"),
+        (multipatch, "feature 1 is a MultiPatch, which is not drawn"),
         (overlapping, "feature 1 is damaged: its parts overlap"),
-        (looping, "a damaged shapefile"),
+        (unknown, "a damaged shapefile: 77"),
+        (cut, "a damaged shapefile: 220 bytes, to be "),
+        (looping, "a damaged shapefile: a record leads back to another"),
     ],
 )
 def test_what_is_not_drawn(path, spoil, message):

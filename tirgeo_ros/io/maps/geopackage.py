@@ -12,6 +12,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.crs import known
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
 from tirgeo_ros.io.maps.wkb import Part, wkb_parts
@@ -112,9 +113,8 @@ def _crs(row: Row, where: str) -> tuple[str | None, tuple[str, ...]]:
         return None, (f"{where}: its system is an undefined geographic one: taken for WGS84",)
     if srs_id == -1:
         return "undefined Cartesian", ()
-    if str(organization).upper() == "EPSG":
-        return f"EPSG:{code}", ()
-    return str(definition or f"srs_id {srs_id}"), ()
+    coded = f"{organization}:{code}"
+    return coded if known(coded) else str(definition or coded), ()
 
 
 def _parts(blob: object, where: str) -> Iterator[Part]:
