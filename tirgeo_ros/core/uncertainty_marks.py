@@ -87,12 +87,13 @@ class Confidence:
             return lines, np.ones(len(lines))
         lines, some = sampled(lines, STEP_PX)
         ways = np.flatnonzero(some.links())
-        middle = (some.vertex[ways] + some.vertex[ways + 1]) // 2
+        first, last = some.vertex[ways], some.vertex[ways + 1]
+        middle = (lines.rays.take(first, axis=1) + lines.rays.take(last, axis=1)) / 2
         sigma = each(sigma_m, some.line[ways])
         opacity = np.ones(len(some.line) - 1)
-        opacity[ways] = self._opacity(frame.radius_95(lines.rays.take(middle, axis=1), sigma))
-        runs, first = cut(lines, some, opacity)
-        return runs, opacity[first]
+        opacity[ways] = self._opacity(frame.radius_95(middle, sigma))
+        runs, way = cut(lines, some, opacity)
+        return runs, opacity[way]
 
     def _opacity(self, radius_px: Array) -> Array:
         """For radii of 95 %; what is not known (nan) is at its faintest."""
