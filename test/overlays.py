@@ -8,10 +8,12 @@ import numpy as np
 from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay import Overlay
+from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
@@ -20,6 +22,9 @@ START = 1_700_000_000_000 * MS
 LATENCY = 50 * MS
 WAIT = 100 * MS
 GREY = np.full((512, 640), 90, np.uint8)
+STRIP_TOP = status_box(GREY).top
+#: No scale bar, rose, ellipses or fading: lines and labels alone.
+PLAIN = ConfidenceConfig(ellipses=False, lines="none", scale_bar=False, heading_rose=False)
 SQUARE_N = np.array([[30, -6, 0], [30, 6, 0], [42, 6, 0], [42, -6, 0]], float)
 MOVED_N = np.array([2.0, 3.0, 0.0])
 
@@ -42,12 +47,13 @@ def status(state=FilterState.RUNNING, reason=""):
     return NavigationStatus("ekf_heading", state, reason, FixStatus.FIXED, 0.002, {}, {})
 
 
-def ready(features=None, **config):
+def ready(features=None, *, told=True, **config):
     layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
     overlay = Overlay(OverlayConfig(**config), [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
-    overlay.set_status(status())
+    if told:
+        overlay.set_status(status())
     return overlay
 
 

@@ -9,9 +9,11 @@ from overlays import (
     LATENCY,
     MOVED_N,
     MS,
+    PLAIN,
     PLANE,
     SQUARE_N,
     START,
+    STRIP_TOP,
     WAIT,
     assert_on,
     distances,
@@ -28,7 +30,7 @@ from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_layers import MapLayer
+from tirgeo_ros.core.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import CameraPose, FilterState
 
@@ -182,13 +184,13 @@ def test_what_no_pose_can_help_is_said_at_once():
 
 
 def test_the_status_line_shows_the_age_and_the_rate():
-    overlay = ready()
+    overlay = ready(told=False)
     overlay.add_pose(pose_at(START))
     overlay.add_pose(pose_at(START + 200 * MS))
     strips = []
     for stamp, age in ((LATENCY, 83 * MS), (LATENCY + MS, 83 * MS), (LATENCY + 2 * MS, 500 * MS)):
         overlay.add_frame(START + stamp, GREY, START)
-        strips.append(overlay.take(START + stamp + age).image[-20:])
+        strips.append(overlay.take(START + stamp + age).image[STRIP_TOP:])
     assert (strips[0] != strips[1]).any()  # "video starts"
     assert (strips[1] != strips[2]).any()
 
@@ -203,8 +205,10 @@ def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_stat
         overlay.add_pose(pose_at(START))
         overlay.add_frame(START + LATENCY, GREY, START + LATENCY)
         pictures.append(overlay.take(START + LATENCY).image)
-    np.testing.assert_array_equal(pictures[0][:-20], pictures[1][:-20])
-    assert (pictures[0][-20:] != pictures[1][-20:]).any() == (state is not FilterState.RUNNING)
+    np.testing.assert_array_equal(pictures[0][:STRIP_TOP], pictures[1][:STRIP_TOP])
+    assert (pictures[0][STRIP_TOP:] != pictures[1][STRIP_TOP:]).any() == (
+        state is not FilterState.RUNNING
+    )
 
 
 def test_poses_that_are_not_finite_are_counted():
@@ -251,7 +255,7 @@ def test_labels_and_marks_are_drawn():
     named = [geo(SQUARE_N, "Grünfläche"), geo([[36, 0, 0]], "P1")]
     pictures = []
     for features in (named, [geo(SQUARE_N), geo([[36, 0, 0]])], [geo(SQUARE_N)]):
-        overlay = ready(features=features)
+        overlay = ready(features=features, confidence=PLAIN)
         overlay.add_pose(pose_at(START))
         overlay.add_frame(START + LATENCY, GREY, START)
         pictures.append(overlay.take(START).image)
@@ -269,3 +273,47 @@ def test_the_same_frames_give_the_same_pictures():
         overlay.add_frame(START + LATENCY, GREY, START + 7 * MS)
         results.append(overlay.take(START + 60 * MS).image)
     np.testing.assert_array_equal(*results)
+
+
+NORTH_N = np.array([1.0, 0.0, 0.0])
+
+
+def layered(*layers, **config):
+    overlay = Overlay(OverlayConfig(confidence=PLAIN, **config), layers)
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    return overlay.take(START).image
+
+
+def test_layers_have_their_styles():
+    red = LayerStyle(line_bgr=(0, 0, 255), fill_bgr=(255, 0, 0), fill_opacity=0.5)
+    image = layered(MapLayer("beds", [geo(SQUARE_N)], red)).astype(int)
+    assert (image[..., 2] - image[..., 1] > 100).sum() > 400
+    assert image[250, 350].tolist() == pytest.approx([172, 45, 45], abs=2)  # half 90, half blue
+
+
+@pytest.mark.parametrize(("scale_m_px", "drawn"), [((0.0, 0.05), 1), ((0.05, 0.06), 0)])
+def test_layers_are_drawn_at_their_scales(scale_m_px, drawn):
+    """The middle looks 30 deg down from 20 m: 40 m away, 40 / 803.6 = 0.0498 m to a pixel."""
+    layer = MapLayer("beds", [geo(SQUARE_N)], LayerStyle(scale_m_px=scale_m_px))
+    image = layered(layer, ground_height_m=25.0)
+    assert (len(ink_on(image)) > 400) == drawn
+
+
+def test_a_located_point_stays_drawn_with_its_ellipse():
+    overlay = ready(ground_height_m=25.0, confidence=PLAIN)
+    overlay.set_map(overlay.laid([MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]))
+    pictures = []
+    for k in range(2):
+        overlay.add_pose(pose_at(START + 100 * MS * k, yaw_deg=2.0 * k))
+        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
+        pictures.append(overlay.take(START + 100 * MS * k).image.astype(int))
+        overlay.clicks.locate((320.0, 256.0))
+    magenta = [image[..., 0] - image[..., 1] > 60 for image in pictures]
+    assert magenta[0].sum() == 0
+    v, u = np.nonzero(magenta[1][:, :330])
+    # Two degrees to the right move it by 2 * pi / 180 * cos 30 * 40 m * 20 px/m = 24 px or so.
+    assert 320 - 32 < np.median(u) < 320 - 18
+    assert abs(np.median(v) - 256) < 12

@@ -7,6 +7,7 @@ from overlays import (
     LATENCY,
     MS,
     START,
+    STRIP_TOP,
     WAIT,
     assert_on,
     pose_at,
@@ -71,7 +72,7 @@ def test_a_pose_that_stops_short_of_the_exposure_is_predicted_and_marked():
     assert_on(result.image, flown(START))
     counts = overlay.counts
     assert (counts["drawn"], counts["predicted"], counts["late"]) == (1, 1, 1)
-    orange = result.image[-20:, :140].astype(int)
+    orange = result.image[STRIP_TOP:, :140].astype(int)
     assert (orange[..., 2] - orange[..., 0] > 100).sum() > 50  # "predicted 60 ms"
     overlay.add_pose(flown(START - 40 * MS))
     overlay.add_pose(flown(START + 100 * MS))

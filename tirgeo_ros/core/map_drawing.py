@@ -9,13 +9,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.clicks import Marker
+from tirgeo_ros.core.confidence import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.decorations import (
+    camera_heading_rad,
+    ground_sample_m,
+    paint_rose,
+    paint_scale_bar,
+)
 from tirgeo_ros.core.draping import Ground, check_heights
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_layers import MapLayer
-from tirgeo_ros.core.painting import paint_labels, paint_lines
-from tirgeo_ros.core.polylines import Polylines, joined
+from tirgeo_ros.core.map_painting import MapPainter
+from tirgeo_ros.core.marker_painting import PlacedMarkers
+from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.core.strokes import Painter
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import VectorMap
@@ -53,7 +63,11 @@ class MapDrawing:
         self.ground = _ground(config.ground_height_m, terrain)
         check_heights(layers, self.ground)
         self._layers = layers
+        self._level = self.ground
         self._plane: TangentPlane | None = None
+        self._confidence = config.confidence
+        self._painter = Painter()
+        self._map_painting: MapPainter | None = None  # of the map, once it is drawn
 
     @property
     def empty(self) -> bool:
@@ -71,7 +85,8 @@ class MapDrawing:
 
     def set_map(self, new: LaidMap) -> None:
         """Draw another map from here on."""
-        self._layers, self.map = new.layers, new.map
+        self._layers = new.layers
+        self._set(new.map)
         if new.plane != self._plane:  # it has moved since
             self._lay()
 
@@ -87,28 +102,55 @@ class MapDrawing:
 
     def _lay(self) -> None:
         if self._plane is not None:
-            self.map = VectorMap.from_layers(self._layers, self._plane, self.ground)
+            self._set(VectorMap.from_layers(self._layers, self._plane, self.ground))
 
-    def draw(self, image: Pixels, pose: CameraPose) -> None:
-        """Draw the map into (h, w, 3) BGR; there must be a camera and a plane."""
+    def _set(self, vector_map: VectorMap | None) -> None:
+        self.map, self._map_painting = vector_map, None
+        self._level = _level(self.ground, self._layers)
+
+    def draw(
+        self,
+        image: Pixels,
+        pose: CameraPose,
+        rates: CameraRates | None = None,
+        markers: Sequence[Marker] = (),
+    ) -> None:
+        """Draw map and markers into (h, w, 3) BGR; there must be a camera and a plane.
+
+        ``rates`` are the camera's at the pose, None where they are not known.
+        """
         assert self.view is not None
-        assert self.map is not None
-        lines = self.view.lines(self.map, pose)
-        marks = self.view.marks(self.map, pose)
-        paint_lines(image, lines, marks)
-        self._label(image, joined(lines, marks), self.view, self.map)
+        assert self._plane is not None
+        camera = self.view.camera
+        seen = camera, pose, self._plane, self._level
+        placed = PlacedMarkers(image, camera, pose, markers)
+        taken = [status_box(image), *placed.boxes]
+        scale_bar = paint_scale_bar(image, *seen) if self._confidence.scale_bar else None
+        rose = None
+        if self._confidence.heading_rose:
+            rose = paint_rose(image, camera_heading_rad(pose))
+        taken += [box for box in (scale_bar, rose) if box]
+        painter = self._map_painter()
+        scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
+        painter.paint(image, self.view, pose, rates, scale_m_px, taken)
+        placed.paint(image, self._painter)
 
-    @staticmethod
-    def _label(image: Pixels, lines: Polylines, view: View, vector_map: VectorMap) -> None:
-        named = lines.select(np.flatnonzero(vector_map.labelled[lines.owner]))
-        inside = view.inside(named.points)
-        features, owner = np.unique(named.owner, return_inverse=True)
-        owner = np.repeat(owner, np.diff(named.starts))[inside]
-        labels = [vector_map.labels[feature] for feature in features]
-        paint_labels(image, named.points.T[inside], owner, labels)
+    def _map_painter(self) -> MapPainter:
+        assert self.map is not None
+        if self._map_painting is None:
+            self._map_painting = MapPainter(self._confidence, self.map, self._painter)
+        return self._map_painting
 
 
 def _ground(height_m: float, terrain: Terrain | None) -> Ground:
     if math.isfinite(height_m) or terrain is None:
         return height_m
     return terrain
+
+
+def _level(ground: Ground, layers: Sequence[MapLayer]) -> Ground:
+    """The ground, and for a map at its own heights the middle one of these."""
+    if isinstance(ground, Terrain) or math.isfinite(ground):
+        return ground
+    heights = [feature.points[:, 2] for layer in layers for feature in layer.features]
+    return float(np.median(np.concatenate(heights))) if heights else math.nan

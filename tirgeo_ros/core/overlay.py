@@ -18,19 +18,18 @@ from tirgeo_ros.core.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_drawing import LaidMap, MapDrawing
 from tirgeo_ros.core.map_layers import MapLayer
-from tirgeo_ros.core.painting import Field, paint_notice, paint_status
+from tirgeo_ros.core.painting import paint_notice, paint_status
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.pose_prediction import FIT_S, TRIAL_S, predicted
 from tirgeo_ros.core.rectify import Rectifier
 from tirgeo_ros.core.samples import CameraPose, NavigationStatus
 from tirgeo_ros.core.status_line import status_line, words_of
 from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.text import Colour, Pixels
+from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.thermal import Raw, Toner
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
 _RATES_NS = 100_000_000  # over which the camera's motion is taken: short of a turn, beyond noise
-_PREDICTED_BGR: Colour = (60, 140, 255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,8 +237,9 @@ class Overlay:
         assert camera is not None
         self._results["drawn"] += 1
         self._results["predicted"] += predicted_s > 0
-        self.clicks.show(frame.stamp_ns, camera, pose, self._rates(pose))
-        self._drawing.draw(image, pose)
+        rates = self._rates(pose)
+        self.clicks.show(frame.stamp_ns, camera, pose, rates)
+        self._drawing.draw(image, pose, rates, self.clicks.markers())
         self._paint_status(image, frame, now_ns, predicted_s)
         return OverlayResult(frame.stamp_ns, image, pose, "", camera, predicted_s)
 
@@ -252,7 +252,6 @@ class Overlay:
         self, image: Pixels, frame: Frame, now_ns: int, predicted_s: float = 0.0
     ) -> None:
         age_s = (now_ns - frame.stamp_ns) * 1e-9
-        fields = status_line(self._status, age_s, self._frames.rate_hz)
-        if predicted_s:
-            fields.insert(0, Field(f"predicted {predicted_s * 1e3:.0f} ms", _PREDICTED_BGR))
-        paint_status(image, fields)
+        dropped = self._frames.counts["replaced"]
+        rate_hz = self._frames.rate_hz
+        paint_status(image, status_line(self._status, age_s, rate_hz, predicted_s, dropped))

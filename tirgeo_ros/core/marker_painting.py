@@ -1,0 +1,84 @@
+"""Points that were located by a click, drawn where they are now in the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.clicks import Marker
+from tirgeo_ros.core.confidence import ellipse_95, pixel_jacobian
+from tirgeo_ros.core.map_layers import LayerStyle
+from tirgeo_ros.core.polylines import BoolArray, Polylines, joined
+from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.text import Box, Colour, Pixels, Stamp, stamp, text_px
+
+_MARKER_BGR: Colour = (255, 80, 255)
+_STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
+_CORNERS = 48  # of an ellipse
+_LARGEST_PX = 2000.0  # an ellipse beyond any picture
+
+
+class PlacedMarkers:
+    """The markers that are in a picture (h, w, 3), with the places of their labels, ``boxes``.
+
+    Each has the ellipse of 95 % of where the point truly is on the ground, as it was located.
+    """
+
+    def __init__(
+        self, image: Pixels, camera: Camera, pose: CameraPose, markers: Sequence[Marker]
+    ) -> None:
+        points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
+        uv, seen = _in_picture(camera, pose, points_n)
+        self._uv = uv[seen]
+        shown = [markers[i] for i in np.flatnonzero(seen).tolist()]
+        _, by_point = pixel_jacobian(camera, pose, points_n[seen])
+        covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
+        self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
+        self._texts = [stamp(marker.label, text_px(image), _MARKER_BGR) for marker in shown]
+        places = zip(self._texts, self._uv.tolist(), strict=True)
+        self.boxes = [_box(image, text, u, v) for text, (u, v) in places]
+
+    def paint(self, image: Pixels, painter: Painter) -> None:
+        """Draw marks, ellipses and labels."""
+        if not self.boxes:
+            return
+        count = len(self._uv)
+        marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
+        diamonds = marks_as_lines(marks, mark_radius_px(image))
+        ink = joined(diamonds, _ellipses(self._uv, self._covariance))
+        painter.strokes(image, ink, np.zeros(len(ink), np.int64), [_STYLE])
+        for text, box in zip(self._texts, self.boxes, strict=True):
+            text.lay(image, box.left, box.top)
+
+
+def _in_picture(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Array, BoolArray]:
+    uv, valid = camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
+    with np.errstate(invalid="ignore"):
+        inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
+    return uv, np.asarray(valid & inside.all(axis=1))
+
+
+def _ellipses(uv: Array, covariance: Array) -> Polylines:
+    semi_px, angle = ellipse_95(covariance)
+    semi_px = np.minimum(np.nan_to_num(semi_px, nan=0.0), _LARGEST_PX)
+    turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+    along, across = semi_px[:, :1] * np.cos(turn), semi_px[:, 1:] * np.sin(turn)
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    corners = uv.T[:, :, None] + np.stack([along * c - across * s, along * s + across * c])
+    starts = np.arange(len(uv) + 1) * (_CORNERS + 1)
+    return Polylines(corners.reshape(2, -1), starts, np.zeros(len(uv), np.int64))
+
+
+def _box(image: Pixels, text: Stamp, u: float, v: float) -> Box:
+    """To the right of the mark, or to its left where the picture ends."""
+    width, height = text.size
+    gap = 2 * mark_radius_px(image)
+    left = round(u + gap)
+    if left + width > image.shape[1]:
+        left = max(round(u - gap) - width, 0)
+    top = min(max(round(v) - height // 2, 0), max(image.shape[0] - height, 0))
+    return Box(left, top, left + width, top + height)
