@@ -225,6 +225,8 @@ def _radial_slope(k: tuple[float, ...], s: Array) -> Array:
     """Derivative of the radial factor by s."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top = k1 + s * (2 * k2 + s * (3 * k3))
+    if k4 == k5 == k6 == 0:
+        return top
     bottom = k4 + s * (2 * k5 + s * (3 * k6))
     return (top - _radial(k, s) * bottom) / (1 + s * (k4 + s * (k5 + s * k6)))
 

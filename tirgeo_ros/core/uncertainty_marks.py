@@ -141,7 +141,9 @@ class Confidence:
             drawn[:] = False
         chosen = _spread_out(anchors.uv, np.flatnonzero(drawn), frame.camera)
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
-        corners = _corners(anchors.uv[:, chosen], np.minimum(semi_px, most_px), angle[chosen])
+        corners = ellipse_corners(
+            anchors.uv[:, chosen], np.minimum(semi_px, most_px), angle[chosen]
+        )
         outlines, which = _outlines(corners, owner, uncertain[chosen])
         return Ellipses(outlines, self._opacity(semi_px[which, 0]), uncertain)
 
@@ -186,8 +188,11 @@ def _spread_out(uv: Array, which: IntArray, camera: Camera) -> IntArray:
     return which[np.sort(first)[:MOST_ELLIPSES]]
 
 
-def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
-    """(2, N, corners + 1) points of ellipses, the last one the first."""
+def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
+    """(2, N, corners + 1) points of ellipses around uv (2, N), the last one the first.
+
+    Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
+    """
     turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
     along, across = semi_px[:, :1] * np.cos(turn), semi_px[:, 1:] * np.sin(turn)
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
