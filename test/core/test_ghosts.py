@@ -93,7 +93,7 @@ def sampled(begin_c, end_c):
 
 
 def by_points(camera, lines, pose):
-    """The pixels of a map and a rim of RIM_PX around the image, each sample by itself through OpenCV's lens."""
+    """The pixels of a map in the image and a rim, each sample by itself through OpenCV's lens."""
     rotation = matrix_from_quat(pose.q_nc)
     in_camera = [(line - pose.position_n) @ rotation for line in lines]
     points_c = sampled(
