@@ -85,6 +85,7 @@ BAD = {
     "comment": ("layers:\n- colour: #ffd000", "layer 1: colour has no value; .* needs quotes"),
     "colour": ("layers: [{colour: reddish}]", "layer 1: colour: 'reddish' is no colour"),
     "alpha": ("layers: [{colour: '#11223344'}]", "layer 1: colour: '#11223344' is no colour"),
+    "256": ("layers: [{colour: 'rgb(256, 0, 0)'}]", "layer 1: colour: .* is no colour"),
     "colour type": ("layers: [{fill: [1, 2, 3]}]", r"layer 1: fill: \[1, 2, 3\] is no colour"),
     "opacity": ("layers: [{fill: red, fill_opacity: 1.5}]", "fill_opacity: 1.5 is outside 0 to 1"),
     "no fill": ("layers: [{fill_opacity: 0.5}]", "layer 1: fill_opacity without fill"),

@@ -122,7 +122,7 @@ def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
         rgb: tuple[int, ...] | None = ImageColor.getrgb(value)
     except (ValueError, TypeError, AttributeError):
         rgb = None
-    if rgb is None or len(rgb) != 3:
+    if rgb is None or len(rgb) != 3 or not all(0 <= part <= 255 for part in rgb):
         raise ConfigError(
             f'{where}: {key}: {value!r} is no colour; give a name (red) or "#rrggbb"'
         )

@@ -72,7 +72,9 @@ def test_undefined_systems(path):
     write_geopackage(path, {"a": (0, [(LINE, "a", 1)])})
     layer = load_layers(str(path))[0]
     np.testing.assert_allclose(degrees(layer.features[0]), RING, atol=1e-12)
-    assert "undefined geographic one: taken for WGS84" in layer.left_out[0]
+    assert layer.left_out == (
+        f"{path}: layer a: has an undefined geographic system: taken for WGS84",
+    )
     write_geopackage(path, {"a": (-1, [(LINE, "a", 1)])})
     with pytest.raises(
         MapError, match=r"layer a: unknown .* 'undefined Cartesian'; .* style sheet"

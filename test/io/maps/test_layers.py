@@ -1,6 +1,7 @@
 """Which files make which layers, with and without a style sheet; and what a reload watches."""
 
 import json
+import math
 
 import pytest
 from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
@@ -100,12 +101,19 @@ def test_the_label_field_where_the_sheet_does_not_say(styled):
 
 
 def test_the_system_of_the_sheet_stands_above_the_files(folder, styled):
-    """The same numbers in UTM would be north-east of the equator's foot of the zone."""
     plain, moved = styled(
         "layers: [{}, {crs: '+proj=longlat +datum=WGS84 +pm=1'}]", "houses.geojson"
     )
     shift = moved.features[0].points - plain.features[0].points
-    assert shift[:, 1] == pytest.approx(0.017453292519943295, abs=1e-12)  # 1 deg
+    assert shift[:, 1] == pytest.approx(math.radians(1), abs=1e-12)
+
+
+def test_a_system_of_the_sheet_where_the_file_has_none(folder, styled):
+    line = [(500000.0, 0.0), (500000.0, 1000.0)]
+    write_shapefile(folder / "site.shp", "line", [[line]], prj=None)
+    (layer,) = styled("layers: [{file: ../site.shp, crs: 32633}]")
+    assert layer.features[0].points[0, 1] == pytest.approx(math.radians(15), abs=1e-11)
+    assert layer.left_out == ()
 
 
 def test_what_a_sheet_asks_for_in_vain(styled):

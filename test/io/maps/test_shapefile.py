@@ -83,7 +83,7 @@ def test_projected_with_a_prj_of_esri(path):
 def test_without_a_prj(path):
     write_shapefile(path, "line", [[RING]], prj=None)
     (layer,) = load_layers(str(path))
-    assert "has no .prj: taken for longitudes and latitudes in WGS84" in layer.left_out[0]
+    assert layer.left_out == (f"{path}: has no .prj: taken for WGS84",)
     write_shapefile(path, "line", [[RING], [[(500000.0, 0.0), (500000.0, 1.0)]]], prj=None)
     with pytest.raises(MapError, match=r"feature 2: \(500000, 0\) .* crs in the style sheet"):
         load_layers(str(path))

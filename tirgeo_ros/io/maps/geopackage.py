@@ -98,23 +98,28 @@ def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) 
         properties.append(dict(zip(wanted, values, strict=True)))
         for kind, points in _parts(geometry, f"{where}: feature {number + 1}"):
             shapes.add(number, kind, points)
-    crs, told = _crs(row, where)
-    return Table(where, name, crs, shapes.shapes(), properties, fields, told)
+    return Table(
+        where,
+        name,
+        _crs(row),
+        shapes.shapes(),
+        properties,
+        fields,
+        no_crs="has an undefined geographic system",
+    )
 
 
 def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'
 
 
-def _crs(row: Row, where: str) -> tuple[str | None, tuple[str, ...]]:
-    """The text of a table's system; "undefined geographic" (0) is taken for WGS84."""
+def _crs(row: Row) -> str | None:
+    """The text of a table's system; None for "undefined geographic"."""
     srs_id, organization, code, definition = row[2:]
-    if srs_id == 0:
-        return None, (f"{where}: its system is an undefined geographic one: taken for WGS84",)
-    if srs_id == -1:
-        return "undefined Cartesian", ()
+    if srs_id in {0, -1}:
+        return None if srs_id == 0 else "undefined Cartesian"
     coded = f"{organization}:{code}"
-    return coded if known(coded) else str(definition or coded), ()
+    return coded if known(coded) else str(definition or coded)
 
 
 def _parts(blob: object, where: str) -> Iterator[Part]:

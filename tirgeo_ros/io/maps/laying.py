@@ -27,7 +27,9 @@ def laid(table: Table, rule: LabelRule, crs: str = "") -> tuple[list[GeoFeature]
     points = shapes.points
     remarks: tuple[str, ...] = ()
     system = crs or table.crs
-    if system is not None:
+    if system is None and table.no_crs:
+        remarks = (f"{table.where}: {table.no_crs}: taken for WGS84",)
+    elif system is not None:
         points, remarks = to_wgs84(points, system, table.where)
     _check_range(shapes, points, table.where)
     shapes, dropped = _without_repeats(Shapes(_radians(points), *_parts(shapes)))

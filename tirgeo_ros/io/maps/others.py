@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.errors import ConfigError, MapError
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
-from tirgeo_ros.io.maps.wkb import wkb_parts
+from tirgeo_ros.io.maps.wkb import Part, wkb_parts
 
 _KNOWN = "GeoJSON, GeoPackage, Shapefile, KML and KMZ"
 
@@ -40,18 +41,19 @@ def _table(pyogrio: Any, path: Path, name: str, rule: LabelRule) -> Table:
     fields = [str(each) for each in pyogrio.read_info(path, layer=name)["fields"]]
     wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
     meta, _, geometries, columns = pyogrio.raw.read(path, layer=name, columns=wanted)
+    geometries = [] if geometries is None else geometries  # a table without any
     shapes = ShapeBuilder(where)
-    for number, blob in enumerate(geometries if geometries is not None else ()):
-        if blob is None:
-            continue
-        for kind, points in wkb_parts(bytes(blob), 0, f"{where}: feature {number + 1}"):
+    for number, blob in enumerate(geometries):
+        for kind, points in _parts(blob, f"{where}: feature {number + 1}"):
             shapes.add(number, kind, points)
-    crs = meta["crs"]
-    told = (
-        () if crs else (f"{where}: names no system: taken for longitudes and latitudes in WGS84",)
-    )
-    read = [str(each) for each in meta["fields"]]
     values = [column.tolist() for column in columns]
     rows = zip(*values, strict=True) if values else [()] * len(geometries)
+    read = [str(each) for each in meta["fields"]]
     properties = [dict(zip(read, row, strict=True)) for row in rows]
-    return Table(where, name, crs, shapes.shapes(), properties, fields, told)
+    return Table(
+        where, name, meta["crs"], shapes.shapes(), properties, fields, no_crs="names no system"
+    )
+
+
+def _parts(blob: bytes | None, where: str) -> Iterable[Part]:
+    return () if blob is None else wkb_parts(bytes(blob), 0, where)

@@ -100,10 +100,8 @@ def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
     if records and len(records) != len(properties):
         told += (f"{where}: {len(records)} records for {len(properties)} shapes",)
     crs = fetch(".prj")
-    if crs is None:
-        told += (f"{where}: has no .prj: taken for longitudes and latitudes in WGS84",)
     text = None if crs is None else crs.decode("utf-8-sig", "replace").strip()
-    return Table(where, name, text, shapes.shapes(), properties, fields, told)
+    return Table(where, name, text, shapes.shapes(), properties, fields, told, "has no .prj")
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:

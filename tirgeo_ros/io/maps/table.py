@@ -45,7 +45,8 @@ class Table:
     shapes: Shapes
     properties: Sequence[Mapping[str, Any]]  # of each feature
     fields: Collection[str]  # names of the properties
-    left_out: tuple[str, ...] = ()  # what of the file is not in the shapes, or not as told
+    left_out: tuple[str, ...] = ()  # what of the file is not in the shapes
+    no_crs: str = ""  # why there is no crs, where the format should have one
 
 
 @dataclass(slots=True)
