@@ -10,7 +10,7 @@ from tirgeo_ros.core.attitude import quat_from_matrix, rotation_y, rotation_z
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.labels import MOST, UNCERTAIN_BGR, Labels
+from tirgeo_ros.core.labels import MOST, Labels
 from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.text import Box, text_px
@@ -231,29 +231,7 @@ def test_a_label_at_the_limit_of_its_outline_does_not_go_in_and_out():
     assert sum(a != b for a, b in pairwise(inside)) <= 1
 
 
-# paint
-
-
-def test_painting_a_label_touches_its_box_alone():
-    scene = Scene([feature("Gr\u00fcnfl\u00e4che", (300, 200)), square("Park", 100, 300, 120)])
-    image = np.full((512, 640, 3), 128, np.uint8)
-    seen = scene.view.lines(scene.map, pose()), scene.view.marks(scene.map, pose())
-    labels = scene.labels.paint(image, *seen)
-    changed = (image != 128).any(axis=2)
-    for label in labels:
-        part = np.s_[label.box.top : label.box.bottom, label.box.left : label.box.right]
-        assert (image[part] > 240).any()
-        changed[part] = False
-    assert not changed.any()
-
-
-def test_the_label_of_an_uncertain_feature_is_grey():
-    scene = Scene([feature("sure", (200, 100)), feature("unsure", (200, 300))])
-    image = np.zeros((512, 640, 3), np.uint8)
-    seen = scene.view.lines(scene.map, pose()), scene.view.marks(scene.map, pose())
-    for label in scene.labels.paint(image, *seen, uncertain=np.array([1])):
-        part = image[label.box.top : label.box.bottom, label.box.left : label.box.right]
-        assert part.max() == (UNCERTAIN_BGR[0] if label.feature == 1 else 255)
+# size
 
 
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024), (60, 20), (1, 1)])

@@ -29,7 +29,7 @@ def test_running_is_not_worth_a_word():
         "ekf_heading",
         "RTK fixed",
         "heading sigma 0.11 deg",
-        "frame age 83 ms",
+        "age 83 ms",
         "video 8.0 Hz",
     ]
     assert {field.colour for field in fields} == {TEXT_BGR}
@@ -72,7 +72,7 @@ def test_the_colour_goes_with_the_danger():
 def test_what_is_not_known_is_not_shown():
     assert texts(status_line(None, 0.05, 9.0)) == [
         "no filter status",
-        "frame age 50 ms",
+        "age 50 ms",
         "video 9.0 Hz",
     ]
     waiting = status(FilterState.WAITING, sigma_rad=math.nan)
@@ -83,10 +83,10 @@ def test_what_is_not_known_is_not_shown():
 @pytest.mark.parametrize(
     ("age_s", "text"),
     [
-        (0.0831, "frame age 83 ms"),
-        (-0.019, "frame age 0 ms"),  # a bag's clock that has not come to the frame
-        (-0.5, "frame age -500 ms"),
-        (99.0, "frame age 99 s"),
+        (0.0831, "age 83 ms"),
+        (-0.019, "age 0 ms"),  # a bag's clock that has not come to the frame
+        (-0.5, "age -500 ms"),
+        (99.0, "age 99 s"),
     ],
 )
 def test_the_age_of_a_frame(age_s, text):
@@ -101,6 +101,11 @@ def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
     assert "RTK fixed" in kept
     assert "ekf_heading" in kept
     assert "heading sigma 9.74 deg" in kept
+
+
+def test_all_of_it_is_on_a_thermal_picture_while_all_is_well():
+    fields = status_line(status(), 0.083, 29.97)
+    assert fitted(fields, 640, 16) == fields
 
 
 def test_a_predicted_pose_is_said_first_and_dropped_frames_last():

@@ -15,13 +15,14 @@ from tirgeo_ros.core.locating import Ground, locate
 from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
+from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, Stamp, stamp, text_px
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
 _SAMPLES = 33
 _STEEP = math.cos(math.radians(10))  # of the optical axis: its own heading says little
 _NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # right, to north
 _NEEDLE_TIMES = 1.1  # half its length, by the size of the text
+_TICK_TIMES = 0.3
 _SHIFT = 4
 _FULL = 255
 
@@ -106,44 +107,76 @@ def camera_heading_rad(pose: CameraPose) -> float:
     return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
 
 
-def paint_scale_bar(
+@dataclass(frozen=True, slots=True)
+class PlacedBar:
+    """A scale bar with its place: over the left end of the status line."""
+
+    bar: ScaleBar
+    box: Box
+
+    def paint(self, image: Pixels) -> None:
+        """Draw it on the picture (h, w, 3) for which it was placed."""
+        bar, size_px = self.bar, text_px(image)
+        tick = bar.row - _TICK_TIMES * size_px
+        ends = [[bar.left, tick], [bar.left, bar.row], [bar.right, bar.row], [bar.right, tick]]
+        _ink(image, np.array(ends), size_px, closed=False)
+        text = stamp(bar.text, size_px, TEXT_BGR)
+        text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
+
+
+def place_scale_bar(
     image: Pixels, camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
-) -> Box | None:
-    """Draw the bar over the status line's left end; its box, or None where there is none."""
-    size_px = text_px(image)
-    row = status_box(image).top - 0.6 * size_px
+) -> PlacedBar | None:
+    """The scale bar of a picture (h, w, ...); None where no ground is seen, or no room is."""
+    size_px, bottom = text_px(image), status_box(image).top
+    row = bottom - 0.6 * size_px
     bar = scale_bar(camera, pose, plane, ground, 0.8 * size_px, row)
     if bar is None or row < 3 * size_px:
         return None
-    tick = 0.3 * size_px
-    ends = [[bar.left, row - tick], [bar.left, row], [bar.right, row], [bar.right, row - tick]]
-    _ink(image, np.array(ends), size_px, closed=False)
-    text = stamp(bar.text, size_px, TEXT_BGR)
-    top = round(row - tick) - text.size[1]
-    text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), top)
-    right = max(bar.right, (bar.left + bar.right + text.size[0]) / 2)
-    return Box(0, top, math.ceil(right + size_px / 2), status_box(image).top)
+    width, height = stamp(bar.text, size_px, TEXT_BGR).size
+    top = round(row - _TICK_TIMES * size_px) - height
+    right = max(bar.right, (bar.left + bar.right + width) / 2)
+    return PlacedBar(bar, Box(0, top, math.ceil(right + size_px / 2), bottom))
 
 
-def paint_rose(image: Pixels, heading_rad: float) -> Box | None:
-    """Draw a needle to north, and the heading, in the upper right corner; its box.
+@dataclass(frozen=True, slots=True)
+class PlacedRose:
+    """A needle to north with the camera's heading, in the upper right corner."""
 
-    Up is where the camera looks. None where the picture is too small for it.
-    """
-    size_px = text_px(image)
-    reach = round(2.4 * size_px)  # of needle and letter, from the needle's middle
-    heading = stamp(f"{round(math.degrees(heading_rad)) % 360:03d}\u00b0", size_px, TEXT_BGR)
-    box = Box(image.shape[1] - 2 * reach, 0, image.shape[1], 2 * reach + heading.size[1])
-    if box.left < image.shape[1] // 2 or box.bottom > image.shape[0] // 2:
+    heading_rad: float
+    box: Box
+
+    def paint(self, image: Pixels) -> None:
+        """Draw it on the picture (h, w, 3) for which it was placed."""
+        size_px, reach = text_px(image), _reach_px(image)
+        middle = np.array([self.box.right - reach, reach], float)
+        to_north = np.array([-math.sin(self.heading_rad), -math.cos(self.heading_rad)])
+        to_right = np.array([-to_north[1], to_north[0]])
+        needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+        _ink(image, middle + needle, size_px, closed=True)
+        _lay_middle(image, "N", middle + 1.75 * size_px * to_north)
+        text = _heading_stamp(self.heading_rad, size_px)
+        text.lay(image, round(middle[0] - text.size[0] / 2), 2 * reach - size_px // 4)
+
+
+def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
+    """The rose of a picture (h, w, ...), up being where the camera looks; None without room."""
+    reach, (height, width) = _reach_px(image), image.shape[:2]
+    text = _heading_stamp(heading_rad, text_px(image))
+    box = Box(width - 2 * reach, 0, width, 2 * reach + text.size[1])
+    if box.left < width // 2 or box.bottom > height // 2:
         return None
-    middle = np.array([box.right - reach, reach], float)
-    to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])  # in the picture
-    to_right = np.array([-to_north[1], to_north[0]])
-    needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
-    _ink(image, middle + needle, size_px, closed=True)
-    _lay_middle(image, "N", middle + 1.75 * size_px * to_north)
-    heading.lay(image, round(middle[0] - heading.size[0] / 2), 2 * reach - size_px // 4)
-    return box
+    return PlacedRose(heading_rad, box)
+
+
+def _reach_px(image: Pixels) -> int:
+    """Of needle and letter, from the needle's middle."""
+    return round(2.4 * text_px(image))
+
+
+def _heading_stamp(heading_rad: float, size_px: int) -> Stamp:
+    degrees = round(math.degrees(heading_rad)) % 360
+    return stamp(f"{degrees:03d}\u00b0", size_px, TEXT_BGR)
 
 
 def _lay_middle(image: Pixels, text: str, uv: Array) -> None:

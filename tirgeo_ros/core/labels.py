@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.label_anchors import AnchorFinder, Anchors
-from tirgeo_ros.core.polylines import IntArray
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strokes import mark_radius_px
 from tirgeo_ros.core.text import TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
@@ -21,7 +20,6 @@ MOST = 40
 
 UNCERTAIN_BGR: Colour = (165, 165, 165)
 
-_NONE: IntArray = np.empty(0, np.int64)
 _CONSIDERED = 3 * MOST
 #: A label that is in its outline stays in it until the outline is this much smaller.
 _STAYS_WITHIN = 0.8
@@ -46,32 +44,12 @@ class Label:
 
 
 class Labels:
-    """Places and paints the labels of one map, frame after frame."""
+    """Places the labels of one map, frame after frame."""
 
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
         self._places: dict[int, _Place] = {}  # of each shown feature's label
-
-    def paint(
-        self,
-        image: Pixels,
-        lines: Seen,
-        marks: Seen,
-        taken: Sequence[Box] = (),
-        uncertain: IntArray = _NONE,
-    ) -> list[Label]:
-        """Write the labels of what is seen on the picture, off the boxes that are taken.
-
-        Those of ``uncertain`` features are grey.
-        """
-        labels = self.place(image, lines, marks, taken)
-        grey = set(uncertain.tolist())
-        for label in labels:
-            colour = UNCERTAIN_BGR if label.feature in grey else TEXT_BGR
-            text = stamp(self._texts[label.feature], text_px(image), colour)
-            text.lay(image, label.box.left, label.box.top)
-        return labels
 
     def place(
         self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()

@@ -13,10 +13,12 @@ from tirgeo_ros.core.clicks import Marker
 from tirgeo_ros.core.confidence import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.decorations import (
+    PlacedBar,
+    PlacedRose,
     camera_heading_rad,
     ground_sample_m,
-    paint_rose,
-    paint_scale_bar,
+    place_rose,
+    place_scale_bar,
 )
 from tirgeo_ros.core.draping import Ground, check_heights
 from tirgeo_ros.core.geodesy import TangentPlane
@@ -125,15 +127,23 @@ class MapDrawing:
         seen = camera, pose, self._plane, self._level
         placed = PlacedMarkers(image, camera, pose, markers)
         taken = [status_box(image), *placed.boxes]
-        scale_bar = paint_scale_bar(image, *seen) if self._confidence.scale_bar else None
-        rose = None
-        if self._confidence.heading_rose:
-            rose = paint_rose(image, camera_heading_rad(pose))
-        taken += [box for box in (scale_bar, rose) if box]
+        decorations = self._decorations(image, seen)
+        taken += [decoration.box for decoration in decorations]
         painter = self._map_painter()
         scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
         painter.paint(image, self.view, pose, rates, scale_m_px, taken)
         placed.paint(image, self._painter)
+        for decoration in decorations:
+            decoration.paint(image)
+
+    def _decorations(
+        self, image: Pixels, seen: tuple[Camera, CameraPose, TangentPlane, Ground]
+    ) -> list[PlacedBar | PlacedRose]:
+        bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
+        rose = None
+        if self._confidence.heading_rose:
+            rose = place_rose(image, camera_heading_rad(seen[1]))
+        return [decoration for decoration in (bar, rose) if decoration]
 
     def _map_painter(self) -> MapPainter:
         assert self.map is not None

@@ -1,4 +1,4 @@
-"""Ink on the thermal picture: lines with a dark halo, marks, labels, the status line, a notice."""
+"""Words on the thermal picture: the status line, and a notice where there is no map."""
 
 from __future__ import annotations
 
@@ -6,29 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
-import numpy as np
-import numpy.typing as npt
 
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
-from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.text import LONGEST, TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
 
-LINE_BGR: Colour = (0, 255, 255)  # each 0 or 255
 NOTICE_BGR: Colour = (80, 200, 255)
 
-_SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
-_HALO = np.ones((3, 3), np.uint8)
-_MARK_PX = 4
-_MARK = _MARK_PX * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # a small open diamond
-_LABEL_PX = 12
 _NOTICE_TIMES = 1.25  # the size of plain text
 #: What is left of the picture under the status line: so little that every colour of its text has
 #: a contrast of 4.5 to 1 on a white picture too (WCAG 2, relative luminance).
 _STRIP_LIGHT = 0.14
-_MOST_LABELS = 40
-_CELL_PX = 8  # labels keep each other out of squares of this size
-_STATUS_HEIGHT_PX = 20
-_GAP_PARTS, _EDGE_PARTS = 0.8, 0.5  # of the size of the status line's text
+_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # of the size of the status line's text
 _LEAST_DETAIL = 6  # characters; less of a detail says nothing
 
 
@@ -40,74 +27,6 @@ class Field:
     colour: Colour = TEXT_BGR
     detail: str = ""  # follows the text, cut where the line is too long
     spare: bool = False  # left out first where the line is too long
-
-
-def coloured(pixels: Pixels) -> Pixels:
-    """A BGR copy of a (h, w) or (h, w, 3) picture."""
-    if pixels.ndim == 3:
-        return np.array(pixels)
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
-
-
-def paint_lines(image: Pixels, lines: Polylines, marks: Polylines) -> None:
-    """Draw lines (2, V) and marks, lines of one point, given in pixels.
-
-    The ink is gathered on one mask and the halo grown from it: half the time of drawing every
-    line twice.
-    """
-    mask = np.zeros(image.shape[:2], np.uint8)
-    _draw(mask, lines.split_rows(_fixed_point(lines.points.T)), closed=False)
-    _draw(mask, list(_fixed_point(marks.points.T[:, None, :] + _MARK)), closed=True)
-    layer = cv2.cvtColor(cv2.dilate(mask, _HALO), cv2.COLOR_GRAY2BGR)
-    cv2.subtract(image, layer, dst=image)
-    none = np.zeros_like(mask)
-    cv2.merge([mask if level else none for level in LINE_BGR], dst=layer)
-    cv2.add(image, layer, dst=image)
-
-
-def _draw(mask: Pixels, runs: list[npt.NDArray[np.int32]], *, closed: bool) -> None:
-    cv2.polylines(mask, runs, closed, (255,), 1, cv2.LINE_AA, _SHIFT)
-
-
-def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
-    return np.rint(uv * (1 << _SHIFT)).astype(np.int32)
-
-
-def paint_labels(image: Pixels, uv: Array, owner: IntArray, labels: Sequence[str]) -> None:
-    """Write each owner's label once, at the middle of its points (N, 2), all in the picture.
-
-    A label larger than its feature stands under it. The features with most points come first; a
-    label that would cover another is left out.
-    """
-    image = image[:-_STATUS_HEIGHT_PX]  # a view: the strip under it is the status line's
-    count = np.bincount(owner, minlength=len(labels))
-    u, v, vv = (
-        np.bincount(owner, weight, len(labels)) / np.maximum(count, 1)
-        for weight in (uv[:, 0], uv[:, 1], uv[:, 1] ** 2)
-    )
-    reach = 2 * np.sqrt(np.maximum(vv - v * v, 0.0))  # of the feature, up and down
-    height, width = image.shape[:2]
-    taken = np.zeros((height // _CELL_PX + 1, width // _CELL_PX + 1), bool)
-    first = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
-    for feature in first[:_MOST_LABELS]:
-        text = stamp(labels[feature], _LABEL_PX, TEXT_BGR)
-        half = text.size[1] / 2
-        under = reach[feature] + half + _MARK_PX if reach[feature] < 2 * half else 0.0
-        _place(image, taken, text, u[feature], v[feature] + under)
-
-
-def _place(image: Pixels, taken: BoolArray, text: Stamp, u: float, v: float) -> None:
-    """Lay a text centred here, moved into the picture, unless the place is taken."""
-    width, height = text.size
-    left = min(max(round(u) - width // 2, 0), max(image.shape[1] - width, 0))
-    top = min(max(round(v) - height // 2, 0), max(image.shape[0] - height, 0))
-    cells = np.s_[
-        top // _CELL_PX : (top + height) // _CELL_PX + 1,
-        left // _CELL_PX : (left + width) // _CELL_PX + 1,
-    ]
-    if not taken[cells].any():
-        taken[cells] = True
-        text.lay(image, left, top)
 
 
 def status_box(image: Pixels) -> Box:

@@ -76,7 +76,7 @@ def _span(seconds: float) -> str:
 def _age(age_s: float) -> str:
     if -_CLOCK_STEP_S < age_s < 0:  # the clock of a bag has not come to the frame yet
         age_s = 0.0
-    return f"frame age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"frame age {age_s:.0f} s"
+    return f"age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"age {age_s:.0f} s"
 
 
 def _rate(rate_hz: float) -> str:

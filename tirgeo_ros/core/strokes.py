@@ -30,6 +30,9 @@ _MARK_PX = 7
 _DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
 _HALO_PX = 1.3  # on each side of a line
 _FULL = 255
+#: OpenCV's anti-aliased line of one pixel is too weak for its halo once a phone makes the picture
+#: smaller: all of it but the faintest edge is made full.
+_STRONGER = 1.6
 
 
 def drawing_scale(image: Pixels) -> float:
@@ -126,6 +129,7 @@ class Painter:
 
         Each subtracts and adds as much as the mask is strong: through a faint line one sees.
         """
+        cv2.convertScaleAbs(self._mask, alpha=_STRONGER, dst=self._mask)
         if width > 1:
             cv2.dilate(self._mask, _disc(width), dst=self._mask)
         halo = _disc(1 + 2 * max(round(_HALO_PX * scale), 1))
@@ -180,7 +184,7 @@ def _by_pen(
 def _draw(mask: Pixels, runs: list[npt.NDArray[np.int32]], fade: IntArray) -> None:
     """The faintest first: a strong line is not weakened by a faint one that crosses it."""
     for step in np.unique(fade).tolist():
-        level = _FULL * step // FADES
+        level = _FULL if step == FADES else round(_FULL / _STRONGER * step / FADES)
         if level:
             some = [runs[i] for i in np.flatnonzero(fade == step)] if fade.min() < step else runs
             cv2.polylines(mask, some, False, (level,), 1, cv2.LINE_AA, _SHIFT)
