@@ -1,9 +1,8 @@
 """How far from its drawn place a point of the map may truly appear: covariances in the picture.
 
 What is drawn is off by the errors of the camera's pose, of the time of exposure, of the lens and
-of the map. Each error is carried to pixels by the derivative of the projection at the point. The
-model is that of MacIntyre, Coelho and Julier (Estimating and adapting to registration errors in
-augmented reality systems, IEEE VR 2002), with the pose's covariance kept whole.
+of the map. Each is carried to pixels by the derivative of the projection at the point (Coelho,
+MacIntyre and Julier, OSGAR, ISMAR 2004), with the pose's covariance kept whole.
 
 A time error moves the pose along the camera's own motion, and an error of a map point acts as the
 camera's in the opposite direction, so that both join the pose's 6x6 covariance once a frame.
@@ -16,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -37,12 +36,10 @@ from tirgeo_ros.core.samples import Array, CameraPose
 CHI2_95 = -2 * math.log(0.05)
 #: The same of a line's: 95 % lie within so many standard deviations of the middle.
 SIGMAS_95 = 1.959963984540054
-#: Standard deviation of a point's depth over its depth, from which on first order is too little:
-MOST_DEPTH_SIGMA = 0.1
-#: So much may the lens's slopes change from an ellipse's middle to its edge:
-MOST_BEND = 0.2
-# Of correlations: below it a negative eigenvalue is no rounding of float32 messages or sums.
-_ROUNDING = 1e-4
+#: First order is enough up to this standard deviation of a point's depth over its depth, and this
+#: change of the lens's slopes within the ellipse: of drawn errors 93 to 97 % are then inside.
+MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
+_ROUNDING = 1e-4  # of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
 _BLOCK = 2500  # points: larger products of matrices are handed to threads, at a loss
 _LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
@@ -53,6 +50,8 @@ _MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 _MOVES[3, :, :3] = -np.eye(3)
 _FIRST, _SECOND = np.triu_indices(4)  # of the products of x, y, 1 and 1/z
 _ROWS, _COLUMNS = np.triu_indices(3)
+
+Slopes: TypeAlias = tuple[Array, Array, Array, Array]  # as Camera.slopes gives them
 
 
 class CameraRates(NamedTuple):
@@ -164,8 +163,9 @@ class FrameConfidence:
         # too, by which a tangent bends. A turn about the axis bends by half its angle.
         with np.errstate(invalid="ignore"):
             linear = moves[5] + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
-        linear &= self._within_lens(rays, moves)
-        return np.stack([*self._in_pixels(rays, moves), linear])
+        slopes = self.camera.slopes(rays[0], rays[1])
+        linear &= self._within_lens(rays, moves, slopes)
+        return np.stack([*self._in_pixels(rays, moves, slopes), linear])
 
     def radius_95(self, rays: Array, sigma_m: Array | float | None = None) -> Array:
         """(N,) major semi-axis of the ellipse of 95 %, px."""
@@ -174,7 +174,8 @@ class FrameConfidence:
         return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
 
     def _variances(self, rays: Array, sigma_m: Array | None) -> Array:
-        return np.stack(self._in_pixels(rays, self._moves(rays, sigma_m)))
+        slopes = self.camera.slopes(rays[0], rays[1])
+        return np.stack(self._in_pixels(rays, self._moves(rays, sigma_m), slopes))
 
     @staticmethod
     def _by_block(
@@ -217,16 +218,16 @@ class FrameConfidence:
         least = float(variance.min())
         return least, variance - least if (variance > least).any() else None
 
-    def _in_pixels(self, rays: Array, moves: Array) -> tuple[Array, Array, Array]:
+    def _in_pixels(self, rays: Array, moves: Array, slopes: Slopes) -> tuple[Array, Array, Array]:
         """(N,) each: variance of the column, covariance, variance of the row, px2."""
         xx, xy, yy = _on_plane(rays, moves)
-        ux, uy, vx, vy = self.camera.slopes(rays[0], rays[1])
+        ux, uy, vx, vy = slopes
         u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the column's covariance with x and y
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         lens = self._lens_variance
         return u_x * ux + u_y * uy + lens, u_x * vx + u_y * vy, v_x * vx + v_y * vy + lens
 
-    def _within_lens(self, rays: Array, moves: Array) -> BoolArray:
+    def _within_lens(self, rays: Array, moves: Array, slopes: Slopes) -> BoolArray:
         """Whether the ellipse lies where the lens model holds, and bends it by little.
 
         Told at the ellipse's outermost point. A lens bends more the farther from its axis.
@@ -240,7 +241,7 @@ class FrameConfidence:
         with np.errstate(invalid="ignore"):
             inside = farthest <= self.camera.max_radius**2
         scale = np.where(inside, 1 + outwards, 1.0)
-        here = np.array(self.camera.slopes(x, y))
+        here = np.array(slopes)
         change = here - self.camera.slopes(x * scale, y * scale)
         bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
         return np.asarray(inside & ~bent)

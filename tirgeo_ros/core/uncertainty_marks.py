@@ -42,6 +42,8 @@ MOST_ELLIPSES = 40
 _BAND_STEP_PX = 16.0
 _BAND_OPACITY = 0.25
 _CORNERS = 48  # of an ellipse
+_TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+_CIRCLE = np.cos(_TURN), np.sin(_TURN)
 _DASH = 4  # corners, and as many between two dashes
 
 
@@ -193,8 +195,7 @@ def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
 
     Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
     """
-    turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
-    along, across = semi_px[:, :1] * np.cos(turn), semi_px[:, 1:] * np.sin(turn)
+    along, across = semi_px[:, :1] * _CIRCLE[0], semi_px[:, 1:] * _CIRCLE[1]
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     return uv[:, :, None] + np.stack([along * c - across * s, along * s + across * c])
 
