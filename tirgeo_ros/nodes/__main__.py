@@ -6,7 +6,16 @@ import sys
 
 from tirgeo_ros.nodes.start import start
 
-NAMES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder")
+NAMES = (
+    "dji_node",
+    "ekf_node",
+    "gimbal_node",
+    "overlay_node",
+    "bag_player",
+    "recorder",
+    "bench_video",
+    "bench_viewer",
+)
 
 if __name__ == "__main__":
     if len(sys.argv) < 2 or sys.argv[1] not in NAMES:

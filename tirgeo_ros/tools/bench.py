@@ -18,6 +18,7 @@ import yaml
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.tools.bench_dds import dds_times
 from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
 from tirgeo_ros.tools.bench_filter import filter_times, long_times
 from tirgeo_ros.tools.bench_overlay import overlay_times
@@ -53,6 +54,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     if graph:
         yield from _graph_cost(folder, work)
         yield from _serial_cost(folder, work)
+        yield from _dds_latency(work)
 
 
 def _process_speed(folder: Path, work: Path, *, images: bool) -> Figure:
@@ -144,6 +146,16 @@ def _serial_cost(folder: Path, work: Path) -> list[Figure]:
     first_ns, last_ns = BagReader(bag).span_ns
     used = run_graph(setup, (last_ns - first_ns) * 1e-9).cores["dji_node"]
     return [Figure("graph: dji_node, 400 Hz hard sync and 100 Hz", used, "cores", "<= 0.25")]
+
+
+def _dds_latency(work: Path) -> Iterator[Figure]:
+    """Of the overlay at 30 Hz: image in to overlay out, alone and beside two busy processes."""
+    for name, spinning in (("overlay over DDS", 0), ("the same, machine busy", 2)):
+        found = dds_times(work / f"dds{spinning}", spinning)
+        yield Figure(f"{name}: median", found.p50_s * 1e3, "ms")
+        yield Figure(f"{name}: 95 %", found.p95_s * 1e3, "ms", "" if spinning else "<= 15")
+        yield Figure(f"{name}: frames lost", 100 * found.lost / found.sent, "%")
+        yield Figure(f"{name}: age grown in 6 s", found.grown_s * 1e3, "ms", "0")
 
 
 @contextmanager

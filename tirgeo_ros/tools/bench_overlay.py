@@ -30,7 +30,8 @@ Pixels = npt.NDArray[np.uint8]
 _CORNERS = 10  # vertices of an outline
 _IN_VIEW, _OUT_OF_VIEW, _LABELS = 1000, 9500, 20
 _TOWN_VERTICES = 1_000_000
-_PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+ABOVE_M, PITCH_DEG = 20.0, -30.0  # of the camera that looks at the beds
 _FRAME_NS = 100_000_000
 _REPEATS = 60
 
@@ -51,8 +52,8 @@ def overlay_times() -> Iterator[OverlayTimes]:
 
     1e4 vertices of outlines are in view 20 m below, 1e5 behind; then 1e5 of a town of 1e6.
     """
-    yield _times("beds", [_beds()], _pose(height_m=20.0, pitch_deg=-30.0))
-    yield _times("town", town(_TOWN_VERTICES, _PLANE), _pose(height_m=120.0, pitch_deg=-5.0))
+    yield _times("beds", [beds()], _pose(ABOVE_M, PITCH_DEG))
+    yield _times("town", town(_TOWN_VERTICES, PLANE), _pose(height_m=120.0, pitch_deg=-5.0))
 
 
 def _pose(height_m: float, pitch_deg: float) -> CameraPose:
@@ -67,7 +68,7 @@ def _times(what: str, layers: list[MapLayer], pose: CameraPose) -> OverlayTimes:
     try:
         picture = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
         begun = time.perf_counter()
-        vector_map = VectorMap.from_layers(layers, _PLANE)
+        vector_map = VectorMap.from_layers(layers, PLANE)
         load_s = time.perf_counter() - begun
         seen, vertices = _in_view(vector_map.lines, pose)
         whole_s = _median_s(_whole_frame(layers, pose, picture))
@@ -77,18 +78,18 @@ def _times(what: str, layers: list[MapLayer], pose: CameraPose) -> OverlayTimes:
         cv2.setNumThreads(threads)
 
 
-def _beds() -> MapLayer:
+def beds() -> MapLayer:
     """Outlines of 0.3 m: the first lie in the picture, the others behind it."""
     rng = np.random.default_rng(1)
     uv = rng.uniform([20, 20], [XT2.width - 20, XT2.height - 20], (_IN_VIEW, 2))
-    seen, reasons = locate(XT2, _pose(20.0, -30.0), uv, _PLANE, _PLANE.height_m)
+    seen, reasons = locate(XT2, _pose(ABOVE_M, PITCH_DEG), uv, PLANE, PLANE.height_m)
     assert not any(reasons)
     behind = rng.uniform([-400, -200, 0], [-50, 200, 0], (_OUT_OF_VIEW, 3))
     turn = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
     ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)], -1)
     outlines_n = np.concatenate([seen, behind])[:, None] + ring
     labels = [f"bed {k}" for k in range(_LABELS)] + [""] * (len(outlines_n) - _LABELS)
-    places = np.stack(_PLANE.geodetic_from_ned(outlines_n), -1)
+    places = np.stack(PLANE.geodetic_from_ned(outlines_n), -1)
     return MapLayer(
         "beds",
         [GeoFeature(label, True, place) for label, place in zip(labels, places)],  # noqa: B905 as long as each other
@@ -109,7 +110,7 @@ def _whole_frame(
     layers: list[MapLayer], pose: CameraPose, picture: Pixels
 ) -> Callable[[], object]:
     overlay = Overlay(OverlayConfig(), layers)
-    overlay.set_plane(_PLANE)
+    overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
     stamp_ns = 0
 

@@ -73,16 +73,16 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
     setup.folder.mkdir(parents=True, exist_ok=True)
     recording = setup.folder / "recording.mcap"
     environment = graph_environment(setup)
-    with _processes() as processes:
+    with node_processes() as processes:
         for name, arguments in _nodes(setup, recording).items():
             log = setup.folder / f"{name}.log"
             processes.append(NodeProcess(name, arguments, environment, log))
-        _await_words(processes, "ready")
+        await_words(processes, "ready")
         player = NodeProcess(
             "bag_player", _player(setup), environment, setup.folder / "bag_player.log"
         )
         processes.append(player)
-        _await_words([player], "playing")
+        await_words([player], "playing")
         play_s, cores = _watch(processes, player, duration_s / setup.rate, progress)
         time.sleep(_SETTLE_S)
         _stop([process for process in processes if process is not player])
@@ -158,7 +158,7 @@ def _port(setup: GraphSetup) -> Path:
 
 
 @contextlib.contextmanager
-def _processes() -> Iterator[list[NodeProcess]]:
+def node_processes() -> Iterator[list[NodeProcess]]:
     """A list whose processes are all ended when the block is left, however it is left."""
     processes: list[NodeProcess] = []
     try:
@@ -181,7 +181,8 @@ def _end(processes: Sequence[NodeProcess]) -> None:
             process.wait(_STOP_TIMEOUT_S)
 
 
-def _await_words(processes: Sequence[NodeProcess], words: str) -> None:
+def await_words(processes: Sequence[NodeProcess], words: str) -> None:
+    """Wait until each process has said the words. Raises GraphError if one does not or ends."""
     end_s = time.monotonic() + _READY_TIMEOUT_S
     while silent_ones := [process for process in processes if not process.said(words)]:
         for process in processes:

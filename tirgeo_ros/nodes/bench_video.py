@@ -1,0 +1,119 @@
+"""Both ends of the overlay for ``make bench``: a video with its poses, or one who watches it.
+
+    python -m tirgeo_ros.nodes bench_video --ros-args -p role:=source -p output:=sent.json ...
+
+Each writes what it saw as JSON when it ends: the source the stamps of its frames, the viewer stamp
+and age (ns) of each picture that reached it, and whether the last one had lines.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+
+from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.frames import Q_BODY_OPTICAL
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.io.messages import Messages, image_pixels, stamp_ns
+from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+
+FRAME_HZ, POSE_HZ = 30.0, 50.0
+_LEAST_INK = 1000  # coloured pixels of a picture with lines
+
+
+class VideoSource(Node):
+    """Frames, camera poses, camera info and origin, each stamped as it is sent."""
+
+    def __init__(self, node_name: str = "bench_video") -> None:
+        super().__init__(node_name)
+        parameter = self.declare_parameter
+        self.duration_s = parameter("duration_s", 10.0).value
+        self.output = parameter("output", "").value
+        latitude, longitude, height_m = parameter("origin_rad_m", [0.0, 0.0, 0.0]).value
+        above_m, pitch_deg = parameter("camera_m_deg", [20.0, -30.0]).value
+        self._position_n = np.array([0.0, 0.0, -above_m])
+        self._q_nc = quat_multiply(
+            quat_from_euler(0.0, math.radians(pitch_deg), 0.0), Q_BODY_OPTICAL
+        )
+        self._sent: list[int] = []
+        messages = self._messages = Messages(message_class)
+        grey = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
+        self._frame = messages.image(0, grey)
+        self._image = advertise(self, "thermal/image_raw", output(IMAGE_DEPTH))
+        self._info = advertise(self, "thermal/camera_info", output(1))
+        self._pose = advertise(self, "tirgeo/camera_pose", output())
+        self._origin = advertise(self, "tirgeo/origin", latched())
+        self._origin.publish(messages.origin(TangentPlane(latitude, longitude, height_m), 0))
+        self.create_timer(1 / FRAME_HZ, self._send_frame)
+        self.create_timer(1 / POSE_HZ, self._send_pose)
+
+    def _send_frame(self) -> None:
+        if len(self._sent) % round(FRAME_HZ) == 0:
+            self._info.publish(self._messages.camera_info(XT2, time.time_ns()))
+        now_ns = time.time_ns()
+        stamp = self._frame.header.stamp
+        stamp.sec, stamp.nanosec = divmod(now_ns, 1_000_000_000)
+        self._image.publish(self._frame)
+        self._sent.append(now_ns)
+
+    def _send_pose(self) -> None:
+        pose = CameraPose(time.time_ns(), self._position_n, self._q_nc, np.eye(6) * 1e-4)
+        self._pose.publish(self._messages.camera_pose(pose))
+
+    def found(self) -> dict[str, Any]:
+        """What is written at the end."""
+        return {"sent": self._sent}
+
+
+class VideoViewer(Node):
+    """Takes the overlay's pictures and notes how old they are."""
+
+    def __init__(self) -> None:
+        super().__init__("bench_viewer")
+        self.duration_s = self.declare_parameter("duration_s", 10.0).value
+        self.output = self.declare_parameter("output", "").value
+        self._shown: list[tuple[int, int]] = []
+        self._last: Any = None
+        subscribe(self, "tirgeo/overlay/image", self._take, output(), Monitor())
+
+    def _take(self, message: Any) -> None:
+        stamp = stamp_ns(message)
+        self._shown.append((stamp, time.time_ns() - stamp))
+        self._last = message
+
+    def found(self) -> dict[str, Any]:
+        """What is written at the end."""
+        return {"shown": self._shown, "lines": self._last is not None and _has_ink(self._last)}
+
+
+def _has_ink(message: Any) -> bool:
+    image = image_pixels(message).astype(int)
+    return int((image[..., 2] - image[..., 0] > 50).sum()) > _LEAST_INK
+
+
+def _until_over(node: Any, stop: threading.Event) -> int:
+    stop.wait(node.duration_s)
+    Path(node.output).write_text(json.dumps(node.found()))
+    return 0
+
+
+def main() -> int:
+    """Run the source; the exit code."""
+    return run("bench_video", VideoSource, _until_over)
+
+
+def view() -> int:
+    """Run the viewer; the exit code."""
+    return run("bench_viewer", VideoViewer, _until_over)
