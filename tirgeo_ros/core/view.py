@@ -136,6 +136,8 @@ class View:
         rings, details = vector_map.rings, vector_map.details
         normals, offsets = self._planes_n(pose)
         seen = rings.boxes.within(normals, offsets)
+        if not len(seen):
+            return Seen(np.empty((2, 0)), np.zeros(1, np.int64), seen, np.empty((3, 0)))
         number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
         piece = rings.pieces[number]
         level, _ = self._levels(vector_map, piece, pose)
