@@ -2,6 +2,7 @@
 
 import math
 import sqlite3
+import sys
 from contextlib import closing
 
 import numpy as np
@@ -148,4 +149,34 @@ def test_a_table_that_is_told_of_but_absent(path):
     with closing(sqlite3.connect(path)) as database:
         database.execute("DROP TABLE a")
     with pytest.raises(MapError, match="no GeoPackage that can be read: no such table: a"):
+        load_layers(str(path))
+
+
+def test_a_schema_that_is_no_text(path):
+    write_geopackage(path, {"a": (4326, [(LINE, "a", 1)])})
+    path.write_bytes(path.read_bytes().replace(b"TABLE gpkg_contents", b"TABL\xef gpkg_contents"))
+    with pytest.raises(MapError, match="no GeoPackage that can be read"):
+        load_layers(str(path))
+
+
+def test_views(path):
+    """A table may be a view; a function that SQLite has not is said."""
+    write_geopackage(path, {"a": (4326, [(LINE, "a", 1)])})
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(
+            "ALTER TABLE a RENAME TO b; CREATE VIEW a AS SELECT fid, geom, name, ref FROM b"
+        )
+    assert load_layers(str(path))[0].features[0].label == "a"
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("DROP VIEW a; CREATE VIEW a AS SELECT ST_Buffer(geom) geom FROM b")
+    with pytest.raises(MapError, match=r"no GeoPackage .* no such function: ST_Buffer"):
+        load_layers(str(path))
+
+
+def test_an_sqlite_file_of_something_else(path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE notes (text TEXT)")
+        database.commit()
+    with pytest.raises(MapError, match="none of GeoJSON, GeoPackage"):
         load_layers(str(path))

@@ -52,7 +52,7 @@ def is_geopackage(path: Path) -> bool:
     try:
         with closing(_connected(path)) as database:
             return bool(database.execute(query).fetchone()[0])
-    except sqlite3.Error:
+    except (sqlite3.Error, ValueError):  # ValueError: SQLite's own message is no text
         return True
 
 

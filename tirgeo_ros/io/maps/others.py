@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -26,14 +27,20 @@ def read_other(path: Path, layer: str, rule: LabelRule) -> list[Table]:
             f"{path}: none of {_KNOWN}; other formats need pyogrio: pip install 'tirgeo[maps]'"
         ) from None
     try:
-        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        check_layer(path, layer, names)
-        return [_table(pyogrio, path, name, rule) for name in names if layer in {"", name}]
+        return _tables(pyogrio, path, layer, rule)
     except (MapError, ConfigError):
         raise
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
         line = " ".join(str(error).split())[:160]
         raise MapError(f"{path}: no map that can be read: {line}") from None
+
+
+def _tables(pyogrio: Any, path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
+        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+        check_layer(path, layer, names)
+        return [_table(pyogrio, path, name, rule) for name in names if layer in {"", name}]
 
 
 def _table(pyogrio: Any, path: Path, name: str, rule: LabelRule) -> Table:
