@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -215,3 +216,52 @@ def test_nothing_nearer_than_the_near_plane_is_drawn(camera):
     line = View(camera).lines(map_of([[0.05, 0.01, 0], [10, 0.01, 0]]), pose).split()[0]
     start, _ = camera.project(np.array([[0.01, 0.0, 1.0001 * NEAR_M]]))
     np.testing.assert_allclose(line[0], start[0], atol=0.05)  # 1e-4 of 80 px
+
+
+@EACH
+def test_what_is_seen_knows_its_place_on_the_map(camera):
+    rng = np.random.default_rng(5)
+    line = np.column_stack([rng.uniform(-50, 200, 40), rng.uniform(-80, 80, 40), np.zeros(40)])
+    pose = pose_at(pitch=-20, roll=5)
+    seen = View(camera).lines(map_of(line, [[35, 0, 0]]), pose)
+    points_n = seen.points_n(pose)
+    assert points_n.shape == (3, seen.points.shape[1])
+    uv, valid = camera.project((points_n.T - pose.position_n) @ matrix_from_quat(pose.q_nc))
+    assert valid.mean() > 0.9  # but those cut at a limit itself
+    np.testing.assert_allclose(uv[valid], seen.points.T[valid], atol=1e-6)
+    # A tangent plane point at 200 m comes back to 1e-7 m; times 200 / 20 of slant.
+    np.testing.assert_allclose(points_n[2], 0.0, atol=1e-5)
+
+
+def test_what_is_too_far_is_not_drawn():
+    pose = pose_at(pitch=0.0)
+    near, far = [[15_000, -50, 0], [15_000, 50, 0]], [[25_000, -50, 0], [25_000, 50, 0]]
+    assert View(PINHOLE).lines(map_of(near, far), pose).owner.tolist() == [0]
+    assert len(View(PINHOLE, far_m=10_000).lines(map_of(near, far), pose)) == 0
+
+
+def test_a_crowd_is_drawn_with_few_vertices_and_the_same_ink():
+    """Ten thousand small outlines, most of them far off, against all of their vertices."""
+    rng = np.random.default_rng(6)
+    corners = 4.0 * np.array([[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0], [0, 0, 0]])
+    places = rng.uniform([100, -1500, 0], [4000, 1500, 0], (10_000, 3))
+    vector_map = map_of(*(place + corners for place in places))
+    pose = pose_at((0, 0, -120), pitch=-5)
+    seen = View(PINHOLE).lines(vector_map, pose)
+    assert seen.points.shape[1] < 0.4 * vector_map.lines.points.shape[1]
+    middle = corners[:4].mean(axis=0)
+    truth, valid = PINHOLE.project(
+        (places + middle - pose.position_n) @ matrix_from_quat(pose.q_nc)
+    )
+    truth = truth[valid]
+    truth = truth[View(PINHOLE).inside(truth.T)]
+    drawn = np.zeros((PINHOLE.height, PINHOLE.width), np.uint8)
+    runs = [np.rint(run * 16).astype(np.int32) for run in seen.split()]
+    cv2.polylines(drawn, runs, False, (255,), 1, cv2.LINE_AA, 4)
+    off = cv2.distanceTransform((drawn == 0).astype(np.uint8), cv2.DIST_L2, 5)
+    column, row = np.floor(truth.T + 0.5).astype(int)
+    # From 800 m on an outline's middle is at most 2 px from its ink, which may be off by 2 px and
+    # be that of another one in its dot of 4 px.
+    far = (-pose.position_n[2] * 500 / np.maximum(row - 212, 1)) > 800
+    assert far.sum() > 3000
+    assert off[row, column][far].max() < 2.0 + 2.0 + 4.0

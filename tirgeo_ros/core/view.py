@@ -35,7 +35,7 @@ _FEW_VERTICES = 4096
 #: How far a line at a coarser level of detail may leave its place: the first at which no more
 #: than so many vertices are left. Where half a pixel leaves more, they cover the whole picture.
 _DETAILS_PX = (0.5, 1.0, 2.0)
-_MANY_VERTICES = 24_000
+_MANY_VERTICES = 40_000
 
 
 @dataclass(frozen=True, slots=True)
