@@ -18,6 +18,7 @@ from tirgeo_ros.core.decorations import (
 )
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import locate
 from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.text import text_px
@@ -60,6 +61,15 @@ def test_the_bar_is_as_long_on_the_ground_as_it_says(height_m, yaw, down, roll):
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_m, rel=1e-3)
     assert XT2.width * 0.06 <= bar.right - bar.left <= XT2.width * 0.25
     assert f"{bar.length_m:.0e}"[0] in "125"
+
+
+def test_the_bar_is_true_far_from_the_maps_origin():
+    """The earth is round and the code says it is flat: by less than 0.2 % here, 3 km away."""
+    at = pose(100.0, yaw=40.0, down=35.0)
+    at.position_n[:2] = 2000.0, -2200.0
+    bar = scale_bar(XT2, at, PLANE, 0.0, 12.0, 470.0)
+    ends, _ = locate(XT2, at, np.array([[bar.left, 470.0], [bar.right, 470.0]]), PLANE, 0.0)
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_m, rel=2e-3)
 
 
 @pytest.mark.parametrize(

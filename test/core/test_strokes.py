@@ -76,14 +76,15 @@ def test_a_line_is_as_wide_as_its_layer_says(width):
     assert np.count_nonzero(image[:, 300, 2] > 200) == width
 
 
-def test_lines_are_wider_on_a_larger_picture():
-    for size, wanted in (((512, 640), 1), ((1024, 1280), 2), ((1536, 1920), 3)):
-        assert drawing_scale(picture(*size)) == wanted
-        line = polylines(
-            [[20.0, 300.5], [600.0, 300.5]] if wanted == 2 else [[20, 300], [600, 300]]
-        )
-        image = drawn(line, image=picture(*size))
-        assert np.count_nonzero(image[:, 300, 2] > 200) == wanted
+@pytest.mark.parametrize(
+    ("size", "scale", "width"), [((512, 640), 1, 1), ((1024, 1280), 2, 3), ((1536, 1920), 3, 4)]
+)
+def test_lines_are_wider_on_a_larger_picture(size, scale, width):
+    """As wide as the blurred line of 640 px, enlarged: scale times 1.7, less the blur's 0.7."""
+    assert drawing_scale(picture(*size)) == scale
+    row = 300 + (width % 2 == 0) / 2
+    image = drawn(polylines([[20.0, row], [600.0, row]]), image=picture(*size))
+    assert np.count_nonzero(image[:, 300, 2] > 200) == width
 
 
 def test_lines_have_a_dark_halo_and_leave_the_rest():
@@ -177,7 +178,8 @@ def test_a_mark_is_open_in_its_middle(size):
     assert (image[100, 149:152] == GREY).all()
     np.testing.assert_allclose(pixels.mean(axis=0), [150, 100], atol=0.3)
     reach = np.abs(pixels - [150, 100]).sum(axis=1).max()
-    assert radius <= reach <= radius + 1.5 + size[1] / 640  # the ink reaches 1.5 each way
+    # The ink of one pixel reaches 2 to either side; on the largest, three pixels, as much again.
+    assert radius <= reach <= radius + (4 if size[1] > 640 else 2)
 
 
 def test_marks_keep_their_owners():

@@ -7,7 +7,17 @@ from dataclasses import dataclass, replace
 
 import cv2
 
-from tirgeo_ros.core.text import LONGEST, TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.text import (
+    LONGEST,
+    TEXT_BGR,
+    Box,
+    Colour,
+    Pixels,
+    Stamp,
+    line_px,
+    stamp,
+    text_px,
+)
 
 NOTICE_BGR: Colour = (80, 200, 255)
 
@@ -32,11 +42,7 @@ class Field:
 def status_box(image: Pixels) -> Box:
     """The strip at the bottom of a picture (h, w, ...) that the status line takes."""
     height, width = image.shape[:2]
-    return Box(0, max(height - _strip_px(text_px(image)), 0), width, height)
-
-
-def _strip_px(size_px: int) -> int:
-    return size_px + size_px // 3 + 4
+    return Box(0, max(height - line_px(text_px(image)), 0), width, height)
 
 
 def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
@@ -47,7 +53,7 @@ def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     left = round(_EDGE_PARTS * size_px)
     for field in fitted(fields, image.shape[1], size_px):
         text = _written(field, size_px)
-        text.lay(image, left, image.shape[0] - _strip_px(size_px))
+        text.lay(image, left, image.shape[0] - line_px(size_px))
         left += text.size[0] + round(_GAP_PARTS * size_px)
 
 

@@ -28,7 +28,8 @@ _PLAIN_PX = 640, 512  # on a picture of this size sizes are as they are given
 _SMALLEST, _LARGEST = 0.75, 4.0  # times that size
 _MARK_PX = 7
 _DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
-_HALO_PX = 1.3  # on each side of a line
+_HALO_PX = 1.0  # on each side of a line
+_BLUR_PX = 0.7  # by which an anti-aliased line is wider than it says
 _FULL = 255
 #: OpenCV's anti-aliased line of one pixel is too weak for its halo once a phone makes the picture
 #: smaller: all of it but the faintest edge is made full.
@@ -171,7 +172,7 @@ def _by_pen(
     of_pen: dict[tuple[Colour, int], list[int]] = {}
     for number in np.unique(layer).tolist():
         style = styles[number]
-        pen = style.line_bgr, max(round(style.width_px * scale), 1)
+        pen = style.line_bgr, _pen_px(style.width_px, scale)
         of_pen[pen] = [*of_pen.pop(pen, []), number]
     if len(of_pen) == 1:
         return {pen: np.arange(len(layer)) for pen in of_pen}
@@ -179,6 +180,11 @@ def _by_pen(
         pen: np.flatnonzero(np.logical_or.reduce([layer == number for number in used]))
         for pen, used in of_pen.items()
     }
+
+
+def _pen_px(width_px: int, scale: float) -> int:
+    """How wide a line is drawn to be as wide, blur included, on a picture of another size."""
+    return max(round(scale * (width_px + _BLUR_PX) - _BLUR_PX), 1)
 
 
 def _draw(mask: Pixels, runs: list[npt.NDArray[np.int32]], fade: IntArray) -> None:

@@ -27,8 +27,7 @@ _CACHED = 1024
 #: Of these parts of a picture's width and height is a text: 9 px on a phone 360 px wide.
 _WIDTH_PARTS, _HEIGHT_PARTS = 40, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
-_HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-_PAD = 2
+_LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
 _WEIGHT = 500  # of OpenCV's typeface: 400 is plain, 700 bold
 _SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
 
@@ -38,6 +37,21 @@ def text_px(image: Pixels) -> int:
     height, width = image.shape[:2]
     fits = round(min(width / _WIDTH_PARTS, height / _HEIGHT_PARTS))
     return int(min(max(fits, _SMALLEST_PX), _LARGEST_PX))
+
+
+def line_px(size_px: int) -> int:
+    """The height of a line of text, with its halo, unless a letter is taller than others."""
+    return size_px + size_px // 3 + 2 * _halo_px(size_px)
+
+
+def _halo_px(size_px: int) -> int:
+    return max(round(size_px * _HALO_PART), _LEAST_HALO_PX)
+
+
+@lru_cache(maxsize=8)
+def _disc(radius_px: int) -> Pixels:
+    side = 2 * radius_px + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
 
 
 class Box(NamedTuple):
@@ -89,14 +103,14 @@ def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
     if len(shown) > LONGEST:
         shown = shown[: LONGEST - 1] + "\u2026"
     alpha = coverage(shown, size_px)
-    halo = cv2.dilate(alpha, _HALO)
+    halo = cv2.dilate(alpha, _disc(_halo_px(size_px)))
     ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
     keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
     return Stamp(keep, ink)
 
 
 def coverage(text: str, size_px: int) -> Pixels:
-    """How far ink covers each pixel of a text, 0 to 255, (h, w), with a margin of 2 pixels.
+    """How far ink covers each pixel of a text, 0 to 255, (h, w), with the halo's margin.
 
     Raises ConfigError where neither OpenCV 5 nor Pillow is there.
     """
@@ -109,14 +123,15 @@ def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
     face = _opencv_face(cv)
     left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), face, size_px, _WEIGHT)
     image, base = _sheet(size_px, width, top, top + height)
-    cv.putText(image, text, (_PAD - left, base), (255,), face, size_px, _WEIGHT)
+    cv.putText(image, text, (_halo_px(size_px) - left, base), (255,), face, size_px, _WEIGHT)
     return image
 
 
 def _sheet(size_px: int, width: int, top: int, bottom: int) -> tuple[Pixels, int]:
     """An empty bitmap and the row of its base line; texts of a size get the same line height."""
     above, below = max(size_px, -top), max(size_px // 3, bottom)
-    return np.zeros((above + below + 2 * _PAD, width + 2 * _PAD), np.uint8), above + _PAD
+    pad = _halo_px(size_px)
+    return np.zeros((above + below + 2 * pad, width + 2 * pad), np.uint8), above + pad
 
 
 @lru_cache(maxsize=1)
@@ -136,7 +151,8 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
-    ImageDraw.Draw(image).text((_PAD - left, base), text, fill=255, font=font, anchor="ls")
+    at = _halo_px(size_px) - left, base
+    ImageDraw.Draw(image).text(at, text, fill=255, font=font, anchor="ls")
     return np.array(image)
 
 
