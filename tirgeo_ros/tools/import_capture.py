@@ -59,10 +59,11 @@ class _Pass:
     def __init__(self, path: Path, packages: str, key: str, timeline: CaptureTimeline) -> None:
         self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
         self.frames = FrameReader(parse_key(key))
-        clocks = Clocks(timeline.clock(), timeline.clock(), timeline.clock(_HARD_SYNC_TICK_NS))
+        sync = timeline.clock(_HARD_SYNC_TICK_NS, resets_alone=True)
+        clocks = Clocks(timeline.clock(), timeline.clock(), sync)
         self.telemetry = Telemetry(clocks, self.table)
+        self.timeline = timeline
         self._path = path
-        self._timeline = timeline
 
     def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
         """Each frame and what it says. DjiError where there is none."""
@@ -79,7 +80,7 @@ class _Pass:
             )
 
     def _read(self, frame: Frame) -> tuple[Frame, list[Reading]]:
-        return frame, self.telemetry.read(frame, self._timeline.now_ns)
+        return frame, self.telemetry.read(frame, self.timeline.now_ns)
 
 
 def import_capture(
@@ -92,21 +93,34 @@ def import_capture(
     else:
         placed = _Placed(CaptureTimeline(options.start_ns), "of --start-time", None)
     run = _Pass(path, packages, key, placed.timeline)
-    newest_ns = 0
+    newest_ns = number = 0
     for _, readings in run.readings(progress):
         for reading in readings:
+            number += 1
             newest_ns = max(newest_ns, reading.stamp_ns)
             sink.take(newest_ns, reading)
     counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
-    warnings = [placed.warning, *_complaints(counts, run.telemetry.counts)]
+    told = list(_complaints(counts, run.telemetry.counts, placed.timeline))
+    _check_use(path, number, placed.timeline, told)
     return {
         "kind": "capture",
         "time": placed.said,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
-        "warnings": [warning for warning in warnings if warning],
+        "warnings": [*([placed.warning] if placed.warning else []), *told],
         "damage": None,
     }
+
+
+def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
+    """Raise DjiError where nothing was said, or nothing that has a time."""
+    if not readings:
+        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
+    if timeline.newest_ns is None:
+        raise DjiError(
+            f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
+            "stamp, or a subscription package does"
+        )
 
 
 def _placed(path: Path, packages: str, key: str, delay_ns: int) -> _Placed:
@@ -131,6 +145,8 @@ def _seconds(path: Path, packages: str, key: str) -> WholeSeconds:
     found, number, known = WholeSeconds(), 0, None
     run = _Pass(path, packages, key, CaptureTimeline())
     for frame, readings in run.readings(silent):
+        if run.timeline.restarts and found.shift_ns is not None:
+            break  # what comes next has seconds of its own
         words = _words(frame, run.table) if readings else None
         if words is None:
             continue
@@ -157,7 +173,9 @@ def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
     return next((words for words in found if utc_from_words(*words, 0) is not None), None)
 
 
-def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[str]:
+def _complaints(
+    frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
+) -> Iterator[str]:
     """What of a capture could not be used."""
     if frames.get("not decrypted"):
         yield f"{frames['not decrypted']} frames are encrypted: give --key"
@@ -172,4 +190,11 @@ def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[s
         yield (
             f"{telemetry['unknown_package']} pushes are of packages that are not known: give "
             "--packages"
+        )
+    if telemetry.get("untimed"):
+        yield f"{telemetry['untimed']} broadcasts have no time: stamped as the message before"
+    if timeline.restarts:
+        yield (
+            f"the aircraft's clock started again {timeline.restarts} times: what follows is "
+            "stamped as if it had been off for a second; cut the file there if it was longer"
         )
