@@ -150,6 +150,30 @@ def test_all_counters_start_again_together():
     assert stamps[3] - stamps[2] == 3 * MS
 
 
+def test_a_counter_that_resets_alone_stays_beside_the_others():
+    timeline = CaptureTimeline()
+    clock, sync = timeline.clock(), timeline.clock(tick_ns=2_500_000, resets_alone=True)
+    errors = []
+    for sent in range(10_000, 20_000, 10):
+        errors.append(clock.stamp_ns(sent) / MS - sent)
+        for part in range(4):  # 400 Hz; the counter is set to zero in the middle
+            tick = 4 * (sent - (15_000 if sent >= 15_000 else 0)) // 10 + part
+            errors.append(sync.stamp_ns(tick) / MS - sent - 2.5 * part)
+    # One wrong count is not believed: it and the next have the newest stamps.
+    assert min(errors) >= -5.0
+    assert max(errors) <= 0.0
+    assert timeline.restarts == 0
+    assert errors[-1] == 0.0
+
+
+def test_a_counter_that_resets_alone_restarts_with_the_aircraft_too():
+    timeline = CaptureTimeline()
+    sync = timeline.clock(tick_ns=2_500_000, resets_alone=True)
+    newest = [sync.stamp_ns(tick) for tick in (5000, 5001)][-1]
+    assert [sync.stamp_ns(tick) for tick in (7, 8)] == [newest, newest + RESTART_NS]
+    assert timeline.restarts == 1
+
+
 @given(
     st.lists(
         st.tuples(
@@ -163,7 +187,7 @@ def test_all_counters_start_again_together():
 )
 def test_whatever_comes(messages):
     timeline = CaptureTimeline()
-    clocks = [timeline.clock(), timeline.clock(), timeline.clock(tick_ns=2_500_000)]
+    clocks = [timeline.clock(), timeline.clock(), timeline.clock(2_500_000, resets_alone=True)]
     for which, ticks, extra_ns, places in messages:
         if places:
             clocks[which].place(ticks, UTC_NS)

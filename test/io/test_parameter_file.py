@@ -133,7 +133,7 @@ def test_texts_that_look_like_something_else(write):
         ),
         (ekf("/**", "video_latency: 0.1"), r"unknown .* of /\*\* \(did you mean video_latency_s"),
         (ekf("overlay_node", "imu: {x: 1}"), "unknown parameter imu.x of /overlay_node"),
-        (ekf("ekf_nod"), "unknown node /ekf_nod; known: ekf_node, gimbal_node"),
+        (ekf("ekf_nod"), "unknown node /ekf_nod; known: dji_node, ekf_node, gimbal_node"),
         (ekf("/uav1/camera"), "unknown node /uav1/camera"),
         (
             ekf("ekf_node", "publish_rate_hz: fast"),

@@ -103,9 +103,12 @@ def test_every_frame_comes_back_once_under_its_stamp(flown, outputs, sample):
     stamps = flown[1].stamps
     assert sorted(set(stamps)) == stamps
     assert set(stamps) <= set(sent)
+    # Who watches from outside may be found by the node while the first frames are under way.
+    assert sent.index(stamps[0]) < 9  # one second
+    sent = sent[sent.index(stamps[0]) :]
     replaced = int(outputs.last("overlay_node: overlay")["replaced"])
     assert len(stamps) + replaced == len(sent)  # also: 16 MB of segment lose no colour frame
-    assert outputs.frame_stamps_ns == stamps
+    assert outputs.frame_stamps_ns[-len(stamps) :] == stamps
 
 
 def test_drawn_lines_lie_on_the_true_outlines(flown, sample):

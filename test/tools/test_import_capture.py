@@ -250,6 +250,69 @@ def test_wrong_options(capture, tmp_path, options):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_capture_without_any_time_is_refused(capture, tmp_path):
+    path = tmp_path / "untimed.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
+    timeless = (encode_broadcast(parts._replace(time=None)) for parts in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + value) for value in timeless))
+    with pytest.raises(DjiError, match=r"untimed\.bin: nothing in it tells the aircraft's time"):
+        import_flight(path, tmp_path / "o.mcap")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("given", [None, 1_718_091_879_000_000_000])
+def test_a_counter_of_long_ticks_is_told_by_the_seconds(
+    capture, imported, sample, tmp_path, given
+):
+    """Firmware of before 3.3 counts 2.5 ms; 100 Hz are four of them."""
+    path = tmp_path / "ticks.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
+    ticking = (p._replace(time=p.time._replace(time_ms=p.time.time_ms * 2 // 5)) for p in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + encode_broadcast(p)) for p in ticking))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    options = CaptureOptions(start_ns=given)
+    params = sample / "params.yaml"
+    import_flight(path, tmp_path / "o.mcap", params=params, capture=options)
+    found, whole = (stamps(p, "/imu/data") for p in (tmp_path / "o.mcap", imported[0]))
+    assert len(found) == len(whole)
+    apart = found - whole
+    assert np.ptp(apart) <= 2_500_000  # a tick
+    assert given is not None or abs(np.median(apart)) <= 2_500_000
+
+
+def test_a_capture_of_unknown_packages_says_what_is_missing(tmp_path):
+    path = tmp_path / "pushes.bin"
+    path.write_bytes(encode_frame(b"\x02\x05\x07" + bytes(30)))
+    said = r"pushes\.bin: its frames hold nothing for a flight; 1 pushes are .* give --packages"
+    with pytest.raises(DjiError, match=said):
+        import_flight(path, tmp_path / "o.mcap")
+
+
+def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, tmp_path):
+    """The time of what stands before is not moved by the seconds that are said after it."""
+    frames = [f.data for f in FrameReader().feed(capture.read_bytes())]
+    half = len(frames) // 2
+    again = [decode_broadcast(data[2:]) for data in frames[half:]]
+    begun_ms = again[0].time.time_ms
+    words = {"time": (again[0].rtk or again[0].gps or again[1].rtk).time}
+    later = [
+        parts._replace(
+            time=parts.time._replace(time_ms=parts.time.time_ms - begun_ms + 300),
+            gps=parts.gps and parts.gps._replace(time=words["time"] + 100),
+            rtk=parts.rtk and parts.rtk._replace(time=words["time"] + 100 + (number > 100)),
+        )
+        for number, parts in enumerate(again)
+    ]
+    path = tmp_path / "swapped.bin"
+    data = [*frames[:half], *(b"\x02\x00" + encode_broadcast(parts) for parts in later)]
+    path.write_bytes(b"".join(encode_frame(value) for value in data))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    summary = import_flight(path, tmp_path / "o.mcap", params=sample / "params.yaml")
+    assert "the aircraft's clock started again 1 times" in summary["warning"]
+    first, whole = (stamps(p, "/imu/data")[0] for p in (tmp_path / "o.mcap", imported[0]))
+    assert abs(first - whole) <= DATE_NS
+
+
 def test_pictures_are_of_ros_1_bags(capture, tmp_path):
     with pytest.raises(ConfigError, match="no ROS 1 bag; --image-topic and"):
         import_flight(capture, tmp_path / "o.mcap", pictures=Pictures("/image"))

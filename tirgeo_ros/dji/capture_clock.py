@@ -27,12 +27,16 @@ class CaptureTimeline:
     def __init__(self, start_ns: int | None = None, shift_ns: int = 0) -> None:
         self._start_ns = start_ns
         self.shift_ns = shift_ns
+        self.restarts = 0  # after each of them the time that passed is not known
+        self.number = 0  # of clocks that have begun
         self.newest_ns: int | None = None  # newest stamp, without the shift
         self.aircraft_ns = 0  # the same by its counter
 
-    def clock(self, tick_ns: int = 1_000_000, bits: int = 32) -> CaptureClock:
+    def clock(
+        self, tick_ns: int = 1_000_000, bits: int = 32, *, resets_alone: bool = False
+    ) -> CaptureClock:
         """Another counter of the same file."""
-        return CaptureClock(self, tick_ns, bits)
+        return CaptureClock(self, tick_ns, bits, resets_alone=resets_alone)
 
     @property
     def now_ns(self) -> int:
@@ -64,12 +68,19 @@ class CaptureClock:
 
     Of the counters of a file, those that show about the same are of the same clock. One that
     shows something else is placed by the order of the messages: a message is not older than what
-    other clocks' messages before it say.
+    other clocks' messages before it say. So is, from its reset on, one that ``resets_alone``: a
+    command sets it to zero while the others go on.
     """
 
     def __init__(
-        self, timeline: CaptureTimeline | None = None, tick_ns: int = 1_000_000, bits: int = 32
+        self,
+        timeline: CaptureTimeline | None = None,
+        tick_ns: int = 1_000_000,
+        bits: int = 32,
+        *,
+        resets_alone: bool = False,
     ) -> None:
+        self._resets_alone = resets_alone
         self._timeline = CaptureTimeline() if timeline is None else timeline
         self._counter = RunningCounter(tick_ns, bits)
         self._is_begun = self._is_placed = False
@@ -123,6 +134,7 @@ class CaptureClock:
         """Set the offset at the first message."""
         line, now_ns = self._timeline, self._timeline.newest_ns
         self._is_begun, self._newest_ns = True, aircraft_ns
+        line.number += 1
         if now_ns is not None:
             self._is_apart = abs(aircraft_ns - line.aircraft_ns) >= _SAME_NS
             self._offset_ns = now_ns - (aircraft_ns if self._is_apart else line.aircraft_ns)
@@ -143,7 +155,11 @@ class CaptureClock:
         if abs(aircraft_ns - line.aircraft_ns) < _SAME_NS:
             earliest_ns = line.now_ns - line.shift_ns + aircraft_ns - line.aircraft_ns
             self._offset_ns = max(earliest_ns, newest_ns) - aircraft_ns
+        elif self._resets_alone and line.number > 1:
+            self._is_apart = True
+            self._offset_ns = line.now_ns - line.shift_ns - aircraft_ns
         else:
+            line.restarts += 1
             earliest_ns = line.now_ns - line.shift_ns + RESTART_NS
             self._offset_ns = earliest_ns - aircraft_ns
 

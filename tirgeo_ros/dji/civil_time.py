@@ -73,6 +73,7 @@ class WholeSeconds:
         self._word_ns: int | None = None
         self._newest_ns = 0
         self._shifts_ns: list[int] = []  # one for each new second
+        self._stamps: list[tuple[int, int]] = []  # words and stamp of each
 
     def take(self, stamp_ns: int, date_yyyymmdd: int, time_hhmmss: int) -> None:
         """Take a message's words and its stamp, on any timeline."""
@@ -82,6 +83,7 @@ class WholeSeconds:
             return
         if self._word_ns is not None:  # the first second may have begun before
             self._shifts_ns.append(word_ns - stamp_ns)
+            self._stamps.append((word_ns, stamp_ns))
         self._word_ns = word_ns
 
     @property
@@ -91,6 +93,12 @@ class WholeSeconds:
             return None
         middle = median_low(self._shifts_ns)
         return max(shift for shift in self._shifts_ns if abs(shift - middle) <= _ASTRAY_NS)
+
+    @property
+    def seconds_ns(self) -> list[tuple[int, int]]:
+        """How far from one new second to the next: by the words, and by the stamps."""
+        pairs = zip(self._stamps[:-1], self._stamps[1:], strict=True)
+        return [(new[0] - old[0], new[1] - old[1]) for old, new in pairs]
 
     @property
     def newest_ns(self) -> int | None:

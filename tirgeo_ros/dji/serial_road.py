@@ -14,6 +14,7 @@ from tirgeo_ros.dji.host_session import HostSession
 from tirgeo_ros.dji.readings import Reading
 from tirgeo_ros.dji.subscription import PackageTable
 from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+from tirgeo_ros.dji.tick_clock import TickClock
 
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
 _PAUSE_S = 0.05
@@ -28,7 +29,7 @@ class SerialRoad:
         """Raise DjiError for a key that is none."""
         key = parse_key(config.key)
         self._frames = FrameReader(key)
-        self._broadcast = AircraftClock(config.clock)
+        self._broadcast = TickClock(lambda tick_ns: AircraftClock(config.clock, tick_ns))
         self._subscription = AircraftClock(config.clock)
         self._hard_sync = AircraftClock(config.clock, _HARD_SYNC_TICK_NS)
         clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
@@ -101,7 +102,7 @@ class SerialRoad:
         """Counts of frames, clocks that run, and the host's side."""
         found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
         found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
-        clocks = {
+        clocks: dict[str, AircraftClock | TickClock] = {
             "broadcast": self._broadcast,
             "subscription": self._subscription,
             "hard sync": self._hard_sync,

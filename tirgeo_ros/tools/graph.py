@@ -14,6 +14,7 @@ from pathlib import Path
 
 import tirgeo_ros
 from tirgeo_ros.core.errors import GraphError
+from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.tools.node_process import NodeProcess
 from tirgeo_ros.tools.progress import Report, silent
@@ -27,6 +28,7 @@ _SETTLE_S = 3.5
 _POLL_S = 0.1
 #: Those that every method needs, so that they have a subscriber.
 AWAITED = ("imu/data", "thermal/camera_info")
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 
 RECORDED = (
     "tirgeo/odometry",
@@ -142,10 +144,16 @@ def _player(setup: GraphSetup) -> list[str]:
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
     if setup.serial:
         values |= {"live": "true", "serial_port": _port(setup)}
-    awaited = [name for name in AWAITED if not (setup.serial and name in SENSED_TOPICS)]
-    values["wait_for"] = ",".join(awaited)
+    values["wait_for"] = ",".join(_awaited(setup))
     words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
     return _params(setup) + words
+
+
+def _awaited(setup: GraphSetup) -> list[str]:
+    """What the player waits to be listened to: else the first pictures may find nobody."""
+    played = BagReader(setup.bag).topics()
+    names = [*AWAITED, *(name for name in PICTURES if f"/{name}" in played)]
+    return [name for name in names if not (setup.serial and name in SENSED_TOPICS)]
 
 
 def _params(setup: GraphSetup) -> list[str]:

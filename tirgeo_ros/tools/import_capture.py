@@ -24,6 +24,7 @@ from tirgeo_ros.dji.package_entries import package_table
 from tirgeo_ros.dji.readings import Reading
 from tirgeo_ros.dji.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+from tirgeo_ros.dji.tick_clock import LONG_TICK_NS, MILLISECOND_NS, is_long
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.import_sink import ImportSink
 from tirgeo_ros.tools.progress import Report, silent
@@ -56,13 +57,16 @@ class _Placed(NamedTuple):
 class _Pass:
     """One reading of a capture, from its first byte on."""
 
-    def __init__(self, path: Path, packages: str, key: str, timeline: CaptureTimeline) -> None:
+    def __init__(
+        self, path: Path, packages: str, key: str, timeline: CaptureTimeline, tick_ns: int
+    ) -> None:
         self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
         self.frames = FrameReader(parse_key(key))
-        clocks = Clocks(timeline.clock(), timeline.clock(), timeline.clock(_HARD_SYNC_TICK_NS))
+        sync = timeline.clock(_HARD_SYNC_TICK_NS, resets_alone=True)
+        clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
         self.telemetry = Telemetry(clocks, self.table)
+        self.timeline = timeline
         self._path = path
-        self._timeline = timeline
 
     def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
         """Each frame and what it says. DjiError where there is none."""
@@ -79,7 +83,7 @@ class _Pass:
             )
 
     def _read(self, frame: Frame) -> tuple[Frame, list[Reading]]:
-        return frame, self.telemetry.read(frame, self._timeline.now_ns)
+        return frame, self.telemetry.read(frame, self.timeline.now_ns)
 
 
 def import_capture(
@@ -87,31 +91,44 @@ def import_capture(
 ) -> dict[str, object]:
     """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
     packages, key = options.packages or config.packages, options.key or config.key
+    seconds, tick_ns = _told_seconds(path, packages, key)
     if options.start_ns is None:
-        placed = _placed(path, packages, key, round(config.rtk.delay_s * 1e9))
+        placed = _placed(path, seconds, round(config.rtk.delay_s * 1e9))
     else:
         placed = _Placed(CaptureTimeline(options.start_ns), "of --start-time", None)
-    run = _Pass(path, packages, key, placed.timeline)
-    newest_ns = 0
+    run = _Pass(path, packages, key, placed.timeline, tick_ns)
+    newest_ns = number = 0
     for _, readings in run.readings(progress):
         for reading in readings:
+            number += 1
             newest_ns = max(newest_ns, reading.stamp_ns)
             sink.take(newest_ns, reading)
     counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
-    warnings = [placed.warning, *_complaints(counts, run.telemetry.counts)]
+    told = list(_complaints(counts, run.telemetry.counts, placed.timeline))
+    _check_use(path, number, placed.timeline, told)
     return {
         "kind": "capture",
         "time": placed.said,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
-        "warnings": [warning for warning in warnings if warning],
+        "warnings": [*([placed.warning] if placed.warning else []), *told],
         "damage": None,
     }
 
 
-def _placed(path: Path, packages: str, key: str, delay_ns: int) -> _Placed:
+def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
+    """Raise DjiError where nothing was said, or nothing that has a time."""
+    if not readings:
+        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
+    if timeline.newest_ns is None:
+        raise DjiError(
+            f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
+            "stamp, or a subscription package does"
+        )
+
+
+def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
     """By the seconds that the receivers say; ``delay_ns``: how late they are said."""
-    seconds = _seconds(path, packages, key)
     if seconds.shift_ns is None or seconds.newest_ns is None:
         return _Placed(
             CaptureTimeline(),
@@ -126,11 +143,27 @@ def _placed(path: Path, packages: str, key: str, delay_ns: int) -> _Placed:
     return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
 
 
-def _seconds(path: Path, packages: str, key: str) -> WholeSeconds:
+def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
+    """The seconds that the receivers say, and the tick of the broadcast's counter by them (ns)."""
+    seconds = _seconds(path, packages, key, MILLISECOND_NS)
+    if not _are_long(seconds):
+        return seconds, MILLISECOND_NS
+    return _seconds(path, packages, key, LONG_TICK_NS), LONG_TICK_NS
+
+
+def _are_long(seconds: WholeSeconds) -> bool:
+    """Whether the receivers' seconds show ticks of 2.5 ms: most of them, and two at least."""
+    told = [is_long(*pair) for pair in seconds.seconds_ns]
+    return len(told) > 1 and sum(told) > len(told) / 2
+
+
+def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
     """The seconds that the receivers say, against the aircraft's time since power-up."""
     found, number, known = WholeSeconds(), 0, None
-    run = _Pass(path, packages, key, CaptureTimeline())
+    run = _Pass(path, packages, key, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
+        if run.timeline.restarts and found.shift_ns is not None:
+            break  # what comes next has seconds of its own
         words = _words(frame, run.table) if readings else None
         if words is None:
             continue
@@ -157,7 +190,9 @@ def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
     return next((words for words in found if utc_from_words(*words, 0) is not None), None)
 
 
-def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[str]:
+def _complaints(
+    frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
+) -> Iterator[str]:
     """What of a capture could not be used."""
     if frames.get("not decrypted"):
         yield f"{frames['not decrypted']} frames are encrypted: give --key"
@@ -172,4 +207,11 @@ def _complaints(frames: dict[str, int], telemetry: dict[str, int]) -> Iterator[s
         yield (
             f"{telemetry['unknown_package']} pushes are of packages that are not known: give "
             "--packages"
+        )
+    if telemetry.get("untimed"):
+        yield f"{telemetry['untimed']} broadcasts have no time: stamped as the message before"
+    if timeline.restarts:
+        yield (
+            f"the aircraft's clock started again {timeline.restarts} times: what follows is "
+            "stamped as if it had been off for a second; cut the file there if it was longer"
         )
