@@ -244,4 +244,4 @@ def test_labels_are_as_large_as_the_picture_asks(size):
         assert label.box.right <= width
         assert label.box.bottom <= height
     assert len(found) == (1 if width >= 320 else 0)
-    assert text_px(np.empty((height, width, 3))) == {320: 12, 640: 16, 1280: 32}.get(width, 12)
+    assert text_px(np.empty((height, width, 3))) == {320: 12, 640: 15, 1280: 30}.get(width, 12)

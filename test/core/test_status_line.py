@@ -10,7 +10,7 @@ import pytest
 from tirgeo_ros.core.painting import fitted, paint_status
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.core.status_line import status_line
-from tirgeo_ros.core.text import TEXT_BGR
+from tirgeo_ros.core.text import TEXT_BGR, text_px
 
 
 def status(state=FilterState.RUNNING, reason="", state_s=0.0, sigma_rad=0.002):
@@ -97,7 +97,7 @@ def test_the_age_of_a_frame(age_s, text):
 def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
     """640 px and the text as large as it is there: the words that matter stay."""
     told = status(state, "rtk/fix, rtk/vel, rtk/heading, gps/fix, gps/vel", 5999.0, 0.17)
-    kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 16))
+    kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 15))
     assert "RTK fixed" in kept
     assert "ekf_heading" in kept
     assert "heading sigma 9.74 deg" in kept
@@ -105,7 +105,9 @@ def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
 
 def test_all_of_it_is_on_a_thermal_picture_while_all_is_well():
     fields = status_line(status(), 0.083, 29.97)
-    assert fitted(fields, 640, 16) == fields
+    for width in (640, 1280):
+        size_px = text_px(np.empty((width * 4 // 5, width, 3)))
+        assert fitted(fields, width, size_px) == fields
 
 
 def test_a_predicted_pose_is_said_first_and_dropped_frames_last():

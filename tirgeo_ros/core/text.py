@@ -25,7 +25,7 @@ TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
 _CACHED = 1024
 #: Of these parts of a picture's width and height is a text: 9 px on a phone 360 px wide.
-_WIDTH_PARTS, _HEIGHT_PARTS = 40, 24
+_WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
 _WEIGHT = 500  # of OpenCV's typeface: 400 is plain, 700 bold
