@@ -90,6 +90,16 @@ class Overlay:
         return len(self._frames)
 
     @property
+    def deadlines_ns(self) -> list[int]:
+        """Until when, by the caller's clock, each waiting frame waits at most; oldest first."""
+        return [frame.arrival_ns + self._wait_ns for frame in self._frames][::-1]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should be told of the map as it lies on the ground."""
+        return self._drawing.map.notes if self._drawing.map else ()
+
+    @property
     def rate_hz(self) -> float:
         """Of the frames, by their stamps; nan with less than two."""
         return self._frames.rate_hz

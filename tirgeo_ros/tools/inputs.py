@@ -43,7 +43,8 @@ def inputs_of(
     needed = [("imu/data",), positions, _GIMBAL[composition]]
     if pictures:
         needed += [_IMAGES, ("thermal/camera_info",)]
-        wanted += ["thermal/camera_info", *[name for name in _IMAGES if name in there][:1]]
+        wanted += ["thermal/camera_info", "tirgeo/locate/pixel"]
+        wanted += [name for name in _IMAGES if name in there][:1]
     _check_present(reader, needed, there, namespace)
     found = {resolved(name, namespace): name for name in wanted if name in there}
     for topic, name in found.items():

@@ -8,7 +8,7 @@ caused it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,12 +21,13 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.draping import Ground
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.located import Located
 from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages
 from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
@@ -61,8 +62,13 @@ class Sink(Protocol):
 class Pipeline:
     """The chain from sensor messages to overlay, with counts of what could not be read."""
 
-    def __init__(self, settings: Settings, messages: Messages, sink: Sink, names: str) -> None:
-        """``names`` leads the names in diagnostics: the namespace with a slash at both ends."""
+    def __init__(
+        self, settings: Settings, types: Callable[[str], type], sink: Sink, names: str
+    ) -> None:
+        """``types`` are the classes of messages, as for ``Messages``.
+
+        ``names`` leads the names in diagnostics: the namespace with a slash at both ends.
+        """
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
         if settings.layers is not None:
@@ -74,7 +80,8 @@ class Pipeline:
         self.arrivals = Arrivals()
         self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
         self._settings = settings
-        self._messages = messages
+        self._messages = Messages(types)
+        self._located = LocatedMessages(types)
         self._sink = sink
         self._names = names
         self._plane: TangentPlane | None = None
@@ -98,9 +105,10 @@ class Pipeline:
         self._diagnose(log_time_ns)
 
     def finish(self, log_time_ns: int) -> None:
-        """Give out the frame that still waits for its pose, and the last diagnostics."""
-        wait_ns = round(self._settings.overlay.max_pose_wait_s * 1e9)
-        self._draw(log_time_ns, log_time_ns + wait_ns + 1)
+        """Give out the frames that still wait for their poses, and the last diagnostics."""
+        if self.overlay is not None:
+            for deadline_ns in self.overlay.deadlines_ns:
+                self._draw(log_time_ns, deadline_ns)
         self._publish_diagnostics(log_time_ns)
 
     def _registered(self, topic: str, message: Any, log_time_ns: int) -> Registered:
@@ -108,8 +116,20 @@ class Pipeline:
         if convert_sample is not None:
             sample = convert_sample(message)
             return self.registration.take(self.arrivals.stamped(topic, sample, log_time_ns))
-        self._picture(topic, message, log_time_ns)
+        if topic == "tirgeo/locate/pixel":
+            self._locate(message, log_time_ns)
+        else:
+            self._picture(topic, message, log_time_ns)
         return _NOTHING
+
+    def _locate(self, message: Any, log_time_ns: int) -> None:
+        if self.overlay is None:
+            return
+        stamp_ns, u, v = convert.pixel(message)
+        answer = self.overlay.clicks.locate((u, v), stamp_ns)
+        if isinstance(answer, Located):
+            self._send("tirgeo/locate/fix", self._located.fix(answer), log_time_ns)
+            self._send("tirgeo/locate/point", self._located.point(answer), log_time_ns)
 
     def _publish(self, found: Registered, log_time_ns: int) -> None:
         if found.body is not None:
@@ -201,9 +221,14 @@ class Pipeline:
         composition = f"composition: {composer.composition}"
         items.append(self._counts("gimbal_node: camera pose", composer.diagnostics, composition))
         if self.overlay is not None:
-            items.append(self._counts("overlay_node: overlay", self.overlay.counts, "ok"))
+            items.append(self._counts("overlay_node: overlay", self._overlay_counts(), "ok"))
         message = self._messages.diagnostics(log_time_ns, items)
         self._send("/diagnostics", message, log_time_ns)
+
+    def _overlay_counts(self) -> dict[str, int]:
+        assert self.overlay is not None
+        clicks = sorted(self.overlay.clicks.counts.items())
+        return self.overlay.counts | {f"clicks_{name}": number for name, number in clicks}
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}

@@ -23,7 +23,7 @@ from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
@@ -127,7 +127,7 @@ class _Run:
         self._cdr = Cdr()
         self._undecoded: Counter[str] = Counter()
         self._span_ns = (0, 0)
-        self.pipeline = Pipeline(settings, Messages(self._cdr.types), sink, prefix(namespace))
+        self.pipeline = Pipeline(settings, self._cdr.types, sink, prefix(namespace))
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
         """Take every message of the topics (resolved name to contract topic)."""
