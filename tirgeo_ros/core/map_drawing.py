@@ -125,14 +125,16 @@ class MapDrawing:
         assert self._plane is not None
         camera = self.view.camera
         seen = camera, pose, self._plane, self._level
-        placed = PlacedMarkers(image, camera, pose, markers)
-        taken = [status_box(image), *placed.boxes]
+        placed = PlacedMarkers(image, camera, pose, markers) if markers else None
         decorations = self._decorations(image, seen)
-        taken += [decoration.box for decoration in decorations]
+        taken = [status_box(image), *(decoration.box for decoration in decorations)]
+        if placed:
+            taken += placed.boxes
         painter = self._map_painter()
         scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
         painter.paint(image, self.view, pose, rates, scale_m_px, taken)
-        placed.paint(image, self._painter)
+        if placed:
+            placed.paint(image, self._painter)
         for decoration in decorations:
             decoration.paint(image)
 

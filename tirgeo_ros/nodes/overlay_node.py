@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from functools import partial
 from typing import Any
 
@@ -50,6 +51,7 @@ class OverlayNode(Node):
         cv2.setNumThreads(1)  # the work of a frame is too small to share
         self._config = declare(self, OverlayConfig)
         self._overlay = Overlay(self._config, self._load_map(), self._load_terrain())
+        self._told: tuple[str, ...] = ()  # notes on the map as it lies
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
@@ -62,6 +64,7 @@ class OverlayNode(Node):
         self._subscribe()
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+        gc.freeze()  # a large map is not searched for garbage while the video runs
 
     def _load_map(self) -> list[MapLayer]:
         if not self._config.map:
@@ -112,6 +115,13 @@ class OverlayNode(Node):
 
     def _take_origin(self, message: Any) -> None:
         self._overlay.set_plane(tangent_plane(message))
+        self._tell_notes()
+
+    def _tell_notes(self) -> None:
+        if self._overlay.notes != self._told:
+            self._told = self._overlay.notes
+            for note in self._told:
+                self.get_logger().warning(note)
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -138,6 +148,8 @@ class OverlayNode(Node):
         changed = self.resources.changed()
         if changed is not None:
             self._overlay.set_map(changed)
+            gc.freeze()
+            self._tell_notes()
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():
