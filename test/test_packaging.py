@@ -162,7 +162,7 @@ def test_optional_libraries_are_extras(arguments):
 
 def test_what_the_tests_import_is_told(package_xml, arguments):
     tests = imported_modules(ROOT / "test") - imported_modules(ROOT / "tirgeo_ros") - LAUNCH
-    tests -= message_packages(ROOT / "tirgeo_ros")
+    tests -= message_packages(ROOT / "tirgeo_ros") | OPTIONAL.keys()
     for path in (ROOT / "test").rglob("*.py"):
         tests -= {path.stem, path.parent.name}
     assert tests == {"pytest", "hypothesis", "setuptools"}
