@@ -48,8 +48,13 @@ _LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
 _MOVES = np.zeros((4, 3, 6))
 _MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 _MOVES[3, :, :3] = -np.eye(3)
+_MOVES_ROWS = _MOVES.reshape(12, 6)
 _FIRST, _SECOND = np.triu_indices(4)  # of the products of x, y, 1 and 1/z
 _ROWS, _COLUMNS = np.triu_indices(3)
+# Of those products and of the upper triangle of x, y and z: (6, 10) places among 12 x 12.
+_PART = 12 * (3 * _FIRST + _ROWS[:, None]) + 3 * _SECOND + _COLUMNS[:, None]
+_MIRRORED = 12 * (3 * _SECOND + _ROWS[:, None]) + 3 * _FIRST + _COLUMNS[:, None]
+_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)
 
 Slopes: TypeAlias = tuple[Array, Array, Array, Array]  # as Camera.slopes gives them
 
@@ -256,10 +261,8 @@ def _both(rotation: Array) -> Array:
 
 def _weights(covariance_c: Array) -> Array:
     """(6, 10): of the products of x, y, 1 and 1/z, in the covariance of points' moves."""
-    parts: Array = np.einsum("kia,ab,ljb->klij", _MOVES, covariance_c, _MOVES)
-    both = parts[_FIRST, _SECOND] + parts[_SECOND, _FIRST]
-    both[_FIRST == _SECOND] /= 2
-    return np.asarray(both[:, _ROWS, _COLUMNS].T, float)
+    parts = (_MOVES_ROWS @ covariance_c @ _MOVES_ROWS.T).ravel()
+    return np.asarray(_TIMES * (parts[_PART] + parts[_MIRRORED]), float)
 
 
 def _on_plane(rays: Array, moves: Array) -> tuple[Array, Array, Array]:

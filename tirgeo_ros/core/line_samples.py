@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.confidence import FrameConfidence
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.view import Seen
 
@@ -31,6 +31,22 @@ class Samples(NamedTuple):
     def links(self) -> BoolArray:
         """(S - 1,) whether a sample and the next one are of the same line."""
         return np.asarray(self.line[1:] == self.line[:-1])
+
+
+def short(lines: Seen) -> BoolArray:
+    """(lines,) whether the uncertainty changes little along a whole line."""
+    way = np.zeros(lines.points.shape[1])
+    way[:-1] = _lengths(lines)
+    way[lines.starts[1:] - 1] = 0.0
+    return np.asarray(np.add.reduceat(way, lines.starts[:-1]) <= 2 * STEP_PX)
+
+
+def picked(lines: Seen, which: IntArray) -> Seen:
+    """The lines of these numbers."""
+    first = lines.starts[which]
+    index, starts = runs(first, lines.starts[which + 1] - first)
+    points, rays = (rows.take(index, axis=1) for rows in (lines.points, lines.rays))
+    return Seen(points, starts, lines.owner[which], rays)
 
 
 def sampled(lines: Seen, step_px: float) -> tuple[Seen, Samples]:
@@ -65,7 +81,7 @@ def _subdivided(lines: Seen, pieces: IntArray) -> Seen:
     return Seen(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
 
 
-def each(sigma_m: Array | None, line: IntArray) -> Array | None:
+def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
     """What lines (lines,) have, for samples on them."""
     return None if sigma_m is None else sigma_m[line]
 

@@ -23,9 +23,9 @@ import numpy as np
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.confidence import CameraRates, FrameConfidence, ellipse_95
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
-from tirgeo_ros.core.line_samples import STEP_PX, cut, each, ribbons, sampled
+from tirgeo_ros.core.line_samples import STEP_PX, cut, each, picked, ribbons, sampled, short
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import VectorMap
@@ -87,6 +87,23 @@ class Confidence:
         """
         if self._config.lines == "none" or not len(lines):
             return lines, np.ones(len(lines))
+        whole = short(lines)
+        if whole.all():
+            return lines, self._faded_whole(frame, lines, sigma_m)
+        numbers, others = np.flatnonzero(whole), np.flatnonzero(~whole)
+        rest, of_rest = self._faded_along(frame, picked(lines, others), each(sigma_m, others))
+        lines, sigma_m = picked(lines, numbers), each(sigma_m, numbers)
+        opacity = self._faded_whole(frame, lines, sigma_m)
+        return joined(rest, lines), np.concatenate([of_rest, opacity])
+
+    def _faded_whole(self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None) -> Array:
+        """Of lines that are of one opacity each, told at a vertex half-way."""
+        middle = lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)
+        return self._opacity(frame.radius_95(middle, sigma_m))
+
+    def _faded_along(
+        self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None
+    ) -> tuple[Polylines, Array]:
         lines, some = sampled(lines, STEP_PX)
         ways = np.flatnonzero(some.links())
         first, last = some.vertex[ways], some.vertex[ways + 1]
