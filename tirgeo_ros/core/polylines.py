@@ -19,6 +19,8 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 
+_OFTEN = 64  # so many lines of one length are handed out together
+
 
 @dataclass(frozen=True, slots=True)
 class Polylines:
@@ -40,6 +42,26 @@ class Polylines:
         """An array with one row a point, line by line."""
         ends = self.starts.tolist()
         return [rows[a:b] for a, b in pairwise(ends)]
+
+    def runs_of(self, rows: npt.NDArray[T], which: IntArray) -> list[npt.NDArray[T]]:
+        """As ``split_rows``, of the lines of these numbers (rising), in any order.
+
+        NumPy hands out the lines of one length in a third of the time that slicing takes.
+        """
+        first, count = self.starts[which], self.starts[which + 1] - self.starts[which]
+        if not len(which):
+            return []
+        times = np.bincount(count)
+        if len(which) == len(self) and times[count[0]] == len(which):
+            return list(rows.reshape(len(which), -1, *rows.shape[1:]))
+        lines: list[npt.NDArray[T]] = []
+        for length in np.flatnonzero(times >= _OFTEN).tolist():
+            index = first[count == length][:, None] + np.arange(length)
+            lines.extend(rows.take(index, axis=0))
+        rare = times[count] < _OFTEN
+        ends = zip(first[rare].tolist(), (first + count)[rare].tolist(), strict=True)
+        lines.extend([rows[a:b] for a, b in ends])
+        return lines
 
     def links(self) -> BoolArray:
         """(V - 1,): whether a point and the next one are of the same line."""
@@ -108,6 +130,10 @@ def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
 
 def joined(first: Polylines, second: Polylines) -> Polylines:
     """The lines of both."""
+    if not len(second):
+        return first
+    if not len(first):
+        return second
     return Polylines(
         np.concatenate([first.points, second.points], axis=1),
         np.concatenate([first.starts, second.starts[1:] + first.starts[-1]]),

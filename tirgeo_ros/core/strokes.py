@@ -7,6 +7,7 @@ and a tenth of drawing it wide.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
@@ -23,6 +24,9 @@ from tirgeo_ros.core.text import Pixels
 #: Lines fade in so many steps.
 FADES = 4
 
+#: Rows and columns of a picture.
+_Part = tuple[slice, slice]
+
 _SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
 _PLAIN_PX = 640, 512  # on a picture of this size sizes are as they are given
 _SMALLEST, _LARGEST = 0.75, 4.0  # times that size
@@ -30,6 +34,7 @@ _MARK_PX = 7
 _DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
 _HALO_PX = 1.0  # on each side of a line
 _BLUR_PX = 0.7  # by which an anti-aliased line is wider than it says
+_BLUR_REACH_PX = 2.0  # how far from its middle an anti-aliased line of one pixel has ink
 _FULL = 255
 #: OpenCV's anti-aliased line of one pixel is too weak for its halo once a phone makes the picture
 #: smaller: all of it but the faintest edge is made full.
@@ -76,7 +81,9 @@ class Painter:
         another is a hole (even-odd). ``layer`` (rings,) is the index of each ring's style. An
         area over one of the same layer is one with it; over another layer's it mixes with it.
         """
-        rings = areas.split_rows(_fixed_point(areas.points[:2].T))
+        if not len(areas):
+            return
+        rings = areas.split_rows(_fixed_point(areas.points[:2]))
         for number in np.unique(layer).tolist():
             style = styles[number]
             if style.fill_bgr is None or style.fill_opacity <= 0:
@@ -103,10 +110,13 @@ class Painter:
         fade = np.full(len(lines), FADES) if opacity is None else _fades(opacity)
         for (colour, width), numbers in _by_pen(layer, styles, scale).items():
             shift = 0.5 if width % 2 == 0 else 0.0  # an even kernel grows to the right and down
-            chosen = lines.select(numbers)
-            runs = chosen.split_rows(_fixed_point(chosen.points[:2].T - shift))
-            _draw(self._clean_mask(image), runs, fade[numbers])
-            self._ink(image, colour, width, scale)
+            alone = len(numbers) == len(lines)
+            chosen = lines if alone else lines.select(numbers)
+            halo = max(round(_HALO_PX * scale), 1)
+            inked = _inked(image, chosen.points, _BLUR_REACH_PX + width + halo)
+            if inked is not None:
+                _draw(self._clean_mask(image), chosen, shift, fade if alone else fade[numbers])
+                self._ink(image, inked, colour, width, halo)
 
     def _clean_mask(self, image: Pixels) -> Pixels:
         shape = image.shape[:2]
@@ -125,32 +135,50 @@ class Painter:
         light = np.array([*colour, 0.0]) * opacity
         cv2.add(image, light, dst=image, mask=self._mask)
 
-    def _ink(self, image: Pixels, colour: Colour, width: int, scale: float) -> None:
+    def _ink(self, image: Pixels, inked: _Part, colour: Colour, width: int, halo_px: int) -> None:
         """Lay the mask's lines on the picture: a halo takes light away, then comes colour.
 
         Each subtracts and adds as much as the mask is strong: through a faint line one sees.
         """
-        cv2.convertScaleAbs(self._mask, alpha=_STRONGER, dst=self._mask)
+        image, mask, grown, coat = (
+            each[inked] for each in (image, self._mask, self._grown, self._layer)
+        )
+        cv2.convertScaleAbs(mask, alpha=_STRONGER, dst=mask)
         if width > 1:
-            cv2.dilate(self._mask, _disc(width), dst=self._mask)
-        halo = _disc(1 + 2 * max(round(_HALO_PX * scale), 1))
-        cv2.dilate(self._mask, halo, dst=self._grown)
-        cv2.cvtColor(self._grown, cv2.COLOR_GRAY2BGR, dst=self._layer)
-        cv2.subtract(image, self._layer, dst=image)
-        planes = [self._plane(index, level) for index, level in enumerate(colour)]
-        cv2.merge(planes, dst=self._layer)
-        cv2.add(image, self._layer, dst=image)
+            cv2.dilate(mask, _disc(width), dst=mask)
+        cv2.dilate(mask, _disc(1 + 2 * halo_px), dst=grown)
+        cv2.cvtColor(grown, cv2.COLOR_GRAY2BGR, dst=coat)
+        cv2.subtract(image, coat, dst=image)
+        planes = [
+            _times(mask, level, plane[inked])
+            for level, plane in zip(colour, self._planes, strict=True)
+        ]
+        cv2.merge(planes, dst=coat)
+        cv2.add(image, coat, dst=image)
 
-    def _plane(self, index: int, level: int) -> Pixels:
-        """The mask times the level; the plainest colours need no arithmetic."""
-        if level == _FULL:
-            return self._mask
-        plane = self._planes[index]
-        if level == 0:
-            plane.fill(0)
-        else:
-            cv2.convertScaleAbs(self._mask, alpha=level / _FULL, dst=plane)
-        return plane
+
+def _times(mask: Pixels, level: int, plane: Pixels) -> Pixels:
+    """The mask times the level; the plainest colours need no arithmetic."""
+    if level == _FULL:
+        return mask
+    if level == 0:
+        plane.fill(0)
+    else:
+        cv2.convertScaleAbs(mask, alpha=level / _FULL, dst=plane)
+    return plane
+
+
+def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
+    """The rows and columns of a picture that lines through points (2, V) have ink in."""
+    if not points.size:
+        return None
+    part = []
+    for size, along in zip(image.shape[1::-1], points[:2], strict=True):
+        first = min(max(math.floor(along.min() - reach_px), 0), size)
+        part.append(slice(first, max(min(math.ceil(along.max() + reach_px) + 1, size), first)))
+    columns, rows = part
+    empty = rows.start == rows.stop or columns.start == columns.stop
+    return None if empty else (rows, columns)
 
 
 def _by_owner(owner: IntArray, numbers: IntArray) -> list[list[int]]:
@@ -170,7 +198,7 @@ def _by_pen(
 ) -> dict[tuple[Colour, int], IntArray]:
     """The lines of each colour and width, in the order of the uppermost layers that use them."""
     of_pen: dict[tuple[Colour, int], list[int]] = {}
-    for number in np.unique(layer).tolist():
+    for number in np.flatnonzero(np.bincount(layer)).tolist():
         style = styles[number]
         pen = style.line_bgr, _pen_px(style.width_px, scale)
         of_pen[pen] = [*of_pen.pop(pen, []), number]
@@ -187,17 +215,23 @@ def _pen_px(width_px: int, scale: float) -> int:
     return max(round(scale * (width_px + _BLUR_PX) - _BLUR_PX), 1)
 
 
-def _draw(mask: Pixels, runs: list[npt.NDArray[np.int32]], fade: IntArray) -> None:
+def _draw(mask: Pixels, lines: Polylines, shift_px: float, fade: IntArray) -> None:
     """The faintest first: a strong line is not weakened by a faint one that crosses it."""
-    for step in np.unique(fade).tolist():
+    rows = _fixed_point(lines.points[:2] - shift_px if shift_px else lines.points[:2])
+    for step in np.flatnonzero(np.bincount(fade)).tolist():
         level = _FULL if step == FADES else round(_FULL / _STRONGER * step / FADES)
         if level:
-            some = [runs[i] for i in np.flatnonzero(fade == step)] if fade.min() < step else runs
-            cv2.polylines(mask, some, False, (level,), 1, cv2.LINE_AA, _SHIFT)
+            runs = lines.runs_of(rows, np.flatnonzero(fade == step))
+            cv2.polylines(mask, runs, False, (level,), 1, cv2.LINE_AA, _SHIFT)
 
 
 def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
-    return np.rint(uv * (1 << _SHIFT)).astype(np.int32)
+    """Points (2, V) in pixels as rows (V, 2) in the unit of drawing."""
+    scaled = uv * (1 << _SHIFT)
+    np.rint(scaled, out=scaled)
+    rows = np.empty(scaled.shape[::-1], np.int32)
+    rows[:, 0], rows[:, 1] = scaled
+    return rows
 
 
 @lru_cache(maxsize=32)
