@@ -14,7 +14,7 @@ from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.tools import resources
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError
@@ -60,9 +60,13 @@ def test_the_summary_tells_what_the_nodes_said(tmp_path):
         for t in range(22, 50)
     ]
     statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
+    told = {"drawn": "7", "notices": "3", "frame rate [Hz]": "9.0", "located": ""}
+    item = DiagnosticItem("/overlay_node: overlay", 0, "ok", told)
+    statuses.append(("/diagnostics", MESSAGES.diagnostics(700 * MS, [item]), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
     found = summary(read_outputs(path), begin_ns=0)
     assert found["method"] == "ekf_heading"
+    assert found["overlay"] == {"drawn": 7, "notices": 3}  # what is counted
     assert found["heading_sigma_deg"] == pytest.approx(0.15)
     assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
     made = make_pictures(path, tmp_path, 10)
