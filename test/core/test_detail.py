@@ -110,8 +110,10 @@ def test_pieces_are_sorted_by_layer():
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = details_of(walks(3000, 4))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
-    found = details.within(normals, offsets)
+    found, whole = details.seen(normals, offsets)
     np.testing.assert_array_equal(found, details.boxes.within(normals, offsets))
+    least = normals @ details.boxes.centres - np.abs(normals) @ details.boxes.halves
+    np.testing.assert_array_equal(whole, (least >= offsets[:, None]).all(axis=0)[found])
     assert 100 < len(found) < 2900
 
 
@@ -145,4 +147,4 @@ def test_points_on_one_place_and_straight_lines_are_simplified_too():
 def test_no_lines():
     none = Polylines(np.empty((3, 0)), np.array([0]), np.array([], int))
     details = details_of(none)
-    assert len(details.within(np.eye(3), np.zeros(3))) == 0
+    assert len(details.seen(np.eye(3), np.zeros(3))[0]) == 0

@@ -51,11 +51,14 @@ class Boxes:
         nearest += np.abs(normals) @ self.halves
         return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
 
-    def inside(self, normals: Array, offsets: Array) -> BoolArray:
-        """(N,) whether a box is wholly inside the planes."""
-        nearest = normals @ self.centres
-        nearest -= np.abs(normals) @ self.halves
-        return np.asarray((nearest >= offsets[:, None]).all(axis=0))
+    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+        """``within``, and for each of those whether it is wholly inside."""
+        middle = normals @ self.centres
+        middle -= offsets[:, None]
+        reach = np.abs(normals) @ self.halves
+        number = np.flatnonzero((middle >= -reach).all(axis=0))
+        whole: BoolArray = np.all(middle >= reach, axis=0)
+        return number, whole[number]
 
     def distance(self, point: Array) -> Array:
         """(N,) from a point to the nearest one of each box."""
@@ -98,12 +101,13 @@ class Details:
         place = np.argsort(order)
         return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
 
-    def within(self, normals: Array, offsets: Array) -> IntArray:
-        """Numbers of the pieces that may be inside the planes, rising."""
+    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+        """Numbers of the pieces that may be inside the planes, rising, and which wholly are."""
         block = self.blocks.within(normals, offsets)
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
-        return near[self.boxes.take(near).within(normals, offsets)]
+        number, whole = self.boxes.take(near).seen(normals, offsets)
+        return near[number], whole
 
     def lines(self, piece: IntArray, level: IntArray) -> Polylines:
         """Pieces (N,), each at its level (N,)."""
@@ -113,7 +117,9 @@ class Details:
 
 def levels_at(tolerance_m: Array) -> IntArray:
     """(N,) the coarsest level within each tolerance, m."""
-    return np.searchsorted(TOLERANCES_M, tolerance_m, side="right") - 1
+    # The tolerances double from one to the next: the exponent tells.
+    _, exponent = np.frexp(tolerance_m * (1 / TOLERANCES_M[1]))
+    return np.asarray(np.clip(exponent, 0, len(TOLERANCES_M) - 1), np.int64)
 
 
 def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:

@@ -16,17 +16,15 @@ from tirgeo_ros.core.areas import closed, cut_rings_to_disc, cut_rings_to_planes
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.clipping import clip_to_disc, clip_to_planes
-from tirgeo_ros.core.detail import Boxes, levels_at
+from tirgeo_ros.core.detail import Boxes, Details, levels_at
+from tirgeo_ros.core.lens_bounds import field_of_view, largest_bend, largest_scale
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined, runs
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.thinning import ends, merged
 from tirgeo_ros.core.vector_map import VectorMap
 
-#: Lines reach this far beyond the image, so that their cut ends are not seen.
-_BORDER_PX = 8.0
 #: How far a drawn chord may leave the curve into which the lens bends a straight line.
 CHORD_PX = 0.1
-_EDGE_SAMPLES = 33
 #: Ground farther than this is not drawn. From 100 m up, 20 km and the horizon are 4 rows of the
 #: XT2's picture apart, less than the attitude is known to; a far map would be a solid bar there.
 FAR_M = 20_000.0
@@ -58,12 +56,15 @@ class Seen(Polylines):
         return np.asarray(turned + pose.position_n[:, None])
 
 
+_NOTHING = Seen(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty((3, 0)))
+
+
 class View:
     """A camera's field of view, computed once for a calibration."""
 
     def __init__(self, camera: Camera, far_m: float = FAR_M) -> None:
         self.camera = camera
-        left, right, top, bottom = _field_of_view(camera)
+        left, right, top, bottom = field_of_view(camera)
         self._normals_c = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
@@ -72,8 +73,8 @@ class View:
         self._reaches_past_lens = widest > camera.max_radius
         radius = min(widest, camera.max_radius)
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
-        self._pieces_per_length = math.sqrt(_largest_bend(camera, radius) / (8 * CHORD_PX))
-        self._px_per_rad = _largest_scale(camera, radius)
+        self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
+        self._px_per_rad = largest_scale(camera, radius)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's lines as they are drawn: (2, V) pixels, owned as in the map.
@@ -81,49 +82,50 @@ class View:
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
         A line may come in several parts that meet.
         """
-        details = vector_map.details
-        normals, offsets = self._planes_n(pose)
-        piece = details.within(normals, offsets)
-        level, detail_px = self._levels(vector_map, piece, pose)
+        details, eye = vector_map.details, self._eye(pose)
+        piece, whole = details.seen(eye.normals, eye.offsets)
+        boxes = details.boxes.take(piece)
+        distance_m = boxes.distance(eye.position_n)
+        level, detail_px = self._levels(details, piece, distance_m)
+        row = self._in_a_row(boxes, whole, eye, detail_px)
         if detail_px:
-            keep = self._dots(vector_map, piece, pose, 2 * detail_px)
-            piece, level = piece[keep], level[keep]
-        whole, row = self._lie(details.boxes.take(piece), pose, detail_px)
-        inner, outer, spans = ((piece[some], level[some]) for some in (whole & ~row, ~whole, row))
+            keep = self._dots(vector_map, piece, boxes, distance_m, eye, 2 * detail_px)
+            whole, row = whole & keep, row & keep
+            outer = np.flatnonzero(keep & ~whole)
+        else:
+            outer = np.flatnonzero(~whole)
+        inner = np.flatnonzero(whole & ~row)
+        lines, cut = (eye.sees(details.lines(piece[some], level[some])) for some in (inner, outer))
         # Most pieces lie wholly in view, and cutting costs as much as all the rest.
-        cut = clip_to_planes(
-            _in_camera(details.lines(*outer), pose), self._normals_c, self._offsets
-        )
-        flat = _flat(joined(_in_camera(details.lines(*inner), pose), cut))
+        cut = clip_to_planes(cut, self._normals_c, self._offsets)
+        flat = _flat(joined(lines, cut))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
-            flat = joined(flat, self._spans(vector_map, *spans, pose))
+            flat = joined(flat, self._spans(vector_map, piece[row], level[row], eye))
         return self._seen(flat)
 
-    def _lie(self, boxes: Boxes, pose: CameraPose, row_px: float) -> tuple[BoolArray, BoolArray]:
-        """Which boxes are wholly in view, and which of them are lower than a part of a row.
+    def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
+        """Which boxes, of those wholly in view, are lower than a part of a row.
 
         A step of x, y, z in the optical frame moves the row by (y - v z) / depth, where v is the
         row on the plane z = 1.
         """
-        normals, offsets = self._planes_n(pose)
-        whole = boxes.inside(normals, offsets)
-        if self._reaches_past_lens:
-            return whole, np.zeros(len(whole), bool)
-        _, down, ahead = matrix_from_quat(pose.q_nc).T
-        from_camera = boxes.centres - pose.position_n[:, None]
-        depth = np.where(whole, ahead @ from_camera, 1.0)
-        v = (down @ from_camera) / depth
-        half = sum(np.abs(down[i] - v * ahead[i]) * boxes.halves[i] for i in range(3)) / depth
-        return whole, whole & (2 * half * self._px_per_rad < row_px)
+        if self._reaches_past_lens or not row_px:
+            return np.zeros(len(whole), bool)
+        _, down, ahead = eye.rotation_cn
+        _, y, depth = eye.rotation_cn @ boxes.centres - eye.offset_c[:, None]
+        depth = np.where(whole, depth, 1.0)
+        turned = np.abs(down[:, None] - (y / depth) * ahead[:, None])
+        half = np.einsum("ij,ij->j", turned, boxes.halves)
+        return np.asarray(whole & (half * (2 * self._px_per_rad) < row_px * depth))
 
     def _spans(
-        self, vector_map: VectorMap, piece: IntArray, level: IntArray, pose: CameraPose
+        self, vector_map: VectorMap, piece: IntArray, level: IntArray, eye: _Eye
     ) -> Polylines:
         """Pieces that lie in one row each, as spans of rows on the plane z = 1."""
-        lines = _in_camera(vector_map.details.lines(piece, level), pose)
-        spans = _flat(ends(lines, lines.points[0] / lines.points[2]))
+        lines = _flat(eye.sees(vector_map.details.lines(piece, level)))
+        spans = ends(lines, lines.points[0])
         uv = np.stack(self.camera.pixels(*spans.points[:2]))
         return merged(spans, uv, _sheet(vector_map, spans.owner))
 
@@ -134,38 +136,40 @@ class View:
         beyond the image, and are filled beyond the distance at which lines end.
         """
         rings, details = vector_map.rings, vector_map.details
-        normals, offsets = self._planes_n(pose)
-        seen = rings.boxes.within(normals, offsets)
+        if not len(rings):
+            return _NOTHING
+        eye = self._eye(pose)
+        seen = rings.boxes.within(eye.normals, eye.offsets)
         if not len(seen):
-            return Seen(np.empty((2, 0)), np.zeros(1, np.int64), seen, np.empty((3, 0)))
+            return _NOTHING
         number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
         piece = rings.pieces[number]
-        level, _ = self._levels(vector_map, piece, pose)
+        boxes = details.boxes.take(piece)
+        level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
         # A piece in a box that no part of is seen may take any way through it.
         out = np.ones(len(piece), bool)
-        out[details.boxes.take(piece).within(normals, offsets)] = False
+        out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
         lines = details.lines(piece, level)
-        lines = _in_camera(Polylines(lines.points, lines.starts[starts], rings.owner[seen]), pose)
+        lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
         flat = _flat(cut_rings_to_planes(lines, self._normals_c[:-1], self._offsets[:-1]))
         if self._reaches_past_lens:
             flat = cut_rings_to_disc(flat, self.camera.max_radius)
         return self._seen(closed(flat))
 
-    def _planes_n(self, pose: CameraPose) -> tuple[Array, Array]:
-        """The field of view in the map's plane: ``normals @ point >= offsets``."""
-        normals = self._normals_c @ matrix_from_quat(pose.q_nc).T
-        return normals, self._offsets + normals @ pose.position_n
+    def _eye(self, pose: CameraPose) -> _Eye:
+        rotation_cn = matrix_from_quat(pose.q_nc).T
+        normals = self._normals_c @ rotation_cn
+        offsets = self._offsets + normals @ pose.position_n
+        return _Eye(rotation_cn, pose.position_n, rotation_cn @ pose.position_n, normals, offsets)
 
     def _levels(
-        self, vector_map: VectorMap, piece: IntArray, pose: CameraPose
+        self, details: Details, piece: IntArray, distance_m: Array
     ) -> tuple[IntArray, float]:
         """(N,) the level of detail of each piece, and how far it may be off, px."""
-        details = vector_map.details
         level, detail_px = np.zeros(len(piece), np.int64), 0.0
         if details.count[0, piece].sum() <= _FEW_VERTICES:
             return level, detail_px
-        distance_m = details.boxes.take(piece).distance(pose.position_n)
         for detail_px in _DETAILS_PX:
             level = levels_at(distance_m * (detail_px / self._px_per_rad))
             if details.count[level, piece].sum() <= _MANY_VERTICES:
@@ -173,34 +177,42 @@ class View:
         return level, detail_px
 
     def _dots(
-        self, vector_map: VectorMap, piece: IntArray, pose: CameraPose, dot_px: float
+        self,
+        vector_map: VectorMap,
+        piece: IntArray,
+        boxes: Boxes,
+        distance_m: Array,
+        eye: _Eye,
+        dot_px: float,
     ) -> BoolArray:
         """Which pieces to keep so that of those smaller than a dot there is one in each."""
-        boxes = vector_map.details.boxes.take(piece)
+        keep = np.ones(len(piece), bool)
         size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
-        distance = boxes.distance(pose.position_n)
-        small = np.flatnonzero(size * self._px_per_rad < dot_px * distance)
-        rotation_nc = matrix_from_quat(pose.q_nc)
-        uv, valid = self.camera.project((boxes.centres.T[small] - pose.position_n) @ rotation_nc)
+        small = np.flatnonzero(size * self._px_per_rad < dot_px * distance_m)
+        if not len(small):
+            return keep
+        centres_c = eye.rotation_cn @ boxes.centres[:, small] - eye.offset_c[:, None]
+        uv, valid = self.camera.project(centres_c.T)
         valid[valid] = self.inside(uv[valid].T)
         small = small[valid]
         column, row = np.rint(uv[valid].T / dot_px).astype(np.int64)
         sheet = _sheet(vector_map, vector_map.details.owner[piece[small]])
         cell = (sheet * (self.camera.height + 2) + row) * (self.camera.width + 2) + column
         _, first = np.unique(cell, return_index=True)
-        keep = np.ones(len(piece), bool)
         keep[small] = False
         keep[small[first]] = True
         return keep
 
     def _seen(self, flat: Polylines) -> Seen:
-        flat = flat.subdivided(self._pieces(flat))
+        flat = self._bent(flat)
         uv = np.stack(self.camera.pixels(*flat.points[:2]))
         return Seen(uv, flat.starts, flat.owner, flat.points)
 
     def marks(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's points that lie in the image: lines of one point (2, V), pixels."""
         marks = vector_map.marks
+        if not len(marks):
+            return _NOTHING
         offset_n = marks.points.T - pose.position_n
         points_c = offset_n @ matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project(points_c)
@@ -216,13 +228,37 @@ class View:
         inside = (u >= -0.5) & (u < self.camera.width - 0.5)
         return np.asarray(inside & (v >= -0.5) & (v < self.camera.height - 0.5))
 
-    def _pieces(self, flat: Polylines) -> IntArray:
-        step = np.diff(flat.points[:2], axis=1) * self._pieces_per_length
-        squared = step[0] * step[0] + step[1] * step[1]
-        long = np.flatnonzero((squared > 1) & flat.links())
+    def _bent(self, flat: Polylines) -> Polylines:
+        """With as many points as it takes to follow the lens."""
+        x, y = flat.points[:2]
+        dx, dy = x[1:] - x[:-1], y[1:] - y[:-1]
+        squared = dx * dx
+        squared += dy * dy
+        squared[flat.starts[1:-1] - 1] = 0.0  # no segment, but a way from line to line
+        squared *= self._pieces_per_length**2
+        long = np.flatnonzero(squared > 1)
+        if not len(long):
+            return flat
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
-        return pieces
+        return flat.subdivided(pieces)
+
+
+@dataclass(frozen=True, slots=True)
+class _Eye:
+    """The camera at one pose in the map's plane."""
+
+    rotation_cn: Array
+    position_n: Array
+    offset_c: Array  # the position, turned
+    normals: Array  # the field of view is where normals @ point >= offsets
+    offsets: Array
+
+    def sees(self, lines: Polylines) -> Polylines:
+        """Lines of the map's plane in the optical frame."""
+        points_c = self.rotation_cn @ lines.points
+        points_c -= self.offset_c[:, None]
+        return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
@@ -230,64 +266,9 @@ def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
     return 2 * vector_map.layer[owner] + vector_map.labelled[owner]
 
 
-def _in_camera(lines: Polylines, pose: CameraPose) -> Polylines:
-    """Lines of the map's plane in the optical frame."""
-    points_c = matrix_from_quat(pose.q_nc).T @ (lines.points - pose.position_n[:, None])
-    return Polylines(points_c, lines.starts, lines.owner)
-
-
 def _flat(lines: Polylines) -> Polylines:
     """On the plane z = 1: x, y and one over the depth, which change evenly along a line there."""
-    inverse_depth = 1 / lines.points[2]
-    points = np.stack([*(lines.points[:2] * inverse_depth), inverse_depth])
+    points = np.empty_like(lines.points)
+    inverse_depth = np.divide(1.0, lines.points[2], out=points[2])
+    np.multiply(lines.points[:2], inverse_depth, out=points[:2])
     return Polylines(points, lines.starts, lines.owner)
-
-
-def _field_of_view(camera: Camera) -> tuple[float, float, float, float]:
-    """Left, right, top, bottom of a rectangle on the plane z = 1 that holds the whole image.
-
-    A side of the image that the lens model does not reach is bounded by the model's radius.
-    """
-    u = np.linspace(-0.5 - _BORDER_PX, camera.width - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
-    v = np.linspace(-0.5 - _BORDER_PX, camera.height - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
-    border = [
-        *([(x, y) for x in u for y in (v[0], v[-1])]),
-        *([(x, y) for y in v for x in (u[0], u[-1])]),
-    ]
-    rays = camera.rays(np.array(border))
-    x, y = rays[:, 0], rays[:, 1]
-    radius = camera.max_radius
-    if np.isnan(x).any():
-        return -radius, radius, -radius, radius
-    return float(x.min()), float(x.max()), float(y.min()), float(y.max())
-
-
-def _largest_bend(camera: Camera, radius: float) -> float:
-    """Bound of the second derivative of pixels along any straight line of the plane z = 1.
-
-    The norm of all second derivatives, by differences, on rings up to ``radius``.
-    """
-    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
-    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
-    h = 1e-3
-
-    def at(i: int, j: int) -> Array:
-        return np.stack(camera.pixels(x + i * h, y + j * h))
-
-    xx = at(1, 0) - 2 * at(0, 0) + at(-1, 0)
-    yy = at(0, 1) - 2 * at(0, 0) + at(0, -1)
-    xy = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
-    return float(np.sqrt((xx**2 + 2 * xy**2 + yy**2).sum(axis=0).max()) / (h * h))
-
-
-def _largest_scale(camera: Camera, radius: float) -> float:
-    """Bound of the pixels that a small angle between two rays makes, up to ``radius``; px/rad."""
-    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
-    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
-    h = 1e-4
-    by_x = np.stack(camera.pixels(x + h, y)) - np.stack(camera.pixels(x - h, y))
-    by_y = np.stack(camera.pixels(x, y + h)) - np.stack(camera.pixels(x, y - h))
-    gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
-    # On the plane z = 1 an angle makes at most 1 + r^2 as much.
-    scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
-    return float(scale.max())
