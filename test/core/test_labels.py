@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import quat_from_matrix, rotation_y, rotation_z
+from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_matrix, rotation_y, rotation_z
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
@@ -140,6 +140,22 @@ def test_parts_of_a_feature_have_one_label_together():
 def test_no_map_in_view():
     assert Scene([feature("Tree", (300, 200))]).place(pose(north=9e3)) == {}
     assert Scene([]).place() == {}
+
+
+def test_an_anchor_knows_where_on_the_map_it_is():
+    """Of a mark, of a way and of an outline, on level ground: the ray meets the ground there."""
+    features = [feature("Tree", (120, 90)), feature("Way", (400, 300), (400, 100), (600, 90))]
+    bay = [(100, 200), (350, 200), (350, 230), (140, 230), (140, 400), (350, 400), (350, 430)]
+    scene = Scene([*features, feature("Bay", *bay, (100, 430), closed=True)])
+    for at in (pose(), pose(north=-60.0, down_deg=50.0)):
+        found = scene.place(at).values()
+        assert len(found) == 3
+        for label in found:
+            x, y, nearness = label.ray
+            point_c = np.array([[x, y, 1.0]]) / nearness
+            np.testing.assert_allclose(CAMERA.project(point_c)[0][0], label.anchor, atol=1e-6)
+            point_n = at.position_n + matrix_from_quat(at.q_nc) @ point_c[0]
+            assert abs(point_n[2]) < 1e-3  # the earth's curvature over 100 m
 
 
 # which

@@ -19,15 +19,15 @@ from tirgeo_ros.core.polylines import Polylines
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.uncertainty_marks import (
     FAINTEST,
-    LEAST_ELLIPSE_PX,
+    MARK_TIMES,
     MOST_ELLIPSES,
     Anchors,
     Confidence,
-    feature_anchors,
     layer_sigmas,
+    with_marks,
 )
 from tirgeo_ros.core.vector_map import VectorMap
-from tirgeo_ros.core.view import Seen, View
+from tirgeo_ros.core.view import Seen
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
@@ -210,6 +210,13 @@ def test_a_line_that_turns_back_keeps_its_band_finite():
     assert u.max() <= 402
 
 
+MARK_PX = 7
+
+
+def ellipses_of(one, pose, anchors, sigma_m=None):
+    return one.ellipses(one.frame(CAMERA, pose), anchors, MARK_PX, sigma_m)
+
+
 def anchors_at(pose, uv):
     lines = seen_from(pose, *[[point] for point in uv])
     return Anchors(lines.points, lines.rays, lines.owner)
@@ -219,7 +226,7 @@ def test_ellipses_are_the_covariances():
     covariance = np.diag([0.2**2, 0.4**2, 0.0, 0.0, 0.0, 0.0])  # north is up in the picture
     pose = pose_at(covariance=covariance)
     one = confidence()
-    found = one.ellipses(one.frame(CAMERA, pose), anchors_at(pose, [(319.5, 255.5), (100, 80)]))
+    found = ellipses_of(one, pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
     assert not found.uncertain.any()
     assert found.outlines.owner.tolist() == [0, 1]
     for line, middle in zip(found.outlines.split(), [(319.5, 255.5), (100, 80)], strict=True):
@@ -228,11 +235,11 @@ def test_ellipses_are_the_covariances():
         np.testing.assert_allclose(line[0], line[-1], atol=1e-9)
 
 
-def test_an_ellipse_that_the_mark_covers_is_not_drawn():
+def test_an_ellipse_about_as_large_as_the_mark_is_not_drawn():
     pose = pose_at()
     for share, count in ((0.9, 0), (1.1, 1)):
-        one = confidence(map_sigma_m=share * LEAST_ELLIPSE_PX / radius_px(1.0))
-        found = one.ellipses(one.frame(CAMERA, pose), anchors_at(pose, [(300, 200)]))
+        one = confidence(map_sigma_m=share * MARK_TIMES * MARK_PX / radius_px(1.0))
+        found = ellipses_of(one, pose, anchors_at(pose, [(300, 200)]))
         assert len(found.outlines) == count
         assert not found.uncertain.any()
 
@@ -242,7 +249,7 @@ def test_an_ellipse_as_large_as_the_picture_is_a_hint():
     one = confidence()
     sigma_m = np.array([127.0, 129.0, 1e4]) / radius_px(1.0)
     anchors = anchors_at(pose, [(200, 200), (300, 200), (400, 200)])
-    found = one.ellipses(one.frame(CAMERA, pose), anchors, sigma_m)
+    found = ellipses_of(one, pose, anchors, sigma_m)
     assert found.uncertain.tolist() == [False, True, True]
     dashes = np.bincount(found.outlines.owner)
     assert dashes[0] == 1
@@ -260,9 +267,9 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
     covariance[2, 2] = 3.0**2  # of 20 m
     pose = pose_at(covariance=covariance)
     one = confidence()
-    assert one.ellipses(one.frame(CAMERA, pose), anchors_at(pose, [(330, 256)])).uncertain.all()
+    assert ellipses_of(one, pose, anchors_at(pose, [(330, 256)])).uncertain.all()
     none = pose_at(covariance=-np.eye(6))
-    found = one.ellipses(one.frame(CAMERA, none), anchors_at(none, [(330, 256)]))
+    found = ellipses_of(one, none, anchors_at(none, [(330, 256)]))
     assert found.uncertain.all()
     assert len(found.outlines) == 0
 
@@ -270,29 +277,44 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
 def test_without_ellipses_there_is_still_the_word():
     pose = pose_at()
     one = confidence(ellipses=False, map_sigma_m=100.0)
-    found = one.ellipses(one.frame(CAMERA, pose), anchors_at(pose, [(330, 256)]))
+    found = ellipses_of(one, pose, anchors_at(pose, [(330, 256)]))
     assert found.uncertain.tolist() == [True]
     assert len(found.outlines) == len(found.opacity) == 0
 
 
-def test_no_more_ellipses_than_labels_and_everywhere():
+def test_of_many_marks_some_have_an_ellipse_everywhere():
     pose = pose_at()
-    one = confidence(map_sigma_m=0.2)
     uv = np.random.default_rng(4).uniform(0, 1, (500, 2)) * [639, 511]
-    anchors = anchors_at(pose, uv)
-    found = one.ellipses(one.frame(CAMERA, pose), anchors)
-    assert 0.6 * MOST_ELLIPSES <= len(found.outlines) <= MOST_ELLIPSES
-    assert found.uncertain.shape == (500,)
-    chosen = uv[found.outlines.owner]
+    marks = seen_from(pose, *[[point] for point in uv])
+    none = anchors_at(pose, [])
+    chosen = with_marks(none, marks, CAMERA)
+    assert 0.6 * MOST_ELLIPSES <= len(chosen.owner) <= MOST_ELLIPSES
     for corner in ([0, 0], [639, 0], [0, 511], [639, 511]):
-        assert np.hypot(*(chosen - corner).T).min() < 200
+        assert np.hypot(*(chosen.uv.T - corner).T).min() < 200
+    np.testing.assert_array_equal(chosen.uv, uv[chosen.owner].T)
+    np.testing.assert_array_equal(chosen.rays, marks.rays[:, chosen.owner])
+
+
+def test_labels_have_their_ellipses_before_other_marks():
+    """As many as there may be, all in one corner; one of them is a mark that is seen too."""
+    pose = pose_at()
+    uv = np.random.default_rng(5).uniform(0, 1, (500, 2)) * [639, 511]
+    marks = seen_from(pose, *[[point] for point in uv])
+    corner = anchors_at(pose, np.random.default_rng(6).uniform(0, 50, (30, 2)))
+    labelled = corner._replace(owner=np.arange(30) + 499)
+    chosen = with_marks(labelled, marks, CAMERA)
+    numbers = chosen.owner.tolist()
+    assert len(set(numbers)) == len(numbers) <= MOST_ELLIPSES
+    assert (chosen.uv[:, 30:] > 50).any(axis=0).all()  # elsewhere
+    few = with_marks(labelled, seen_from(pose, [(300, 200)]), CAMERA)
+    assert few.owner.tolist() == [*range(499, 529), 0]
 
 
 def geo(points_n):
     return np.column_stack(PLANE.geodetic_from_ned(np.array(points_n, float)))
 
 
-def test_anchors_and_sigmas_of_a_map():
+def test_sigmas_of_a_map():
     square = geo([(-2, -2, 0), (-2, 2, 0), (2, 2, 0), (2, -2, 0)])
     layers = [
         MapLayer("a", [GeoFeature("field", True, square)], sigma_m=0.5),
@@ -300,19 +322,24 @@ def test_anchors_and_sigmas_of_a_map():
     ]
     vector_map = VectorMap.from_layers(layers, PLANE, PLANE.height_m)
     np.testing.assert_array_equal(layer_sigmas(vector_map), [0.5, math.nan])
-    view, pose = View(CAMERA), pose_at()
-    lines = view.lines(vector_map, pose)
-    inside = np.repeat(lines.owner == 0, np.diff(lines.starts))
-    anchors = feature_anchors(lines, inside)
-    assert anchors.owner.tolist() == [0]
-    np.testing.assert_allclose(anchors.uv[:, 0], lines.points[:, inside].mean(axis=1))
-    middle_c = np.array([*anchors.rays[:2, 0], 1.0]) / anchors.rays[2, 0]
-    middle_n = pose.position_n + matrix_from_quat(pose.q_nc) @ middle_c
-    # on the ground, but for the earth's curvature and heights of the plane's own points
-    assert abs(middle_n[2]) < 1e-3
-    none = feature_anchors(lines, np.zeros(lines.points.shape[1], bool))
-    assert none.uv.shape == (2, 0)
-    assert none.rays.shape == (3, 0)
+
+
+def test_a_picture_of_short_lines_and_a_long_one_has_all_of_them():
+    """Short lines are of one opacity each, the long one falls: each line once, in one order."""
+    covariance = np.zeros((6, 6))
+    covariance[5, 5] = math.radians(2.0) ** 2
+    pose = pose_at(covariance=covariance)
+    one = confidence(fade_px=20.0)
+    near, far = [(319, 250), (325, 255), (330, 256)], [(5, 5), (12, 9)]
+    lines = seen_from(pose, near, [(322, 258), (620, 500)], far)
+    found, opacity = one.faded(one.frame(CAMERA, pose), lines)
+    assert opacity[found.owner == 0].tolist() == [1.0]
+    assert opacity[found.owner == 2].tolist() == [FAINTEST]
+    assert len(set(opacity[found.owner == 1].tolist())) > 1
+    assert np.bincount(found.owner)[[0, 2]].tolist() == [1, 1]
+    pieces = dict(zip(found.owner.tolist(), found.split(), strict=True))
+    np.testing.assert_array_equal(pieces[0], near)
+    np.testing.assert_array_equal(pieces[2], far)
 
 
 def test_lines_are_not_changed_by_being_sampled():

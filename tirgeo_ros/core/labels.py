@@ -40,6 +40,7 @@ class Label:
 
     feature: int  # index of the map's labels
     anchor: tuple[float, float]  # the pixel that it tells of
+    ray: tuple[float, float, float]  # to what the anchor is, as Seen has rays
     box: Box
 
 
@@ -60,15 +61,15 @@ class Labels:
         room = _Room(image, marks.points[:2], taken)
         places, labels = self._places, []
         self._places = {}
-        for i, feature in enumerate(anchors.feature.tolist()):
-            text = stamp(self._texts[feature], room.text_px, TEXT_BGR)
-            last = places.get(feature)
-            wish = _Wish.of(anchors, i, text, room.mark_px, last)
+        for seen in _Feature.all_of(anchors):
+            text = stamp(self._texts[seen.number], room.text_px, TEXT_BGR)
+            last = places.get(seen.number)
+            wish = _Wish.of(seen, text, room.mark_px, last)
             found = room.find(wish, last)
             if found is None:
                 continue
-            self._places[feature] = _Place(wish.places, found[0])
-            labels.append(Label(feature, (wish.u, wish.v), found[1]))
+            self._places[seen.number] = _Place(wish.places, found[0])
+            labels.append(Label(seen.number, (seen.u, seen.v), seen.ray, found[1]))
             if len(labels) == MOST:
                 break
         return labels
@@ -79,6 +80,25 @@ class _Place(NamedTuple):
 
     places: tuple[tuple[int, int], ...]
     number: int
+
+
+class _Feature(NamedTuple):
+    """One row of ``Anchors``, in plain numbers."""
+
+    number: int
+    mark: bool
+    inside: bool
+    u: float
+    v: float
+    half_u: float
+    half_v: float
+    ray: tuple[float, float, float]
+
+    @classmethod
+    def all_of(cls, anchors: Anchors) -> Iterator[_Feature]:
+        of_all = anchors.feature, anchors.mark, anchors.inside, *anchors.uv, *anchors.half
+        rays = zip(*anchors.rays.tolist(), strict=True)
+        return map(cls, *(numbers.tolist() for numbers in of_all), rays)
 
 
 class _Wish(NamedTuple):
@@ -94,15 +114,12 @@ class _Wish(NamedTuple):
     places: tuple[tuple[int, int], ...]
 
     @classmethod
-    def of(
-        cls, anchors: Anchors, i: int, text: Stamp, mark_px: float, last: _Place | None
-    ) -> _Wish:
-        u, v = anchors.uv[:, i].tolist()
-        half_u, half_v = anchors.half[:, i].tolist()
+    def of(cls, seen: _Feature, text: Stamp, mark_px: float, last: _Place | None) -> _Wish:
+        u, v, half_u, half_v = seen.u, seen.v, seen.half_u, seen.half_v
         width, height = text.size
-        if anchors.mark[i]:
+        if seen.mark:
             return cls(u, v, width, height, mark_px, mark_px, mark=True, places=_BESIDE)
-        if not anchors.inside[i]:
+        if not seen.inside:
             return cls(u, v, width, height, 0, 0, mark=False, places=_ALONG)
         fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
         if 2 * half_u < fits * width or 2 * half_v < fits * height:
@@ -141,7 +158,7 @@ class _Room:
             box = self._box(wish, last.number)
             if self._is_free(box, wish, 0):
                 yield last.number, box
-        boxes = [(number, self._box(wish, number)) for number in range(len(wish.places))]
+        boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
         free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
         yield from ((number, box) for number, box in free if not self._covers_mark(box))
         yield from free
@@ -154,8 +171,19 @@ class _Room:
         return Box(left, top, left + wish.width, top + wish.height)
 
     def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:
-        hides = wish.mark and box.meets(_around(wish.u, wish.v))
-        return not hides and not any(box.meets(other, room) for other in self._taken)
+        if wish.mark and box.meets(_around(wish.u, wish.v)):
+            return False
+        # As Box.meets, but a frame asks this thousands of times.
+        left, top, right, bottom = (
+            box.left - room,
+            box.top - room,
+            box.right + room,
+            box.bottom + room,
+        )
+        for x0, y0, x1, y1 in self._taken:  # a generator takes twice the time
+            if left < x1 and x0 < right and top < y1 and y0 < bottom:
+                return False
+        return True
 
     def _covers_mark(self, box: Box) -> bool:
         u, v = self._marks

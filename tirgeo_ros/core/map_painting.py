@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.confidence import CameraRates
+from tirgeo_ros.core.confidence import CameraRates, FrameConfidence
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.labels import UNCERTAIN_BGR, Label, Labels
+from tirgeo_ros.core.line_samples import each, picked
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import BoolArray, Polylines, joined, runs
+from tirgeo_ros.core.polylines import Polylines, joined
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
@@ -19,8 +20,8 @@ from tirgeo_ros.core.uncertainty_marks import (
     Anchors,
     Confidence,
     Ellipses,
-    feature_anchors,
     layer_sigmas,
+    with_marks,
 )
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen, View
@@ -34,15 +35,15 @@ class MapPainter:
     ) -> None:
         self._map = vector_map
         self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
-        self._sigmas = layer_sigmas(vector_map)
+        ranges = [style.scale_m_px for style in self._styles]
+        self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
+        sigmas = layer_sigmas(vector_map)
+        self._sigmas = None if np.isnan(sigmas).all() else sigmas
         self._painter = painter or Painter()
         self._confidence = Confidence(config)
         self._labels = Labels(vector_map)
-
-    @property
-    def minds_scale(self) -> bool:
-        """Whether some layers are shown at some scales only."""
-        return any(style.scale_m_px != LayerStyle().scale_m_px for style in self._styles)
+        #: Whether some layers are shown at some scales only.
+        self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
     def paint(
         self,
@@ -58,45 +59,35 @@ class MapPainter:
         ``scale_m_px`` is what a pixel in the middle spans of the ground, nan for none; ``rates``
         are the camera's at the pose, None where they are not known.
         """
-        shown = self._shown(scale_m_px)
         areas, lines, marks = (
-            self._picked(found(self._map, pose), shown)
+            self._shown(found(self._map, pose), scale_m_px)
             for found in (view.areas, view.lines, view.marks)
         )
         of = self._map.layer
         frame = self._confidence.frame(view.camera, pose, rates)
-        sigmas = self._sigmas[lines.owner]
+        sigmas = each(self._sigmas, lines.owner)
         self._painter.areas(image, areas, of[areas.owner], self._styles)
         self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
         drawn, opacity = self._confidence.faded(frame, lines, sigmas)
         labels = self._labels.place(image, lines, marks, taken)
-        anchors = self._anchors(view, lines, marks, labels)
-        ellipses = self._confidence.ellipses(frame, anchors, self._sigmas[anchors.owner])
+        anchors = with_marks(_anchors(labels), marks, view.camera)
+        ellipses = self._ellipses(image, frame, anchors)
         self._stroke(image, drawn, opacity, marks, ellipses)
         self._write(image, labels, set(anchors.owner[ellipses.uncertain].tolist()))
 
-    def _shown(self, scale_m_px: float) -> BoolArray:
-        """(features,) whether they are of a layer that is shown at this scale."""
+    def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
+        """What is of layers that are shown at this scale."""
+        if not self.minds_scale or not len(seen):
+            return seen
         if math.isnan(scale_m_px):  # it sees no ground: as coarse as can be
             scale_m_px = math.inf
-        ranges = np.array([style.scale_m_px for style in self._styles], float).reshape(-1, 2)
-        shown = (ranges[:, 0] <= scale_m_px) & (scale_m_px <= ranges[:, 1])
-        return np.asarray(shown[self._map.layer])
+        low, high = self._scales_m_px.T
+        shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
+        return seen if shown.all() else picked(seen, np.flatnonzero(shown))
 
-    @staticmethod
-    def _picked(seen: Seen, shown: BoolArray) -> Seen:
-        of_lines = shown[seen.owner]
-        return seen if of_lines.all() else _selected(seen, of_lines)
-
-    @staticmethod
-    def _anchors(view: View, lines: Seen, marks: Seen, labels: list[Label]) -> Anchors:
-        """Of all marks, and of the lines that have a label."""
-        with_label = np.isin(lines.owner, [label.feature for label in labels])
-        chosen = _selected(lines, with_label)
-        of_lines = feature_anchors(chosen, view.inside(chosen.points))
-        uv = np.concatenate([marks.points, of_lines.uv], axis=1)
-        rays = np.concatenate([marks.rays, of_lines.rays], axis=1)
-        return Anchors(uv, rays, np.concatenate([marks.owner, of_lines.owner]))
+    def _ellipses(self, image: Pixels, frame: FrameConfidence, anchors: Anchors) -> Ellipses:
+        sigmas = each(self._sigmas, anchors.owner)
+        return self._confidence.ellipses(frame, anchors, mark_radius_px(image), sigmas)
 
     def _stroke(
         self, image: Pixels, lines: Polylines, opacity: Array, marks: Seen, ellipses: Ellipses
@@ -113,9 +104,7 @@ class MapPainter:
             text.lay(image, label.box.left, label.box.top)
 
 
-def _selected(seen: Seen, which: BoolArray) -> Seen:
-    numbers = np.flatnonzero(which)
-    first = seen.starts[numbers]
-    index, starts = runs(first, seen.starts[numbers + 1] - first)
-    points, rays = (each.take(index, axis=1) for each in (seen.points, seen.rays))
-    return Seen(points, starts, seen.owner[numbers], rays)
+def _anchors(labels: list[Label]) -> Anchors:
+    uv = np.array([label.anchor for label in labels]).reshape(-1, 2)
+    rays = np.array([label.ray for label in labels]).reshape(-1, 3)
+    return Anchors(uv.T, rays.T, np.array([label.feature for label in labels], np.int64))

@@ -4,11 +4,11 @@
     frame = confidence.frame(camera, pose, rates)                      # once a picture
     confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
     drawn, opacity = confidence.faded(frame, lines, sigma)             # for Painter.strokes
-    ellipses = confidence.ellipses(frame, anchors, sigma)              # for Painter.strokes too
+    ellipses = confidence.ellipses(frame, anchors, radius_px, sigma)   # for Painter.strokes too
 
 A faded line says that there is something, no longer where. An ellipse is left out where the mark
-covers it. Where the ellipse would not tell the truth, or is as large as the picture, it is dashed
-and its feature is ``uncertain``: the label belongs in grey.
+is about as large. Where the ellipse would not tell the truth, or is as large as the picture, it is
+dashed and its feature is ``uncertain``: the label belongs in grey.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ from tirgeo_ros.core.view import Seen
 #: Opacity falls in so many equal steps, from 1 to the faintest, at the configured radius.
 FADE_STEPS = 3
 FAINTEST = 0.25
-#: The mark covers a smaller ellipse (major semi-axis).
-LEAST_ELLIPSE_PX = 3.0
-#: As many ellipses as labels, at most; of more, one in each part of the picture.
+#: An ellipse is drawn if its major semi-axis is so many times the mark's radius: of about the same
+#: size the two could not be told apart.
+MARK_TIMES = 1.3
+#: As many ellipses as labels, at most.
 MOST_ELLIPSES = 40
 
 _BAND_STEP_PX = 16.0
@@ -48,7 +49,7 @@ _DASH = 4  # corners, and as many between two dashes
 
 
 class Anchors(NamedTuple):
-    """Points of features that have an ellipse."""
+    """Points of features that may have an ellipse."""
 
     uv: Array  # (2, N) pixels
     rays: Array  # (3, N) as Seen has them
@@ -144,9 +145,13 @@ class Confidence:
             _tint(image, quads[wide & (of_quad == number)], styles[number])
 
     def ellipses(
-        self, frame: FrameConfidence, anchors: Anchors, sigma_m: Array | None = None
+        self,
+        frame: FrameConfidence,
+        anchors: Anchors,
+        mark_radius_px: float,
+        sigma_m: Array | None = None,
     ) -> Ellipses:
-        """The ellipses of anchors, the most important first: of too many, not all are drawn.
+        """The ellipses of anchors, as far as they are clearly larger than a mark.
 
         ``sigma_m`` (N,) of the map's layers, nan where not told. Without ellipses in the
         configuration there are no outlines, but still the word on what is uncertain.
@@ -155,10 +160,8 @@ class Confidence:
         semi_px, angle = ellipse_95(covariance)
         most_px = min(frame.camera.width, frame.camera.height) / 4
         uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-        drawn = semi_px[:, 0] >= LEAST_ELLIPSE_PX  # not if nan
-        if not self._config.ellipses:
-            drawn[:] = False
-        chosen = _spread_out(anchors.uv, np.flatnonzero(drawn), frame.camera)
+        drawn = semi_px[:, 0] >= MARK_TIMES * mark_radius_px  # not if nan
+        chosen = np.flatnonzero(drawn & self._config.ellipses)
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
         corners = ellipse_corners(
             anchors.uv[:, chosen], np.minimum(semi_px, most_px), angle[chosen]
@@ -173,17 +176,18 @@ def layer_sigmas(vector_map: VectorMap) -> Array:
     return np.array(told, float)[vector_map.layer]
 
 
-def feature_anchors(lines: Seen, inside: BoolArray) -> Anchors:
-    """The middle of each feature's points of which ``inside`` (V,) is true, in order of features.
+def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
+    """The anchors of labels, and other marks: all, if that is not too many.
 
-    On a plane, x, y and 1/z of a middle are the middles of theirs.
+    Else one in each part of the picture where there is none yet, up to the most there may be.
     """
-    owner = np.repeat(lines.owner, np.diff(lines.starts))[inside]
-    features, number, count = np.unique(owner, return_inverse=True, return_counts=True)
-    values = np.concatenate([lines.points[:2], lines.rays])[:, inside]
-    sums = [np.bincount(number, row, len(features)) for row in values]
-    means = np.array(sums).reshape(5, -1) / count
-    return Anchors(means[:2], means[2:], features)
+    others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
+    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
+    kept, labels = _spread_out(uv, camera), len(labelled.owner)
+    others = others[(kept[kept >= labels] - labels)[: max(MOST_ELLIPSES - labels, 0)]]
+    rays = np.concatenate([labelled.rays, marks.rays[:, others]], axis=1)
+    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
+    return Anchors(uv, rays, np.concatenate([labelled.owner, marks.owner[others]]))
 
 
 def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
@@ -196,15 +200,15 @@ def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
     cv2.add(image, np.array([*style.line_bgr, 0.0]) * _BAND_OPACITY, dst=image, mask=mask)
 
 
-def _spread_out(uv: Array, which: IntArray, camera: Camera) -> IntArray:
-    """All, if they are not too many; else the first of each part of the picture."""
-    if len(which) <= MOST_ELLIPSES:
-        return which
+def _spread_out(uv: Array, camera: Camera) -> IntArray:
+    """All (2, N), if they are not too many; else the first of each part of the picture."""
+    if uv.shape[1] <= MOST_ELLIPSES:
+        return np.arange(uv.shape[1])
     side = np.sqrt(camera.width * camera.height / MOST_ELLIPSES)
     across = np.ceil(camera.width / side)
-    cell = np.floor(uv[0, which] / side) + across * np.floor(uv[1, which] / side)
+    cell = np.floor(uv[0] / side) + across * np.floor(uv[1] / side)
     _, first = np.unique(cell, return_index=True)
-    return which[np.sort(first)[:MOST_ELLIPSES]]
+    return np.sort(first)[:MOST_ELLIPSES]
 
 
 def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
