@@ -164,6 +164,7 @@ def test_a_small_picture_has_no_decorations():
 def test_the_heading_is_written_as_three_digits(monkeypatch):
     from tirgeo_ros.core import decorations  # noqa: PLC0415
 
+    decorations._rose.cache_clear()
     written, real = [], decorations.stamp
     monkeypatch.setattr(decorations, "stamp", lambda *a: written.append(a[0]) or real(*a))
     for yaw in (7.4, 359.8):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -15,13 +16,15 @@ from tirgeo_ros.core.locating import Ground, locate
 from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, Stamp, composed, stamp, text_px
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
 _SAMPLES = 33
 _STEEP = math.cos(math.radians(10))  # of the optical axis: its own heading says little
 _NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # right, to north
 _NEEDLE_TIMES = 1.1  # half its length, by the size of the text
+_LETTER_TIMES = 1.75  # its distance from the needle's middle
+_REACH_TIMES = 2.4  # of needle and letter
 _TICK_TIMES = 0.3
 _SHIFT = 4
 _FULL = 255
@@ -49,8 +52,9 @@ def ground_sample_m(
 ) -> float:
     """Ground that a pixel in the middle of the picture spans along its row, m; nan if none."""
     u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
-    points, sees = _row_points(camera, pose, plane, ground, np.array([u - 0.5, u + 0.5]), v)
-    return float(np.linalg.norm(points[1] - points[0])) if sees else math.nan
+    row = _Row.of(camera, u - 0.5, u + 0.5, v, 2)
+    away_m = _away_m(row, _height_m(camera, pose, plane, ground, row.middle), pose)
+    return float(away_m[-1])
 
 
 def scale_bar(
@@ -61,14 +65,29 @@ def scale_bar(
     Its length is the largest of 1, 2 and 5 times a power of ten, m, that a quarter of the
     picture's width holds. On an elevation model the ground is taken as level along the bar.
     """
-    u = np.linspace(left, left + _LONGEST_PART * camera.width, _SAMPLES)
-    points, sees = _row_points(camera, pose, plane, ground, u, row)
-    away_m = np.linalg.norm(points - points[0], axis=1)
-    if not sees or not (np.diff(away_m) > 0).all():
+    part = _Row.of(camera, left, left + _LONGEST_PART * camera.width, row, _SAMPLES)
+    away_m = _away_m(part, _height_m(camera, pose, plane, ground, part.middle), pose)
+    if not (away_m[1:] > away_m[:-1]).all():  # nor where it is nan
         return None
     length_m = _round_length(float(away_m[-1]))
-    right = float(np.interp(length_m, away_m, u))
+    right = float(np.interp(length_m, away_m, part.u))
     return ScaleBar(left, right, row, length_m) if right - left >= _shortest(camera) else None
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Some pixels of a row."""
+
+    u: Array  # (N,)
+    rays: Array  # (N, 3) in the optical frame, z = 1
+    middle: Array  # (2,) one of them
+
+    @staticmethod
+    @lru_cache(maxsize=8)
+    def of(camera: Camera, left: float, right: float, row: float, count: int) -> _Row:
+        """The same in every frame, and dear: the lens is undone pixel by pixel."""
+        uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
+        return _Row(uv[:, 0], camera.rays(uv), uv[count // 2])
 
 
 def _shortest(camera: Camera) -> float:
@@ -80,21 +99,19 @@ def _round_length(most_m: float) -> float:
     return max(step * power for step in (1, 2, 5) if step * power <= most_m)
 
 
-def _row_points(
-    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, u: Array, row: float
-) -> tuple[Array, bool]:
-    """Ground points (N, 3) of pixels of a row, NED, and whether all of them see ground.
+def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
+    """(N,) from the row's first ground point to each one, m; all nan if not all see ground.
 
     The ground is flat here: the curvature of the earth and the map's plane are together less than
     0.1 % of a length that is seen from 100 m up, 1 km from the map's origin.
     """
-    uv = np.column_stack([u, np.full_like(u, row)])
-    rays_n = camera.rays(uv) @ matrix_from_quat(pose.q_nc).T
-    height_m = _height_m(camera, pose, plane, ground, uv[len(uv) // 2])
     with np.errstate(divide="ignore", invalid="ignore"):
-        ways = height_m / rays_n[:, 2]
-        points = pose.position_n + ways[:, None] * rays_n
-    return points, bool((ways > 0).all() and np.isfinite(points).all())
+        ways = height_m / (row.rays @ matrix_from_quat(pose.q_nc)[2])
+        points_c = ways[:, None] * row.rays
+    if not ((ways > 0) & np.isfinite(ways)).all():
+        return np.full(len(ways), np.nan)
+    away = points_c - points_c[0]
+    return np.asarray(np.sqrt((away * away).sum(axis=1)))
 
 
 def _height_m(
@@ -128,11 +145,21 @@ class PlacedBar:
     box: Box
 
     def paint(self, image: Pixels) -> None:
-        """Draw it on the picture (h, w, 3) for which it was placed."""
+        """Draw it on the picture (h, w, 3) for which it was placed, to whole pixels."""
         bar, size_px = self.bar, text_px(image)
-        tick = bar.row - _TICK_TIMES * size_px
-        ends = [[bar.left, tick], [bar.left, bar.row], [bar.right, bar.row], [bar.right, tick]]
-        _ink(image, np.array(ends), size_px, closed=False)
+        wide = _pen_px(size_px)
+        left, right = round(bar.left), round(bar.right) + 1
+        tick, row = round(bar.row - _TICK_TIMES * size_px), round(bar.row) + 1
+        parts = [
+            Box(left, row - wide, right, row),
+            Box(left, tick, left + wide, row),
+            Box(right - wide, tick, right, row),
+        ]
+        halo = _halo_px(size_px)
+        for x0, y0, x1, y1 in parts:
+            image[y0 - halo : y1 + halo, max(x0 - halo, 0) : x1 + halo] = 0
+        for x0, y0, x1, y1 in parts:
+            image[y0:y1, x0:x1] = TEXT_BGR
         text = stamp(bar.text, size_px, TEXT_BGR)
         text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
 
@@ -156,61 +183,57 @@ def place_scale_bar(
 class PlacedRose:
     """A needle to north with the camera's heading, in the upper right corner."""
 
-    heading_rad: float
+    rose: Stamp
     box: Box
 
     def paint(self, image: Pixels) -> None:
         """Draw it on the picture (h, w, 3) for which it was placed."""
-        size_px, reach = text_px(image), _reach_px(image)
-        middle = np.array([self.box.right - reach, reach], float)
-        to_north = np.array([-math.sin(self.heading_rad), -math.cos(self.heading_rad)])
-        to_right = np.array([-to_north[1], to_north[0]])
-        needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
-        _ink(image, middle + needle, size_px, closed=True)
-        _lay_middle(image, "N", middle + 1.75 * size_px * to_north)
-        text = _heading_stamp(self.heading_rad, size_px)
-        text.lay(image, round(middle[0] - text.size[0] / 2), 2 * reach - size_px // 4)
+        self.rose.lay(image, self.box.left, self.box.top)
 
 
 def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
-    """The rose of a picture (h, w, ...), up being where the camera looks; None without room."""
-    reach, (height, width) = _reach_px(image), image.shape[:2]
-    text = _heading_stamp(heading_rad, text_px(image))
-    box = Box(width - 2 * reach, 0, width, 2 * reach + text.size[1])
+    """The rose of a picture (h, w, ...), up being where the camera looks; None without room.
+
+    To the degree, as it is written.
+    """
+    rose = _rose(round(math.degrees(heading_rad)) % 360, text_px(image))
+    height, width = image.shape[:2]
+    box = Box(width - rose.size[0], 0, width, rose.size[1])
     if box.left < width // 2 or box.bottom > height // 2:
         return None
-    return PlacedRose(heading_rad, box)
+    return PlacedRose(rose, box)
 
 
-def _reach_px(image: Pixels) -> int:
-    """Of needle and letter, from the needle's middle."""
-    return round(2.4 * text_px(image))
+@lru_cache(maxsize=360)
+def _rose(heading_deg: int, size_px: int) -> Stamp:
+    heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
+    to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
+    to_right = np.array([-to_north[1], to_north[0]])
+    needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+    letter = stamp("N", size_px, TEXT_BGR)
+    at = np.rint(reach + _LETTER_TIMES * size_px * to_north - np.array(letter.size) / 2)
+    written = stamp(f"{heading_deg:03d}\u00b0", size_px, TEXT_BGR)
+    under = round(reach - written.size[0] / 2), 2 * reach - size_px // 4
+    parts = [
+        (_filled(reach + needle, 2 * reach, size_px), 0, 0),
+        (letter, int(at[0]), int(at[1])),
+        (written, *under),
+    ]
+    return composed(2 * reach, 2 * reach + written.size[1], parts)
 
 
-def _heading_stamp(heading_rad: float, size_px: int) -> Stamp:
-    degrees = round(math.degrees(heading_rad)) % 360
-    return stamp(f"{degrees:03d}\u00b0", size_px, TEXT_BGR)
+def _filled(uv: Array, side_px: int, size_px: int) -> Stamp:
+    """A shape with corners (N, 2), in the text's colour, with a dark halo, in a square."""
+    mask = np.zeros((side_px, side_px), np.uint8)
+    points = np.rint(uv * (1 << _SHIFT)).astype(np.int32)
+    cv2.fillPoly(mask, [points], (_FULL,), cv2.LINE_AA, _SHIFT)
+    side = 2 * _halo_px(size_px) + 1
+    return Stamp.of(mask, cv2.dilate(mask, np.ones((side, side), np.uint8)), TEXT_BGR)
 
 
-def _lay_middle(image: Pixels, text: str, uv: Array) -> None:
-    made = stamp(text, text_px(image), TEXT_BGR)
-    left, top = np.rint(uv - np.array(made.size) / 2).astype(int).tolist()
-    made.lay(image, left, top)
+def _halo_px(size_px: int) -> int:
+    return max(round(size_px / 10), 1)
 
 
-def _ink(image: Pixels, uv: Array, size_px: int, *, closed: bool) -> None:
-    """A line, or a filled shape, (N, 2) pixels in the text's colour, with a dark halo."""
-    halo_px, wide_px = max(round(size_px / 10), 1), max(round(size_px / 8), 1)
-    room = halo_px + wide_px + 2
-    left, top = np.maximum(np.floor(uv.min(axis=0)).astype(int) - room, 0).tolist()
-    right, bottom = (np.ceil(uv.max(axis=0)).astype(int) + room).tolist()
-    part = image[top:bottom, left:right]
-    mask = np.zeros(part.shape[:2], np.uint8)
-    points = [np.rint((uv - [left, top]) * (1 << _SHIFT)).astype(np.int32)]
-    if closed:
-        cv2.fillPoly(mask, points, (_FULL,), cv2.LINE_AA, _SHIFT)
-    else:
-        cv2.polylines(mask, points, False, (_FULL,), wide_px, cv2.LINE_AA, _SHIFT)
-    halo = cv2.dilate(mask, np.ones((2 * halo_px + 1, 2 * halo_px + 1), np.uint8))
-    dark = cv2.subtract(part, cv2.cvtColor(halo, cv2.COLOR_GRAY2BGR))
-    image[top:bottom, left:right] = cv2.add(dark, cv2.cvtColor(mask, cv2.COLOR_GRAY2BGR))
+def _pen_px(size_px: int) -> int:
+    return 1 + round(size_px / 8)

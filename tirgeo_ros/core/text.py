@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -79,6 +80,13 @@ class Stamp:
     keep: Pixels  # (h, w, 3)
     ink: Pixels  # (h, w, 3)
 
+    @classmethod
+    def of(cls, alpha: cv2.typing.MatLike, halo: cv2.typing.MatLike, colour: Colour) -> Stamp:
+        """Of how far ink, and darkness, cover each pixel: (h, w), 0 to 255."""
+        ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
+        keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
+        return cls(keep, ink)
+
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
@@ -103,9 +111,16 @@ def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
     if len(shown) > LONGEST:
         shown = shown[: LONGEST - 1] + "\u2026"
     alpha = coverage(shown, size_px)
-    halo = cv2.dilate(alpha, _disc(_halo_px(size_px)))
-    ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
-    keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
+    return Stamp.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
+
+
+def composed(width: int, height: int, parts: Sequence[tuple[Stamp, int, int]]) -> Stamp:
+    """Stamps in one, each with its upper left corner at a column and row of it."""
+    keep = np.full((height, width, 3), 255, np.uint8)
+    ink = np.zeros_like(keep)
+    for part, left, top in parts:
+        part.lay(ink, left, top)
+        Stamp(part.keep, np.zeros_like(part.ink)).lay(keep, left, top)
     return Stamp(keep, ink)
 
 
