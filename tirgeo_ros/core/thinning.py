@@ -16,12 +16,14 @@ _FAR_APART_PX = 1e6  # wider than any picture
 
 def ends(lines: Polylines, across: Array) -> Polylines:
     """Of each line its points where ``across`` (V,) is least and most, as a line of two."""
-    of = np.repeat(np.arange(len(lines)), np.diff(lines.starts))
-    chosen = np.zeros((len(lines), 2), np.int64)
-    for side, reduce in enumerate((np.minimum, np.maximum)):
-        if len(lines):
-            hits = np.flatnonzero(across == reduce.reduceat(across, lines.starts[:-1])[of])
-            chosen[of[hits], side] = hits
+    first, count = lines.starts[:-1], np.diff(lines.starts)
+    chosen = np.empty((len(lines), 2), np.int64)
+    for length in np.flatnonzero(np.bincount(count)).tolist():
+        which = np.flatnonzero(count == length)
+        begin = first[which]
+        values = across[begin[:, None] + np.arange(length)]
+        chosen[which, 0] = begin + values.argmin(axis=1)
+        chosen[which, 1] = begin + values.argmax(axis=1)
     points = lines.points.take(chosen.ravel(), axis=1)
     return Polylines(points, 2 * np.arange(len(lines) + 1), lines.owner)
 
@@ -35,16 +37,16 @@ def merged(spans: Polylines, uv: Array, sheet: IntArray) -> Polylines:
         return spans
     left, right = uv[0, ::2], uv[0, 1::2]
     row = np.rint((uv[1, ::2] + uv[1, 1::2]) / 2)
-    group = sheet * (row.max() - row.min() + 1) + row - row.min()
-    order = np.lexsort((left, group))
-    left, right = (side[order] + group[order] * _FAR_APART_PX for side in (left, right))
+    # One number to sort by: rows and sheets follow each other far apart.
+    offset = (sheet * (row.max() - row.min() + 1) + row) * _FAR_APART_PX
+    left, right = left + offset, right + offset
+    order = np.argsort(left)
+    left, right = left[order], right[order]
     reach = np.maximum.accumulate(right)
-    fresh = np.flatnonzero(np.append(True, left[1:] > reach[:-1]))
-    farthest = np.maximum.reduceat(right, fresh)
-    span = np.repeat(np.arange(len(fresh)), np.diff(np.append(fresh, len(left))))
-    last = np.zeros_like(fresh)
-    hits = np.flatnonzero(right == farthest[span])
-    last[span[hits]] = hits
-    chosen = np.stack([2 * order[fresh], 2 * order[last] + 1], axis=1).ravel()
+    fresh = np.flatnonzero(left[1:] > reach[:-1]) + 1
+    begin, end = np.append(0, fresh), np.append(fresh, len(left)) - 1
+    farthest = np.maximum.accumulate(np.where(right == reach, np.arange(len(right)), 0))[end]
+    first = order[begin]
+    chosen = np.stack([2 * first, 2 * order[farthest] + 1], axis=1).ravel()
     points = spans.points.take(chosen, axis=1)
-    return Polylines(points, 2 * np.arange(len(fresh) + 1), spans.owner[order[fresh]])
+    return Polylines(points, 2 * np.arange(len(begin) + 1), spans.owner[first])
