@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +33,7 @@ _UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
 _WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside it would seem another's
 
 
-@dataclass(frozen=True, slots=True)
-class Label:
+class Label(NamedTuple):
     """A label in its place."""
 
     feature: int  # index of the map's labels
@@ -146,18 +144,20 @@ class _Room:
 
     def find(self, wish: _Wish, last: _Place | None) -> tuple[int, Box] | None:
         """The number of a place and its box, which is then taken; the place it had, if it can."""
-        for number, box in self._free(wish, last):
-            self._taken.append(box)
-            return number, box
-        return None
-
-    def _free(self, wish: _Wish, last: _Place | None) -> Iterator[tuple[int, Box]]:
         if wish.width > self._width or wish.height > self._height:
-            return
-        if last is not None and last.places is wish.places:
-            box = self._box(wish, last.number)
-            if self._is_free(box, wish, 0):
-                yield last.number, box
+            return None
+        found = self._same(wish, last) or next(self._free(wish), None)
+        if found is not None:
+            self._taken.append(found[1])
+        return found
+
+    def _same(self, wish: _Wish, last: _Place | None) -> tuple[int, Box] | None:
+        if last is None or last.places is not wish.places:
+            return None
+        box = self._box(wish, last.number)
+        return (last.number, box) if self._is_free(box, wish, 0) else None
+
+    def _free(self, wish: _Wish) -> Iterator[tuple[int, Box]]:
         boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
         free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
         yield from ((number, box) for number, box in free if not self._covers_mark(box))
