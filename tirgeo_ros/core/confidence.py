@@ -57,6 +57,7 @@ _MIRRORED = 12 * (3 * _SECOND + _ROWS[:, None]) + 3 * _FIRST + _COLUMNS[:, None]
 _TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)
 
 Slopes: TypeAlias = tuple[Array, Array, Array, Array]  # as Camera.slopes gives them
+Spread: TypeAlias = tuple[Array, Array, Array]  # (N,) variance, covariance, variance
 
 
 class CameraRates(NamedTuple):
@@ -168,9 +169,13 @@ class FrameConfidence:
         # too, by which a tangent bends. A turn about the axis bends by half its angle.
         with np.errstate(invalid="ignore"):
             linear = moves[5] + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
-        slopes = self.camera.slopes(rays[0], rays[1])
-        linear &= self._within_lens(rays, moves, slopes)
-        return np.stack([*self._in_pixels(rays, moves, slopes), linear])
+        spread = _on_plane(rays, moves)
+        inside, scale = self._outermost(rays, spread)
+        both = self.camera.slopes(*(rays[:2, None] * np.stack([np.ones_like(scale), scale])))
+        slopes, there = zip(*both, strict=True)
+        change = sum((a - b) ** 2 for a, b in zip(slopes, there, strict=True))
+        linear &= inside & ~(change > MOST_BEND**2 * sum(a * a for a in slopes))
+        return np.stack([*self._in_pixels(spread, slopes), linear])
 
     def radius_95(self, rays: Array, sigma_m: Array | float | None = None) -> Array:
         """(N,) major semi-axis of the ellipse of 95 %, px."""
@@ -180,7 +185,7 @@ class FrameConfidence:
 
     def _variances(self, rays: Array, sigma_m: Array | None) -> Array:
         slopes = self.camera.slopes(rays[0], rays[1])
-        return np.stack(self._in_pixels(rays, self._moves(rays, sigma_m), slopes))
+        return np.stack(self._in_pixels(_on_plane(rays, self._moves(rays, sigma_m)), slopes))
 
     @staticmethod
     def _by_block(
@@ -223,33 +228,29 @@ class FrameConfidence:
         least = float(variance.min())
         return least, variance - least if (variance > least).any() else None
 
-    def _in_pixels(self, rays: Array, moves: Array, slopes: Slopes) -> tuple[Array, Array, Array]:
+    def _in_pixels(self, spread: Spread, slopes: Slopes) -> Spread:
         """(N,) each: variance of the column, covariance, variance of the row, px2."""
-        xx, xy, yy = _on_plane(rays, moves)
+        xx, xy, yy = spread
         ux, uy, vx, vy = slopes
         u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the column's covariance with x and y
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         lens = self._lens_variance
         return u_x * ux + u_y * uy + lens, u_x * vx + u_y * vy, v_x * vx + v_y * vy + lens
 
-    def _within_lens(self, rays: Array, moves: Array, slopes: Slopes) -> BoolArray:
-        """Whether the ellipse lies where the lens model holds, and bends it by little.
+    def _outermost(self, rays: Array, spread: Spread) -> tuple[BoolArray, Array]:
+        """(N,) whether the ellipse lies where the lens model holds, and where its outermost point.
 
-        Told at the ellipse's outermost point. A lens bends more the farther from its axis.
+        That is so many times as far from the axis; a lens bends more the farther from its axis.
         """
         x, y = rays[:2]
-        xx, xy, yy = _on_plane(rays, moves)
+        xx, xy, yy = spread
         squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
         radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
         outwards = np.sqrt(CHI2_95 * radial) / squared
         farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
         with np.errstate(invalid="ignore"):
             inside = farthest <= self.camera.max_radius**2
-        scale = np.where(inside, 1 + outwards, 1.0)
-        here = np.array(slopes)
-        change = here - self.camera.slopes(x * scale, y * scale)
-        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
-        return np.asarray(inside & ~bent)
+        return np.asarray(inside), np.where(inside, 1 + outwards, 1.0)
 
 
 def _both(rotation: Array) -> Array:
@@ -265,7 +266,7 @@ def _weights(covariance_c: Array) -> Array:
     return np.asarray(_TIMES * (parts[_PART] + parts[_MIRRORED]), float)
 
 
-def _on_plane(rays: Array, moves: Array) -> tuple[Array, Array, Array]:
+def _on_plane(rays: Array, moves: Array) -> Spread:
     """Variance of x, covariance of x and y, variance of y on the plane z = 1.
 
     x moves by the point's move along x less x times that along z, both over the depth.

@@ -9,7 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.confidence import CHI2_95, CameraRates, pixel_jacobian
+from tirgeo_ros.core.confidence import (
+    CHI2_95,
+    CameraRates,
+    pixel_jacobian,
+    timed_covariance,
+)
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground, Reason, locate
@@ -85,7 +90,7 @@ def place(
     points_n, reasons = locate(camera, pose, np.array([uv]), plane, ground)
     if reasons[0] is not None:
         return Refusal(pose.stamp_ns, uv, reasons[0])
-    if not np.isfinite(pose.covariance).all():
+    if not _is_covariance(pose):
         return Refusal(pose.stamp_ns, uv, Reason.UNCERTAIN_POSE)
     covariance_n = point_covariance(camera, pose, points_n[0], plane, ground, config, rates)
     distance_m = float(np.linalg.norm(points_n[0] - pose.position_n))
@@ -98,6 +103,11 @@ def place(
 def _is_inside(camera: Camera, uv: tuple[float, float]) -> bool:
     """Whether a pixel is in the picture; the first one's centre is (0, 0)."""
     return -0.5 <= uv[0] <= camera.width - 0.5 and -0.5 <= uv[1] <= camera.height - 0.5
+
+
+def _is_covariance(pose: CameraPose) -> bool:
+    finite = bool(np.isfinite(pose.covariance).all())
+    return finite and bool(np.isfinite(timed_covariance(pose, None, 0.0)).all())
 
 
 def point_covariance(
@@ -116,10 +126,7 @@ def point_covariance(
     m . d_point = m . up dh are solved for d_point. To first order, with the terrain's slope over
     the length of the error itself where that is longer than two cells.
     """
-    covariance = np.array(pose.covariance, float)
-    if rates is not None:
-        along = config.latency_sigma_s * np.concatenate(rates)
-        covariance += along[:, None] * along
+    covariance = timed_covariance(pose, rates, config.latency_sigma_s)
     by_pose, by_point = (j[0] for j in pixel_jacobian(camera, pose, point_n[None]))
     in_pixels = by_pose @ covariance @ by_pose.T + config.lens_sigma_px**2 * np.eye(2)
     latitude, longitude, _ = plane.geodetic_from_ned(point_n)

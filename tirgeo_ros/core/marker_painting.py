@@ -15,10 +15,10 @@ from tirgeo_ros.core.polylines import BoolArray, Polylines, joined
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import Box, Colour, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.uncertainty_marks import MARK_TIMES, ellipse_corners
 
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
-_CORNERS = 48  # of an ellipse
 _LARGEST_PX = 2000.0  # an ellipse beyond any picture
 
 
@@ -49,7 +49,7 @@ class PlacedMarkers:
         count = len(self._uv)
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        ink = joined(diamonds, _ellipses(self._uv, self._covariance))
+        ink = joined(diamonds, _ellipses(self._uv, self._covariance, mark_radius_px(image)))
         painter.strokes(image, ink, np.zeros(len(ink), np.int64), [_STYLE])
         for text, box in zip(self._texts, self.boxes, strict=True):
             text.lay(image, box.left, box.top)
@@ -62,15 +62,14 @@ def _in_picture(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Arra
     return uv, np.asarray(valid & inside.all(axis=1))
 
 
-def _ellipses(uv: Array, covariance: Array) -> Polylines:
+def _ellipses(uv: Array, covariance: Array, mark_px: float) -> Polylines:
+    """Of those points whose ellipse is clearly larger than the mark."""
     semi_px, angle = ellipse_95(covariance)
-    semi_px = np.minimum(np.nan_to_num(semi_px, nan=0.0), _LARGEST_PX)
-    turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
-    along, across = semi_px[:, :1] * np.cos(turn), semi_px[:, 1:] * np.sin(turn)
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    corners = uv.T[:, :, None] + np.stack([along * c - across * s, along * s + across * c])
-    starts = np.arange(len(uv) + 1) * (_CORNERS + 1)
-    return Polylines(corners.reshape(2, -1), starts, np.zeros(len(uv), np.int64))
+    drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # not if nan
+    semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
+    corners = ellipse_corners(uv[drawn].T, semi_px, angle[drawn])
+    starts = np.arange(len(drawn) + 1) * corners.shape[2]
+    return Polylines(corners.reshape(2, -1), starts, np.zeros(len(drawn), np.int64))
 
 
 def _box(image: Pixels, text: Stamp, u: float, v: float) -> Box:

@@ -100,8 +100,9 @@ class Stamp:
         if x0 >= x1 or y0 >= y1:
             return
         part = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
-        below = cv2.multiply(image[y0:y1, x0:x1], self.keep[part], scale=1 / 255)
-        image[y0:y1, x0:x1] = cv2.add(below, self.ink[part])
+        below = image[y0:y1, x0:x1]
+        cv2.multiply(below, self.keep[part], dst=below, scale=1 / 255)
+        cv2.add(below, self.ink[part], dst=below)
 
 
 @lru_cache(maxsize=_CACHED)
