@@ -33,7 +33,7 @@ test: $(READY)  ## all tests, those of the running graph included
 	$(BIN)/python $(PYTEST)
 
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
-	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) --ignore=test/nodes -m "not graph and not slow"
+	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) --ignore=test/nodes -m "not graph and not slow" --hypothesis-profile=brief
 
 lint: $(LINT_READY)  ## ruff: rules and format
 	$(BIN)/ruff check .

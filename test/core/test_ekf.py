@@ -42,6 +42,7 @@ def test_direct_position_flies_too():
     assert (rms(late.state[:, :3]) <= 1.5 * np.array([0.01, 0.01, 0.02])).all()
 
 
+@pytest.mark.slow
 def test_heading_is_worth_three_times():
     flown = flight()
     with_heading = errors(flown, solutions(flown, config_for(flown))).after(20.0)
@@ -49,6 +50,7 @@ def test_heading_is_worth_three_times():
     assert rms(without.rpy)[2] >= 3 * rms(with_heading.rpy)[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [50.0, 400.0])
 def test_other_imu_rates(rate_hz):
     base = flight(duration_s=40.0).scenario
@@ -58,6 +60,7 @@ def test_other_imu_rates(rate_hz):
     assert rms(late.state[:, :3]).max() <= 0.02
 
 
+@pytest.mark.slow
 def test_error_over_sigma():
     """Monte Carlo: the filter's own covariance is honest, per state, over twelve flights."""
     ratios = []

@@ -178,6 +178,7 @@ def outage(flown, begin_s, end_s, **config):
     return errors(flown, found), states, navigation
 
 
+@pytest.mark.slow
 def test_error_over_sigma_of_the_position_in_an_outage():
     """Monte Carlo over flights, each with its own GPS errors: as large as the filter says."""
     ratios, worst = [], []
