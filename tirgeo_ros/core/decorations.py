@@ -11,7 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M, TangentPlane
 from tirgeo_ros.core.locating import Ground, locate
 from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import Array, CameraPose
@@ -121,7 +121,11 @@ def _height_m(
     if isinstance(ground, Terrain):
         points, _ = locate(camera, pose, uv[None], plane, ground)
         return float(points[0, 2] - pose.position_n[2])
-    return float(plane.geodetic_from_ned(pose.position_n)[2]) - ground
+    # The earth falls away from the plane; its curvature differs by less than 1 % from place to
+    # place: by 1 cm of height 4 km from the map's origin.
+    north, east, down = pose.position_n.tolist()
+    away2 = north * north + east * east
+    return float(plane.height_m - down + away2 / (2 * SEMI_MAJOR_AXIS_M) - ground)
 
 
 def camera_heading_rad(pose: CameraPose) -> float:

@@ -25,7 +25,8 @@ _LARGEST_PX = 2000.0  # an ellipse beyond any picture
 class PlacedMarkers:
     """The markers that are in a picture (h, w, 3), with the places of their labels, ``boxes``.
 
-    Each has the ellipse of 95 % of where the point truly is on the ground, as it was located.
+    Each has the ellipse of 95 % of where the point truly is on the ground, as it was located,
+    where that is clearly larger than the mark.
     """
 
     def __init__(
