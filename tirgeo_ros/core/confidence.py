@@ -159,7 +159,9 @@ class FrameConfidence:
     def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
         """Covariances of the points' pixels; rays (3, N)."""
         uu, uv, vv, linear = self._by_block(self._spread, rays, sigma_m)
-        covariance = np.stack([uu, uv, uv, vv], axis=-1).reshape(-1, 2, 2)
+        covariance = np.empty((len(uu), 2, 2))
+        covariance[:, 0, 0], covariance[:, 1, 1] = uu, vv
+        covariance[:, 0, 1] = covariance[:, 1, 0] = uv
         return ScreenCovariance(covariance, linear > 0)
 
     def _spread(self, rays: Array, sigma_m: Array | None) -> Array:
@@ -171,11 +173,12 @@ class FrameConfidence:
             linear = moves[5] + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
         spread = _on_plane(rays, moves)
         inside, scale = self._outermost(rays, spread)
-        both = self.camera.slopes(*(rays[:2, None] * np.stack([np.ones_like(scale), scale])))
-        slopes, there = zip(*both, strict=True)
-        change = sum((a - b) ** 2 for a, b in zip(slopes, there, strict=True))
-        linear &= inside & ~(change > MOST_BEND**2 * sum(a * a for a in slopes))
-        return np.stack([*self._in_pixels(spread, slopes), linear])
+        near_and_far = np.array([rays[:2], rays[:2] * scale])
+        slopes = np.array(self.camera.slopes(near_and_far[:, 0], near_and_far[:, 1]))
+        here, change = slopes[:, 0], slopes[:, 1] - slopes[:, 0]
+        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
+        linear &= inside & ~bent
+        return np.array([*self._in_pixels(spread, tuple(here)), linear])
 
     def radius_95(self, rays: Array, sigma_m: Array | float | None = None) -> Array:
         """(N,) major semi-axis of the ellipse of 95 %, px."""
@@ -185,7 +188,7 @@ class FrameConfidence:
 
     def _variances(self, rays: Array, sigma_m: Array | None) -> Array:
         slopes = self.camera.slopes(rays[0], rays[1])
-        return np.stack(self._in_pixels(_on_plane(rays, self._moves(rays, sigma_m)), slopes))
+        return np.array(self._in_pixels(_on_plane(rays, self._moves(rays, sigma_m)), slopes))
 
     @staticmethod
     def _by_block(
@@ -193,6 +196,8 @@ class FrameConfidence:
     ) -> Array:
         """What ``work`` makes of the points, in pieces that stay in the processor's cache."""
         count = rays.shape[1]
+        if count <= _BLOCK and sigma_m is None:
+            return work(rays, None)
         sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
         parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
         done = [work(rays[:, part], None if sigma is None else sigma[part]) for part in parts]
@@ -209,8 +214,8 @@ class FrameConfidence:
 
     def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
         """(6, N) covariance of how points move in c, over their depth: its upper triangle."""
-        x, y, nearness = rays
-        factors = np.stack([x, y, np.ones_like(x), nearness])
+        factors = np.ones((4, rays.shape[1]))
+        factors[:2], factors[3] = rays[:2], rays[2]
         products = factors[_FIRST] * factors[_SECOND]
         least, beyond = self._map_variance(sigma_m)
         weights = self._weights.copy()

@@ -166,9 +166,10 @@ class _Room:
     def _box(self, wish: _Wish, place: int) -> Box:
         """A place, moved into the picture."""
         u, v = wish.middle(place)
-        left = min(max(round(u - wish.width / 2), 0), self._width - wish.width)
-        top = min(max(round(v - wish.height / 2), 0), self._height - wish.height)
-        return Box(left, top, left + wish.width, top + wish.height)
+        width, height = wish.width, wish.height
+        left = min(max(round(u - width / 2), 0), self._width - width)
+        top = min(max(round(v - height / 2), 0), self._height - height)
+        return Box(left, top, left + width, top + height)
 
     def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:
         if wish.mark and box.meets(_around(wish.u, wish.v)):

@@ -181,6 +181,8 @@ def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
 
     Else one in each part of the picture where there is none yet, up to the most there may be.
     """
+    if not len(marks):
+        return labelled
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
     uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
     kept, labels = _spread_out(uv, camera), len(labelled.owner)
@@ -218,11 +220,15 @@ def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
     """
     along, across = semi_px[:, :1] * _CIRCLE[0], semi_px[:, 1:] * _CIRCLE[1]
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return uv[:, :, None] + np.stack([along * c - across * s, along * s + across * c])
+    turned = np.array([along * c - across * s, along * s + across * c])
+    return np.asarray(uv[:, :, None] + turned)
 
 
 def _outlines(corners: Array, owner: IntArray, dashed: BoolArray) -> tuple[Polylines, IntArray]:
     """Closed lines, or dashes, of ellipses' corners (2, N, corners + 1), and whose they are."""
+    if not dashed.any():
+        starts = np.arange(len(owner) + 1) * (_CORNERS + 1)
+        return Polylines(corners.reshape(2, -1), starts, owner), np.arange(len(owner))
     whole, broken = np.flatnonzero(~dashed), np.flatnonzero(dashed)
     dashes = [slice(start, start + _DASH + 1) for start in range(0, _CORNERS, 2 * _DASH)]
     parts = [corners[:, whole], *(corners[:, broken, dash] for dash in dashes)]
