@@ -44,10 +44,13 @@ def flat(ring):
 
 def filled(camera, vector_map, pose):
     image = np.zeros((camera.height, camera.width), np.uint8)
-    areas = View(camera).areas(vector_map, pose)
+    view = View(camera)
+    areas = view.areas(vector_map, pose)
     rings = [np.rint(ring * 16).astype(np.int32) for ring in areas.split()]
     if rings:
         cv2.fillPoly(image, rings, (255,), cv2.LINE_8, 4)
+    if view.reached is not None:
+        image &= view.reached
     return image
 
 
@@ -114,6 +117,32 @@ def test_random_polygons(seed):
         rng.uniform(5, 60), rng.uniform(-90, 5), rng.normal(0, 15), rng.uniform(-90, 90)
     )
     assert_filled_as_wanted(camera, [outer, inner], pose)
+
+
+FOLDING_RATIONALLY = Camera(
+    640, 512, 420.0, 420.0, 320.0, 256.0, (0.0, -0.1, 0.0, 0.0, 0.0, 0.2, 0.1, 0.0)
+)
+#: Rounding of ink at sharp corners may reach a pixel beyond ``EDGE``.
+INK = np.ones((7, 7), np.uint8)
+
+
+@pytest.mark.parametrize("camera", [FOLDING, FOLDING_RATIONALLY], ids=["brown", "rational"])
+@pytest.mark.parametrize("seed", range(15))
+def test_no_ink_along_the_rim_of_a_lens_that_folds(camera, seed):
+    rng = np.random.default_rng(seed)
+    north, east = rng.uniform(-30, 80), rng.uniform(-40, 40)
+    outer = ring_about(north, east, rng.uniform(5, 80), 30, 0.5, seed)
+    inner = ring_about(north, east, rng.uniform(1, 30), 12, 0.3, seed)
+    pose = pose_at(
+        rng.uniform(5, 60), rng.uniform(-90, 5), rng.normal(0, 15), rng.uniform(-90, 90)
+    )
+    got, want = filled(camera, map_of(outer, inner), pose), wanted(camera, [outer, inner], pose)
+    reached = View(camera).reached
+    assert reached is not None
+    # Of the rim two pixels are given up, and half of one to the polygon that stands for it.
+    well_within = cv2.erode(reached, EDGE)
+    assert not ((got > 0) & (cv2.dilate(want, INK) == 0)).any()
+    assert not ((want > 0) & (well_within > 0) & (cv2.dilate(got, EDGE) == 0))[2:-2, 2:-2].any()
 
 
 def test_only_layers_with_a_fill_have_areas():

@@ -43,6 +43,13 @@ def cut_rings_to_disc(rings: Polylines, radius: float) -> Polylines:
     return cut_rings_to_planes(rings, normals, np.full(_DISC_SIDES, -inner))
 
 
+def disc(radius: float) -> Polylines:
+    """The ring (2, V) to which ``cut_rings_to_disc`` cuts."""
+    turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
+    points = radius * np.stack([np.cos(turn), np.sin(turn)])
+    return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))
+
+
 def closed(rings: Polylines) -> Polylines:
     """Rings whose last point is their first, once more."""
     last = rings.starts[1:] - 1

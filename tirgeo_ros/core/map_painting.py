@@ -66,7 +66,7 @@ class MapPainter:
         of = self._map.layer
         frame = self._confidence.frame(view.camera, pose, rates)
         sigmas = each(self._sigmas, lines.owner)
-        self._painter.areas(image, areas, of[areas.owner], self._styles)
+        self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
         self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
         drawn, opacity = self._confidence.faded(frame, lines, sigmas)
         labels = self._labels.place(image, lines, marks, taken)

@@ -73,13 +73,19 @@ class Painter:
         self._planes: list[Pixels] = []
 
     def areas(
-        self, image: Pixels, areas: Polylines, layer: IntArray, styles: Sequence[LayerStyle]
+        self,
+        image: Pixels,
+        areas: Polylines,
+        layer: IntArray,
+        styles: Sequence[LayerStyle],
+        within: Pixels | None = None,
     ) -> None:
         """Fill areas with the colours of their layers, as far as these have one.
 
         ``areas`` (2, V) are rings in pixels; those of one owner are one area, where a ring inside
         another is a hole (even-odd). ``layer`` (rings,) is the index of each ring's style. An
         area over one of the same layer is one with it; over another layer's it mixes with it.
+        Nothing is filled where ``within`` (h, w) is 0.
         """
         if not len(areas):
             return
@@ -91,6 +97,8 @@ class Painter:
             mask = self._clean_mask(image)
             for one in _by_owner(areas.owner, np.flatnonzero(layer == number)):
                 cv2.fillPoly(mask, [rings[i] for i in one], (_FULL,), cv2.LINE_8, _SHIFT)
+            if within is not None:
+                cv2.bitwise_and(mask, within, dst=mask)
             self._tint(image, style.fill_bgr, style.fill_opacity)
 
     def strokes(

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from tirgeo_ros.core.areas import closed, cut_rings_to_disc, cut_rings_to_planes
+from tirgeo_ros.core.areas import closed, cut_rings_to_disc, cut_rings_to_planes, disc
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.clipping import clip_to_disc, clip_to_planes
@@ -20,6 +21,7 @@ from tirgeo_ros.core.detail import Boxes, Details, levels_at
 from tirgeo_ros.core.lens_bounds import field_of_view, largest_bend, largest_scale
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined, runs
 from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.thinning import ends, merged
 from tirgeo_ros.core.vector_map import VectorMap
 
@@ -34,6 +36,8 @@ _FEW_VERTICES = 4096
 #: than so many vertices are left. Where half a pixel leaves more, they cover the whole picture.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
+#: Ink of an edge is one pixel wide, and may be rounded to either side: two pixels of the rim.
+_RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,24 @@ class View:
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
         self._px_per_rad = largest_scale(camera, radius)
+        self._reached = self._lens_mask() if self._reaches_past_lens else None
+
+    @property
+    def reached(self) -> Pixels | None:
+        """(h, w) 255 where areas may be filled; None for the whole image.
+
+        Where the lens model ends within the image, rings are cut to its rim and may run to and
+        fro along it. The rim is left out, for OpenCV inks the edges of what it fills.
+        """
+        return self._reached
+
+    def _lens_mask(self) -> Pixels:
+        rim = self._bent(closed(disc(self.camera.max_radius)))
+        uv = np.stack(self.camera.pixels(*rim.points), axis=1)
+        mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
+        cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
+        # The image's border is no rim: OpenCV takes what is beside it for full.
+        return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
         """The map's lines as they are drawn: (2, V) pixels, owned as in the map.
