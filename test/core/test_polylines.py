@@ -1,6 +1,7 @@
 """Polylines in one block: selecting, cutting, subdividing, against plain loops."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -91,3 +92,14 @@ def test_no_lines():
     assert len(none.cut(np.empty(0), np.empty(0))) == 0
     assert len(none.subdivided(np.empty(0, int))) == 0
     assert len(none.select(np.array([], int))) == 0
+
+
+@pytest.mark.parametrize("lengths", [[4] * 90, [4] * 90 + [2] * 70 + [9, 5, 5], [3, 1], []])
+def test_runs_of_some_lines_are_the_lines_in_any_order(lengths):
+    starts = np.cumsum([0, *lengths])
+    rows = np.arange(2 * starts[-1]).reshape(-1, 2)
+    lines = Polylines(rows.T.astype(float), starts, np.arange(len(lengths)))
+    for which in (np.arange(len(lengths)), np.arange(0, len(lengths), 2)):
+        wanted = [rows[starts[i] : starts[i + 1]].tolist() for i in which]
+        got = [run.tolist() for run in lines.runs_of(rows, which)]
+        assert sorted(got) == sorted(wanted)
