@@ -40,7 +40,7 @@ class MapWatch:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="map watch", daemon=True)
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> MapWatch:
         """Begin to look, unless the parameters say never."""
         if self._config.map and self._config.reload_s > 0:
             self._thread.start()
