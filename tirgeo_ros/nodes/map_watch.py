@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import final
 
 from rclpy.node import Node
 
@@ -19,6 +20,7 @@ from tirgeo_ros.io.maps import map_files
 Signature = list[tuple[str, int, int] | None]
 
 
+@final
 class MapWatch:
     """A context in which the files of ``config.map`` and its style are looked at now and then.
 

@@ -188,7 +188,7 @@ def looping(path):
     [
         (multipatch, "feature 1 is a MultiPatch, which is not drawn"),
         (overlapping, "feature 1 is damaged: its parts overlap"),
-        (unknown, "a damaged shapefile: 77"),
+        (unknown, "unknown type 77|a damaged shapefile: 77"),
         (cut, "a damaged shapefile: 220 bytes, to be "),
         (looping, "a damaged shapefile: a record leads back to another"),
     ],
