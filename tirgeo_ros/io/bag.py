@@ -6,7 +6,7 @@ import os
 from bisect import bisect_left
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from mmap import ACCESS_READ, mmap
+from mmap import mmap
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple, final
@@ -16,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 from tirgeo_ros import __version__
 from tirgeo_ros.core.errors import BagError
 from tirgeo_ros.io.cdr import Cdr
+from tirgeo_ros.io.mapped_file import mapped
 from tirgeo_ros.io.mcap_contents import (
     MAGIC,
     Segment,
@@ -55,7 +56,7 @@ class BagReader:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._read = 0
-        with self._mapped() as data:
+        with mapped(self.path) as data:
             self._check_header(data)
             self._contents = contents_of(data)
         if not self._contents.segments:
@@ -102,7 +103,7 @@ class BagReader:
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
         self._read = 0
         pending: list[_Placed] = []
-        with self._mapped() as data:
+        with mapped(self.path) as data:
             for segment in self._chosen(types, start_ns):
                 ready = bisect_left(pending, (segment.start_ns,))
                 yield from (message for *_, message in pending[:ready])
@@ -160,17 +161,6 @@ class BagReader:
             raise BagError(
                 f"{self.path}: profile {header.profile!r} is not 'ros2'; convert it to a ROS 2 bag"
             )
-
-    @contextmanager
-    def _mapped(self) -> Iterator[mmap]:
-        try:
-            with self.path.open("rb") as file:
-                if not os.fstat(file.fileno()).st_size:
-                    raise BagError(f"{self.path}: the file is empty")
-                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                    yield data
-        except OSError as error:
-            raise BagError(f"{self.path}: cannot be read: {error.strerror or error}") from None
 
 
 @final

@@ -10,8 +10,7 @@ import os
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from mmap import ACCESS_READ, mmap
+from mmap import mmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.errors import BagError, MessageError
+from tirgeo_ros.io.mapped_file import mapped
 from tirgeo_ros.io.ros1_contents import Chunk, Connection, contents_of
 from tirgeo_ros.io.ros1_records import MAGIC
 
@@ -52,7 +52,7 @@ class Ros1Bag:
         self._read = 0
         self._unknown: Counter[int] = Counter()
         self._stores: dict[tuple[str, str], Typestore | str] = {}
-        with self._mapped() as data:
+        with mapped(self.path) as data:
             if data[: len(MAGIC)] != MAGIC:
                 raise BagError(f"{self.path}: not a ROS 1 bag of version 2.0")
             self._contents = contents_of(data, str(self.path))
@@ -88,7 +88,7 @@ class Ros1Bag:
         self._read = 0
         self._unknown.clear()
         pending: list[tuple[int, int, int, Ros1Message]] = []
-        with self._mapped() as data:
+        with mapped(self.path) as data:
             for chunk in self._contents.chunks:
                 ready = [item for item in pending if item[0] < (chunk.start_ns or 0)]
                 yield from (message for *_, message in ready)
@@ -134,17 +134,6 @@ class Ros1Bag:
         if isinstance(store, str):
             raise MessageError(f"{connection.topic}: {store}")
         return store
-
-    @contextmanager
-    def _mapped(self) -> Iterator[mmap]:
-        try:
-            with self.path.open("rb") as file:
-                if not os.fstat(file.fileno()).st_size:
-                    raise BagError(f"{self.path}: the file is empty")
-                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                    yield data
-        except OSError as error:
-            raise BagError(f"{self.path}: cannot be read: {error.strerror or error}") from None
 
 
 def _store_of(connection: Connection) -> Typestore | str:

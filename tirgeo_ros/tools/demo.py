@@ -15,6 +15,7 @@ from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.tools.graph import AWAITED, GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.inputs import PICTURES
 from tirgeo_ros.tools.outputs import OVERLAY, Outputs, read_outputs, read_pictures
 from tirgeo_ros.tools.pose_comparison import differences, in_plane
 from tirgeo_ros.tools.progress import Report, silent
@@ -22,7 +23,6 @@ from tirgeo_ros.tools.resources import find_resource
 from tirgeo_ros.tools.video import VideoFile
 
 SAMPLE = "bags/sample"
-_IMAGES = ("/thermal/image_raw", "/thermal/image_raw/compressed")
 #: Where in the flight the still is taken: the filter has settled and the map is in view.
 _STILL_AT = 2 / 3
 #: From here on the poses are judged against the truth.
@@ -43,7 +43,7 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     run = run_graph(setup, (last_ns - first_ns) * 1e-9, progress)
     outputs = read_outputs(run.recording).earlier(run.shift_ns)
     files = make_pictures(run.recording, setup.folder, len(outputs.frame_stamps_ns))
-    frames_in = sum(1 for _ in reader.messages(_IMAGES))
+    frames_in = sum(1 for _ in reader.messages([f"/{name}" for name in PICTURES]))
     result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
     result["serial"] = setup.serial
     result |= summary(outputs, first_ns) | cost(run)

@@ -16,6 +16,7 @@ import tirgeo_ros
 from tirgeo_ros.core.errors import GraphError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.tools.inputs import PICTURES
 from tirgeo_ros.tools.node_process import NodeProcess
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.resources import find_resource
@@ -28,7 +29,6 @@ _SETTLE_S = 3.5
 _POLL_S = 0.1
 #: Those that every method needs, so that they have a subscriber.
 AWAITED = ("imu/data", "thermal/camera_info")
-PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 
 RECORDED = (
     "tirgeo/odometry",

@@ -9,7 +9,7 @@ from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.registration import METHOD_TOPICS
 
-_IMAGES = ("thermal/image_raw", "thermal/image_raw/compressed")
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 #: By composition; of more than one topic, one is enough.
 _GIMBAL: dict[str, tuple[str, ...]] = {
     "paper": ("gimbal/attitude",),
@@ -42,9 +42,9 @@ def inputs_of(
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
     needed = [("imu/data",), positions, _GIMBAL[composition]]
     if pictures:
-        needed += [_IMAGES, ("thermal/camera_info",)]
+        needed += [PICTURES, ("thermal/camera_info",)]
         wanted += ["thermal/camera_info", "tirgeo/locate/pixel"]
-        wanted += [name for name in _IMAGES if name in there][:1]
+        wanted += [name for name in PICTURES if name in there][:1]
     _check_present(reader, needed, there, namespace)
     found = {resolved(name, namespace): name for name in wanted if name in there}
     for topic, name in found.items():
