@@ -14,11 +14,10 @@ from tirgeo_ros.dji.host_session import HostSession
 from tirgeo_ros.dji.readings import Reading
 from tirgeo_ros.dji.subscription import PackageTable
 from tirgeo_ros.dji.telemetry import Clocks, Telemetry
-from tirgeo_ros.dji.tick_clock import TickClock
+from tirgeo_ros.dji.tick_clock import LONG_TICK_NS, TickClock
 
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
 _PAUSE_S = 0.05
-_HARD_SYNC_TICK_NS = 2_500_000
 _BITS_A_BYTE = 10  # with start and stop
 
 
@@ -31,7 +30,7 @@ class SerialRoad:
         self._frames = FrameReader(key)
         self._broadcast = TickClock(lambda tick_ns: AircraftClock(config.clock, tick_ns))
         self._subscription = AircraftClock(config.clock)
-        self._hard_sync = AircraftClock(config.clock, _HARD_SYNC_TICK_NS)
+        self._hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
         clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
         self._telemetry = Telemetry(clocks, packages)
         self._host = HostSession(config.host, packages, key)

@@ -30,7 +30,6 @@ from tirgeo_ros.tools.import_sink import ImportSink
 from tirgeo_ros.tools.progress import Report, silent
 
 _CHUNK_BYTES = 1 << 16
-_HARD_SYNC_TICK_NS = 2_500_000
 _HOUR_NS = 3_600_000_000_000
 _PUSHES = 0x02
 _BROADCAST, _SUBSCRIPTION = 0x00, 0x05
@@ -62,7 +61,7 @@ class _Pass:
     ) -> None:
         self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
         self.frames = FrameReader(parse_key(key))
-        sync = timeline.clock(_HARD_SYNC_TICK_NS, resets_alone=True)
+        sync = timeline.clock(LONG_TICK_NS, resets_alone=True)
         clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
         self.telemetry = Telemetry(clocks, self.table)
         self.timeline = timeline
