@@ -17,7 +17,7 @@ from tirgeo_ros.core.aiding.gps import GpsPosition
 from tirgeo_ros.core.aiding.heading import Baseline, Headings
 from tirgeo_ros.core.aiding.position import RtkPosition, innovation_n
 from tirgeo_ros.core.aiding.velocity import Velocities
-from tirgeo_ros.core.attitude import quat_from_euler
+from tirgeo_ros.core.attitude import quat_from_euler, rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, feedback, states_of
 from tirgeo_ros.core.errors import ConfigError
@@ -31,7 +31,7 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import NavState, matrix, rotate, rotation_of
+from tirgeo_ros.core.strapdown import NavState, matrix, rotate
 
 LEVER_B = np.array([0.3, -0.4, -0.5])
 ARMS = {"rtk.lever_arm_m": (0.3, 0.4, 0.5), "gps.lever_arm_m": (0.3, 0.4, 0.5)}

@@ -40,16 +40,27 @@ def _parts(a: Array) -> Any:
 def matrix_from_quat(q: Array) -> Array:
     """Unit quaternion (..., 4) to rotation matrix (..., 3, 3)."""
     q = np.asarray(q, float)
-    w, x, y, z = _parts(q)
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    wx, wy, wz = w * x, w * y, w * z
-    flat = (
-        *(1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
-        *(2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
-        *(2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)),
-    )
+    flat = rotation_of(_parts(q))
     out = np.array(flat) if q.ndim == 1 else np.stack(flat, -1)
     return out.reshape(*q.shape[:-1], 3, 3)
+
+
+def rotation_of(q: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
+    """The entries of ``matrix_from_quat``, row by row, of w, x, y, z: floats, or arrays."""
+    w, x, y, z = q
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    return (
+        1 - 2 * (yy + zz),
+        2 * (xy - wz),
+        2 * (xz + wy),
+        2 * (xy + wz),
+        1 - 2 * (xx + zz),
+        2 * (yz - wx),
+        2 * (xz - wy),
+        2 * (yz + wx),
+        1 - 2 * (xx + yy),
+    )
 
 
 def quat_from_matrix(matrix: Array) -> Array:

@@ -30,9 +30,11 @@ import numpy as np
 
 from tirgeo_ros.core.attitude import (
     canonical,
+    hamilton,
     matrix_from_euler,
     matrix_from_quat,
     quat_from_matrix,
+    rotation_of,
 )
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
@@ -43,14 +45,7 @@ from tirgeo_ros.core.samples import (
     CameraPose,
     JointSample,
 )
-from tirgeo_ros.core.strapdown import (
-    Quaternion,
-    Rotation,
-    matrix,
-    multiply,
-    rotate,
-    rotation_of,
-)
+from tirgeo_ros.core.strapdown import Quaternion, Rotation, matrix, rotate
 
 #: Smallest horizontal part of the nose's direction from which a heading is taken.
 _LEAST_HORIZONTAL = 1e-3
@@ -89,7 +84,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
     rotation_nb = rotation_of(q_nb)
     q_bg, axes_b = chain(joints)
     axes_n = np.dot(matrix(rotation_nb), axes_b)
-    q_ng = multiply(q_nb, q_bg)
+    q_ng = hamilton(q_nb, q_bg)
     return _camera_pose(mount, body, rotation_nb, q_ng, None, axes_n, mount.joint_variance)
 
 
@@ -102,7 +97,7 @@ def chain(joints: JointSample) -> tuple[Quaternion, Array]:
     _, a01, _, _, a11, _, _, a21, _ = rotation_of(q_yaw_roll)  # column 1: the pitch axis
     yaw_cos, yaw_sin = cos(joints.yaw_rad), sin(joints.yaw_rad)
     axes_b = np.array([[0.0, yaw_cos, a01], [0.0, yaw_sin, a11], [1.0, 0.0, a21]])
-    return multiply(q_yaw_roll, (cp, 0.0, sp, 0.0)), axes_b
+    return hamilton(q_yaw_roll, (cp, 0.0, sp, 0.0)), axes_b
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +119,7 @@ def from_computed(
     q_nb: Quaternion = tuple(body.q_nb.tolist())
     q_bg, _ = chain(joints)
     swing = _about_vertical(-north.bias_rad)
-    q_ng = multiply(swing, multiply(q_nb, q_bg))
+    q_ng = hamilton(swing, hamilton(q_nb, q_bg))
     axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _AXES_N], 1)
     tilt = mount.tilt_variance
     variances = np.append(mount.reported_variance, (tilt, tilt, north.variance))
@@ -157,7 +152,7 @@ def from_reported(
     angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
     angle -= north.bias_rad
     swing = _about_vertical(angle)
-    q_ng = multiply(swing, tuple(canonical(reported.q_ng).tolist()))
+    q_ng = hamilton(swing, tuple(canonical(reported.q_ng).tolist()))
     vertical = np.zeros((3, 3))
     vertical[2] = heading_row(nose)
     axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
@@ -220,6 +215,6 @@ def _camera_pose(
     return CameraPose(
         body.stamp_ns,
         body.position_n + np.array((a + x, b + y, c + z)),
-        canonical(np.array(multiply(q_ng, tuple(mount.q_gc.tolist())))),
+        canonical(np.array(hamilton(q_ng, tuple(mount.q_gc.tolist())))),
         covariance,
     )

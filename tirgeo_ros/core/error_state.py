@@ -24,18 +24,11 @@ from typing import cast
 
 import numpy as np
 
+from tirgeo_ros.core.attitude import hamilton
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.strapdown import (
-    NavState,
-    Rates,
-    Rotation,
-    Vector,
-    multiply,
-    normalised,
-    quaternion_of,
-)
+from tirgeo_ros.core.strapdown import NavState, Rates, Rotation, Vector, normalised, quaternion_of
 
 STATES = 15  # of the navigation itself
 ATTITUDE = slice(0, 3)
@@ -216,7 +209,7 @@ def feedback(state: NavState, error: Array) -> NavState:
     v, c = state.velocity_n, state.correction_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
-        normalised(multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
+        normalised(hamilton(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
         (v[0] + e[3], v[1] + e[4], v[2] + e[5]),
         latitude,
         state.longitude_rad + east / ((transverse + state.height_m) * cosine),

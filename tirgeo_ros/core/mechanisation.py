@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import (
     ATTITUDE,
@@ -16,7 +17,7 @@ from tirgeo_ros.core.error_state import (
     VELOCITY,
     CovariancePropagation,
 )
-from tirgeo_ros.core.strapdown import Vector, propagate, rotate, rotation_of
+from tirgeo_ros.core.strapdown import Vector, propagate, rotate
 from tirgeo_ros.core.timeline import Carried, Epoch, between
 
 #: The state is never carried further than this in one step.

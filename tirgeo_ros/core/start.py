@@ -9,10 +9,11 @@ import numpy as np
 from tirgeo_ros.core.aiding.belief import Belief
 from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.alignment import Alignment
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, POSITION, STATES, states_of
 from tirgeo_ros.core.samples import Array, Source
-from tirgeo_ros.core.strapdown import Vector, rotate, rotation_of
+from tirgeo_ros.core.strapdown import Vector, rotate
 
 
 def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.geodesy import EARTH_RATE_RAD_S, earth_at
 from tirgeo_ros.core.samples import Array
 
@@ -45,24 +46,6 @@ class Rates(NamedTuple):
     gravity_m_s2: float  # down
 
 
-def rotation_of(q: Quaternion) -> Rotation:
-    """The matrix of a unit quaternion, row by row."""
-    w, x, y, z = q
-    xx, yy, zz = x * x, y * y, z * z
-    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
-    return (
-        1 - 2 * (yy + zz),
-        2 * (xy - wz),
-        2 * (xz + wy),
-        2 * (xy + wz),
-        1 - 2 * (xx + zz),
-        2 * (yz - wx),
-        2 * (xz - wy),
-        2 * (yz + wx),
-        1 - 2 * (xx + yy),
-    )
-
-
 def rotate(m: Rotation, v: Vector) -> Vector:
     """Matrix times vector."""
     x, y, z = v
@@ -76,18 +59,6 @@ def rotate(m: Rotation, v: Vector) -> Vector:
 def cross(a: Vector, b: Vector) -> Vector:
     """The vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Hamilton product."""
-    a, b, c, d = p
-    w, x, y, z = q
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
 
 
 def quaternion_of(x: float, y: float, z: float) -> Quaternion:

@@ -12,11 +12,12 @@ import numpy as np
 from tirgeo_ros.core.aiding.belief import Aid, Aiding, Belief, added, source_of
 from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.aiding.position import innovation_n, position_design
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import states_of
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import FixStatus, PositionSample, Source
-from tirgeo_ros.core.strapdown import Vector, rotate, rotation_of
+from tirgeo_ros.core.strapdown import Vector, rotate
 
 #: While RTK lasts the error is learned once in so long (a second less the jitter of stamps).
 _LEARNING_NS = 950_000_000

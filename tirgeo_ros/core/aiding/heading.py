@@ -9,13 +9,14 @@ import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Belief
 from tirgeo_ros.core.aiding.control import Control, Track
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig, HeadingConfig
 from tirgeo_ros.core.error_state import HEADING_ERROR, states_of
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, HeadingSample, Source
-from tirgeo_ros.core.strapdown import Rotation, Vector, rotate, rotation_of
+from tirgeo_ros.core.strapdown import Rotation, Vector, rotate
 
 #: The error function's own rounding; a reading less likely than that says nothing by its tails.
 _LEAST_LIKELY = 1e-12

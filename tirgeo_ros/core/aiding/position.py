@@ -8,12 +8,13 @@ import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Belief, added, floored
 from tirgeo_ros.core.aiding.control import Control
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, flat_memory, states_of
 from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, PositionSample
-from tirgeo_ros.core.strapdown import NavState, Vector, rotate, rotation_of
+from tirgeo_ros.core.strapdown import NavState, Vector, rotate
 
 
 def separation_n(state: NavState, sample: PositionSample) -> Vector:

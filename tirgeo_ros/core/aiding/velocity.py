@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.aiding.belief import Aid, Belief, floored
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import GpsConfig, RtkConfig
 from tirgeo_ros.core.error_state import flat_memory
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, VelocitySample
-from tirgeo_ros.core.strapdown import Rotation, Vector, cross, rotate, rotation_of
+from tirgeo_ros.core.strapdown import Rotation, Vector, cross, rotate
 
 
 def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:

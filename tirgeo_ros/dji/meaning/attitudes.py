@@ -7,10 +7,10 @@ from collections import Counter
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import slerp
+from tirgeo_ros.core.attitude import hamilton, slerp
 from tirgeo_ros.core.pose_history import Miss, StampedHistory
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.strapdown import multiply, quaternion_of
+from tirgeo_ros.core.strapdown import quaternion_of
 from tirgeo_ros.dji.readings import Quaternion, Vector
 
 _SPAN_S = 2.0
@@ -104,7 +104,7 @@ class Attitudes:
             return None
         step_s = (stamp_ns - newest_ns) * 1e-9
         x, y, z = angular_rate_b
-        q_nb = multiply(
+        q_nb = hamilton(
             tuple(self._newest(newest_ns).tolist()),
             quaternion_of(x * step_s, y * step_s, z * step_s),
         )

@@ -14,11 +14,11 @@ from collections import Counter, deque
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import canonical, joint_angles, quat_conjugate
+from tirgeo_ros.core.attitude import canonical, hamilton, joint_angles, quat_conjugate, rotation_of
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.pose_history import Miss
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
-from tirgeo_ros.core.strapdown import matrix, multiply, rotation_of
+from tirgeo_ros.core.strapdown import matrix
 from tirgeo_ros.dji.meaning.attitudes import Attitudes, heading_of
 from tirgeo_ros.dji.meaning.stamps import Sequence
 from tirgeo_ros.dji.readings import GimbalReading, Quaternion
@@ -120,7 +120,7 @@ class GimbalMeaning:
         return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
 
     def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
-        q_bg = multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
+        q_bg = hamilton(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
         if math.cos(roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
@@ -139,4 +139,4 @@ def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quate
     yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
     pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
     roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)
-    return multiply(multiply(yaw, pitch), roll)
+    return hamilton(hamilton(yaw, pitch), roll)

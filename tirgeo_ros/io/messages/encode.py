@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import (
@@ -25,7 +26,7 @@ from tirgeo_ros.core.samples import (
     PositionSample,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import Vector, cross, rotation_of
+from tirgeo_ros.core.strapdown import Vector, cross
 from tirgeo_ros.io.messages.axes import (
     Quaternion,
     covariance_turned_world,
