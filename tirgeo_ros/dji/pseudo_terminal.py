@@ -12,7 +12,6 @@ import termios
 import tty
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Final, final
 
 from tirgeo_ros.core.errors import DjiError
@@ -109,12 +108,7 @@ class PseudoTerminal:
     def __enter__(self) -> PseudoTerminal:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from mmap import mmap
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, NamedTuple, final
 
 from mcap.writer import CompressionType, Writer
@@ -222,12 +221,7 @@ class BagWriter:
             self._schemas[typename] = self._writer.register_schema(typename, _ENCODING[1], text)
         return self._schemas[typename]
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and give it its name, or remove it if there was an error."""
         try:
             with self._errors(), self._file:

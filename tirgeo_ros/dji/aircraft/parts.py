@@ -26,6 +26,7 @@ from tirgeo_ros.dji.blocks import (
 )
 from tirgeo_ros.dji.broadcast import Broadcast, Layout
 from tirgeo_ros.dji.meaning.acceleration import G_M_S2
+from tirgeo_ros.dji.tick_clock import LONG_TICK_NS
 
 #: What no flight records: in the air, position mode; sticks at rest; a battery that lasts.
 _STATUS = Status(2, 6, 0, 0)
@@ -36,7 +37,6 @@ _MAG = (210, -480, 1310)
 _NOTHING_NEAR = RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
 _LEVEL_FIVE = 5
 _GIMBAL_WELL = 0x7801  # mounted; escs, drone data
-_TICK_NS = 2_500_000
 
 
 class AircraftTime(NamedTuple):
@@ -57,7 +57,7 @@ class AircraftTime(NamedTuple):
     @property
     def ticks(self) -> int:
         """Of 2.5 ms, as 32 bits."""
-        return self.total_ns // _TICK_NS & 0xFFFFFFFF
+        return self.total_ns // LONG_TICK_NS & 0xFFFFFFFF
 
 
 class Instant(NamedTuple):
@@ -175,7 +175,7 @@ def _hard_sync(i: Instant) -> HardSync | None:
     q = _quaternion(i)
     if q is None:
         return None
-    rest_ns = i.time.total_ns % _TICK_NS
+    rest_ns = i.time.total_ns % LONG_TICK_NS
     ticks = i.since_start.ticks
     return HardSync(i.time.ticks, rest_ns, ticks, 0, 0, q, _force_g(i), _rate(i))
 
