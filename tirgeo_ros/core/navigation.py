@@ -16,10 +16,10 @@ from tirgeo_ros.core.aiding.control import AIDS
 from tirgeo_ros.core.alignment import Aligner, Alignment, Biases
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.ekf import Ekf
-from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.health import Health
 from tirgeo_ros.core.imu_clock import ImuClock
+from tirgeo_ros.core.map_origin import MapOrigin
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.repeats import Repeats, Same
@@ -35,7 +35,7 @@ from tirgeo_ros.core.samples import (
     Source,
     Verdict,
 )
-from tirgeo_ros.core.validity import LARGEST_HEIGHT_M, fault_of, usable_attitude
+from tirgeo_ros.core.validity import fault_of, usable_attitude
 
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
@@ -81,7 +81,7 @@ class Navigation:
         self._resets: Counter[Source] = Counter()  # of the filters before this one
         self._last_reset = ""
         self._test_ratios: dict[Source, float] = {}
-        self._plane = _configured_plane(config)
+        self._origin = MapOrigin(config, self._position_source)
         self._ekf: Ekf | None = None
         self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
         self.reset()
@@ -112,7 +112,7 @@ class Navigation:
     @property
     def plane(self) -> TangentPlane | None:
         """The plane of ``map``: as configured, or at the first accepted position."""
-        return self._plane
+        return self._origin.plane
 
     @property
     def rtk_status(self) -> FixStatus:
@@ -253,28 +253,15 @@ class Navigation:
         else:
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
             self._start(self._aligner.add(sample))
-        self._settle_plane(sample, verdict)
+        self._origin.see(sample, verdict)
         return verdict
-
-    def _settle_plane(self, sample: Aiding, verdict: Verdict) -> None:
-        """The first position that is fit to start from is the origin."""
-        if self._plane is not None or not isinstance(sample, PositionSample):
-            return
-        gps = sample.source is Source.GPS_POSITION
-        if gps is not (self._position_source is Source.GPS_POSITION):
-            return
-        least = FixStatus.SINGLE if gps else FixStatus.FLOAT
-        if sample.status >= least and verdict.outcome in {Outcome.USED, Outcome.WAITING}:
-            self._plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
 
     def _start(self, alignment: Alignment | None) -> None:
         if alignment is None:
             return
         self._ekf = Ekf(self._config, alignment)
         self._why_again, self._lost = "", False
-        if self._plane is None:
-            at = alignment.state
-            self._plane = TangentPlane(at.latitude_rad, at.longitude_rad, at.height_m)
+        self._origin.start_at(alignment.state)
         for imu in alignment.imu[1:]:
             self._ekf.add_imu(imu)  # nothing is held yet
         for sample in alignment.later:
@@ -309,17 +296,3 @@ class Navigation:
         self._counts[source, outcome] += 1
         if not math.isnan(ratio):
             self._test_ratios[source] = ratio
-
-
-def _configured_plane(config: EkfConfig) -> TangentPlane | None:
-    if not config.origin_lat_lon_h:
-        return None
-    latitude_deg, longitude_deg, height_m = config.origin_lat_lon_h
-    if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
-        raise ConfigError(
-            f"parameter origin_lat_lon_h: {latitude_deg:g}, {longitude_deg:g} deg is no latitude "
-            "and longitude"
-        )
-    if abs(height_m) >= LARGEST_HEIGHT_M:
-        raise ConfigError(f"parameter origin_lat_lon_h: {height_m:g} m is no height on earth")
-    return TangentPlane(math.radians(latitude_deg), math.radians(longitude_deg), height_m)
