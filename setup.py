@@ -61,6 +61,9 @@ setup(
         "pyserial>=3.5",
         "cryptography>=41",
         "pyshp>=2.3",
+        # Of the commands alone: plots, statistics and least squares.
+        "matplotlib>=3.6",
+        "scipy>=1.11",
     ],
     extras_require={
         "ros": [

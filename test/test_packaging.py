@@ -28,6 +28,8 @@ KEYS = {
     "pyproj": "python3-pyproj",
     "yaml": "python3-yaml",
     "PIL": "python3-pil",
+    "matplotlib": "python3-matplotlib",
+    "scipy": "python3-scipy",
     "serial": "python3-serial",
     "cryptography": "python3-cryptography",
 }

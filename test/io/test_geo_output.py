@@ -9,11 +9,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.errors import SurveyError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.located import Located, Refusal
 from tirgeo_ros.core.locating import Reason
-from tirgeo_ros.io.geo_output import Answered, cot, geojson, kml, write_texts
+from tirgeo_ros.io.geo_output import Answered, cot, geojson, kml
 
 STAMP_NS = 1_634_731_235_605_555_556  # 2021-10-20, 12:00:35.605 UTC
 PLACE = TangentPlane(math.radians(39.85), math.radians(116.7), 11.5)
@@ -117,14 +116,3 @@ def test_nothing_asked_is_an_empty_file_of_each_form():
     assert json.loads(geojson([])) == {"type": "FeatureCollection", "features": []}
     assert list(ET.fromstring(cot([]))) == []
     assert list(ET.fromstring(kml([]))[0]) == []
-
-
-def test_all_files_are_written_or_none(tmp_path):
-    (tmp_path / "old").write_text("old")
-    with pytest.raises(SurveyError, match=r"absent/b: cannot be written: No such file"):
-        write_texts({tmp_path / "old": "new", tmp_path / "absent" / "b": "b"})
-    assert (tmp_path / "old").read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["old"]
-    write_texts({tmp_path / "old": "néw", str(tmp_path / "b"): "b"})
-    assert (tmp_path / "old").read_text(encoding="utf-8") == "néw"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "old"]

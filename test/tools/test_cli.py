@@ -138,15 +138,31 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"{__version__}\n"
 
 
-@pytest.mark.parametrize("module", VERBS, ids=lambda module: module.__name__.rpartition(".")[2])
-def test_each_verbs_help_has_an_example_and_json(module):
-    name = module.__name__.rpartition(".")[2].removesuffix("_")
-    parser = command.parser_of([module])
-    action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    assert list(action.choices) == [name]
-    text = action.choices[name].format_help()
-    assert f"\n  tirgeo {name} " in f"{text.partition('example')[2]} "
+def _parsers(parser, words="tirgeo"):
+    """Every verb, those within a verb too, with its words."""
+    groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not groups:
+        yield words, parser
+    for group in groups:
+        for name, inner in group.choices.items():
+            yield from _parsers(inner, f"{words} {name}")
+
+
+@pytest.mark.parametrize(
+    ("words", "parser"), _parsers(command.parser_of(VERBS)), ids=lambda given: str(given)
+)
+def test_each_verbs_help_has_an_example_and_json(words, parser):
+    text = parser.format_help()
+    assert f"\n  {words} " in f"{text.partition('example')[2]} "
     assert "--json" in text
+    assert parser.prog == words  # which begins its errors
+
+
+def test_a_verb_within_a_verb_names_both_in_its_errors(capsys):
+    parser = dict(_parsers(command.parser_of(VERBS)))["tirgeo calibrate allan"]
+    with pytest.raises(SystemExit, match="2"):
+        parser.parse_args([])
+    assert "tirgeo calibrate allan: error: " in capsys.readouterr().err
 
 
 def test_help_imports_nothing_heavy():

@@ -41,6 +41,10 @@ class ScenarioError(TirgeoError):
     """A scenario of the simulator cannot be flown."""
 
 
+class CalibrationError(TirgeoError):
+    """A calibration or an evaluation cannot be made of what is given."""
+
+
 class VideoError(TirgeoError):
     """A video file cannot be written."""
 

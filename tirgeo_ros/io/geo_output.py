@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta, timezone
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from tirgeo_ros.core.errors import SurveyError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.located import Located, Refusal
 
@@ -118,28 +116,6 @@ def _cot_point(found: Located) -> dict[str, str]:
         "ce": f"{math.sqrt(along):.3f}",
         "le": f"{math.sqrt(float(found.covariance_n[2, 2])):.3f}",
     }
-
-
-def write_texts(texts: Mapping[PathLike, str]) -> None:
-    """Write files (UTF-8); where one of them cannot be written, none is there.
-
-    Raises SurveyError naming the file.
-    """
-    parts = {
-        path: Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part") for path in texts
-    }
-    path: PathLike = ""
-    try:
-        for path, text in texts.items():
-            parts[path].write_text(text, encoding="utf-8")
-        for path, part in parts.items():
-            part.replace(path)
-    except OSError as error:
-        name = os.fspath(path)
-        raise SurveyError(f"{name}: cannot be written: {error.strerror or error}") from None
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
 
 
 def _found(answers: Sequence[Answered]) -> Iterator[tuple[str, Located]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +20,9 @@ from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import config_from, parameters_of
 
 T = TypeVar("T")
+PathLike = str | os.PathLike[str]
+#: A file, several of which the later stand before the earlier, or none.
+Files = PathLike | Sequence[PathLike] | None
 
 _MARK = "ros__parameters"
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
@@ -46,15 +49,20 @@ def load_yaml(path: str | os.PathLike[str]) -> Any:
 class ParameterFile:
     """A parameter file, read and checked as a whole; without a path all is at its default.
 
-    Raises ConfigError, naming file and key, for what is no parameter file, a node that is not
-    tirgeo's, an unknown name, a wrong type or a value out of range.
+    Of several files the later stand before the earlier, as where a node is given several. Raises
+    ConfigError, naming file and key, for what is no parameter file, a node that is not tirgeo's,
+    an unknown name, a wrong type or a value out of range.
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None) -> None:
-        self._name = "" if path is None else str(path)
-        self._parts: list[Section] = [] if path is None else list(_sections(path))
-        for pattern, given in self._parts:
-            _check(self._name, pattern, given)
+    def __init__(self, files: Files) -> None:
+        paths = _paths(files)
+        self._name = ", ".join(str(path) for path in paths)
+        self._parts: list[Section] = []
+        for path in paths:
+            parts = list(_sections(path))
+            for pattern, given in parts:
+                _check(path, pattern, given)
+            self._parts += parts
 
     def values(self, node: str, namespace: str = "") -> dict[str, object]:
         """The dotted values that the file gives a node."""
@@ -71,18 +79,20 @@ class ParameterFile:
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
-def load_parameters(
-    path: str | os.PathLike[str], node: str, namespace: str = ""
-) -> dict[str, object]:
+def _paths(files: Files) -> list[PathLike]:
+    if files is None:
+        return []
+    return [files] if isinstance(files, str | os.PathLike) else list(files)
+
+
+def load_parameters(files: Files, node: str, namespace: str = "") -> dict[str, object]:
     """``ParameterFile.values`` for one node."""
-    return ParameterFile(path).values(node, namespace)
+    return ParameterFile(files).values(node, namespace)
 
 
-def load_config(
-    path: str | os.PathLike[str] | None, node: str, kind: type[T], namespace: str = ""
-) -> T:
+def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
     """``ParameterFile.config`` for one node."""
-    return ParameterFile(path).config(node, kind, namespace)
+    return ParameterFile(files).config(node, kind, namespace)
 
 
 def _own(values: Mapping[str, object]) -> dict[str, object]:

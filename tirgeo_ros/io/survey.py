@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.errors import SurveyError
+from tirgeo_ros.io.whole_files import write_files
 
 T = TypeVar("T")
 
@@ -57,7 +58,7 @@ def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
 def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> None:
     """Write points as CSV where the name ends in ``.csv``, else as GeoJSON."""
     as_csv = Path(path).suffix.lower() == ".csv"
-    _write(path, _survey_csv(points) if as_csv else _survey_geojson(points))
+    write_files({path: _survey_csv(points) if as_csv else _survey_geojson(points)}, SurveyError)
 
 
 def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
@@ -68,7 +69,7 @@ def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
 def save_observations(path: str | os.PathLike[str], observations: Sequence[Observation]) -> None:
     """Write observations as CSV, pixels to a thousandth."""
     rows = [(o.id, str(o.stamp_ns), f"{o.u:.3f}", f"{o.v:.3f}") for o in observations]
-    _write(path, _csv([_OBSERVATION_COLUMNS, *rows]))
+    write_files({path: _csv([_OBSERVATION_COLUMNS, *rows])}, SurveyError)
 
 
 def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint]:
@@ -205,15 +206,3 @@ def _text(path: str | os.PathLike[str]) -> str:
         raise SurveyError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise SurveyError(f"{path}: not a text file in UTF-8") from None
-
-
-def _write(path: str | os.PathLike[str], text: str) -> None:
-    """The whole file or none."""
-    part = Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        raise SurveyError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)

@@ -19,8 +19,9 @@ from tirgeo_ros.core.locating import Ground, Reason
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.elevation import ground_of
-from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml, write_texts
+from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml
 from tirgeo_ros.io.survey import Observation, load_observations
+from tirgeo_ros.io.whole_files import write_files
 from tirgeo_ros.tools.flight_poses import FlightPoses
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.progress import Report, silent
@@ -62,7 +63,7 @@ def locate_pixels(
         raise BagError(f"{os.fspath(bag_in)}: no thermal/camera_info could be used")
     answers = [Answered(one.id, _answer(flight, one, ground, overlay)) for one in seen]
     forms = {output: geojson, kml_out: kml, cot_out: cot}
-    write_texts({path: form(answers) for path, form in forms.items() if path})
+    write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
     summary = _summary(answers, ground)
     summary["error"] = _error(reader, answers)
     navigation = flight.registration.navigation.status()

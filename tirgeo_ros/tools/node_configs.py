@@ -8,22 +8,22 @@ from dataclasses import replace
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.parameter import config_from, values_of
-from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.io.parameter_file import Files, ParameterFile
 
 PathLike = str | os.PathLike[str]
 
 
 def node_configs(
-    params: PathLike | None,
+    params: Files,
     namespace: str,
     method: str | None,
     dem: PathLike | None,
     ground_height: float | None,
 ) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
-    """Of ekf_node, gimbal_node and overlay_node, from a parameter file (None: the defaults).
+    """Of ekf_node, gimbal_node and overlay_node, from parameter files (None: the defaults).
 
-    What is not None stands before the file: ``method``; ``dem``, which unsets the ground's height;
-    ``ground_height`` (ellipsoidal m). Raises ConfigError.
+    What is not None stands before the files: ``method``; ``dem``, which unsets the ground's
+    height; ``ground_height`` (ellipsoidal m). Raises ConfigError.
     """
     given = ParameterFile(params)
     ekf = given.config("ekf_node", EkfConfig, namespace)

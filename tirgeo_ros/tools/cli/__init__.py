@@ -30,6 +30,9 @@ Every module here but ``main`` and those that begin with ``_`` is a verb of its 
   and keeps its traceback.
 - ``Subparsers`` and ``UsageError`` come from ``tirgeo_ros.tools.cli._verb``.
 
+A verb without ``run`` has verbs of its own (``calibrate``): ``add_parser`` declares them, each by
+a module of the same form, and calls ``complete`` of ``_verb`` for each.
+
 A verb's module imports nothing heavy (NumPy, OpenCV, rclpy, tirgeo_ros.core.config) but within
 ``run``, so that ``tirgeo --help`` is quick. Long work shows a ``tools.progress.Progress``.
 """

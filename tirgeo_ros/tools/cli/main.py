@@ -17,7 +17,7 @@ from typing import NoReturn
 import tirgeo_ros
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.tools import cli
-from tirgeo_ros.tools.cli._verb import UsageError
+from tirgeo_ros.tools.cli._verb import UsageError, complete
 
 DONE, FAILED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 130, 141, 143
 
@@ -42,16 +42,10 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=tirgeo_ros.__version__)
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for module in modules:
-        _complete(module.add_parser(subparsers), module)
+        verb = module.add_parser(subparsers)
+        if hasattr(module, "run"):  # else it has verbs of its own
+            complete(verb, module)
     return parser
-
-
-def _complete(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "--json", action="store_true", help="print the result as one JSON object on stdout"
-    )
-    parser.set_defaults(verb_module=module, verb_parser=parser)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,9 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _closed_pipe()
     except (TirgeoError, OSError) as error:
-        return _say(args.verb, _message(error), FAILED)
+        return _say(args, _message(error), FAILED)
     except KeyboardInterrupt:
-        return _say(args.verb, "interrupted", INTERRUPTED)
+        return _say(args, "interrupted", INTERRUPTED)
     return code
 
 
@@ -80,13 +74,13 @@ def _run(args: argparse.Namespace) -> int:
     else:
         print(getattr(args.verb_module, "describe", _lines)(result))
     if result.get("warning") is not None:
-        _say(args.verb, f"warning: {result['warning']}", DONE)
+        _say(args, f"warning: {result['warning']}", DONE)
     error = result.get("error")
-    return DONE if error is None else _say(args.verb, str(error), FAILED)
+    return DONE if error is None else _say(args, str(error), FAILED)
 
 
-def _say(verb: str, message: str, code: int) -> int:
-    print(f"tirgeo {verb}: {' '.join(message.splitlines())}", file=sys.stderr)
+def _say(args: argparse.Namespace, message: str, code: int) -> int:
+    print(f"{args.verb_parser.prog}: {' '.join(message.splitlines())}", file=sys.stderr)
     return code
 
 

@@ -1,0 +1,32 @@
+"""Output files that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from tirgeo_ros.core.errors import TirgeoError
+
+PathLike = str | os.PathLike[str]
+
+
+def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:
+    """Write files (text as UTF-8); where one of them cannot be written, none is there.
+
+    Raises ``error`` naming the file.
+    """
+    parts = {
+        path: Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part") for path in contents
+    }
+    path: PathLike = ""
+    try:
+        for path, content in contents.items():
+            parts[path].write_bytes(content.encode() if isinstance(content, str) else content)
+        for path, part in parts.items():
+            part.replace(path)
+    except OSError as fault:
+        raise error(f"{os.fspath(path)}: cannot be written: {fault.strerror or fault}") from None
+    finally:
+        for part in parts.values():
+            part.unlink(missing_ok=True)

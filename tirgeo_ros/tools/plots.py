@@ -1,0 +1,53 @@
+"""How all plots look, and how they become files: without a display and the same each time."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Colours that are told apart by the colour-blind too (Okabe and Ito), in order of use.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DPI = 110
+_STYLE: Any = {
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "font.size": 9,
+    "grid.color": "#dddddd",
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "svg.hashsalt": "tirgeo",
+}
+
+
+def figure(
+    width_in: float = 7.0, height_in: float = 4.0, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes, one or an array of them, as ``Figure.subplots`` gives them."""
+    from matplotlib import rc_context  # noqa: PLC0415  slow to import
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    with rc_context(_STYLE):
+        made = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+        return made, made.subplots(rows, columns, **options)
+
+
+def png(made: Figure) -> bytes:
+    """The figure as a PNG."""
+    out = io.BytesIO()
+    made.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def svg(made: Figure) -> bytes:
+    """The figure as SVG, for a page."""
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    out = io.BytesIO()
+    with rc_context(_STYLE):
+        made.savefig(out, format="svg", metadata={"Date": None})
+    return out.getvalue()
