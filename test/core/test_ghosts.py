@@ -32,7 +32,7 @@ LENSES = {
     ),
 }
 PLAIN = LayerStyle()
-SAMPLES = 4000  # over at most 180 deg: below 0.7 px apart with a focal length of 800 px
+SAMPLES = 4000  # over 180 deg: below 0.7 px apart with a focal length of 800 px
 #: Half of 0.7 px between samples, half a pixel where a sample is rounded to, a pixel of
 #: anti-aliased ink, 0.1 px that a chord may leave its curve.
 REACH_PX = 2
@@ -87,9 +87,11 @@ def sampled(begin_c, end_c):
     foot = -(begin_c * along).sum(axis=1)[:, None]
     height = np.maximum(np.linalg.norm(begin_c + foot * along, axis=1), 1e-6)[:, None]
     first, last = np.arctan2(-foot, height), np.arctan2(length - foot, height)
-    share = np.linspace(0, 1, SAMPLES)
-    distance = foot + height * np.tan(first + (last - first) * share)
-    return (begin_c[:, None] + distance[..., None] * along[:, None]).reshape(-1, 3)
+    steps = np.ceil(SAMPLES * (last - first)[:, 0] / np.pi).astype(int) + 1
+    row = np.repeat(np.arange(len(steps)), steps + 1)
+    share = np.concatenate([np.linspace(0, 1, count + 1) for count in steps])[:, None]
+    distance = foot[row] + height[row] * np.tan(first[row] + (last - first)[row] * share)
+    return begin_c[row] + distance * along[row]
 
 
 def by_points(camera, lines, pose):
