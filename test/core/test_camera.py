@@ -52,6 +52,21 @@ def test_projects_as_opencv(camera, count):
     assert np.isnan(uv[~valid]).all()
 
 
+@pytest.mark.parametrize("camera", [*CAMERAS, Camera(640, 512, 800, 800, 320, 256, FOLDING)])
+def test_the_ray_of_one_pixel_is_that_among_many(camera):
+    rng = np.random.default_rng(6)
+    uv = rng.uniform(-400, 1400, (300, 2))
+    odd = [np.nan, np.inf, -np.inf, 1e300, -1e9, camera.cx]
+    uv = np.vstack([uv, [[camera.cx, camera.cy]], [[u, v] for u in odd for v in odd]])
+    with np.errstate(invalid="ignore"):
+        many = camera.rays(uv)
+        single = np.vstack([camera.rays(one) for one in uv])
+    # Of many pixels each goes as often round as the farthest from its root: the last step is one
+    # of rounding. nan at the same ones.
+    np.testing.assert_allclose(single, many, rtol=0, atol=1e-13)
+    assert 50 < np.isfinite(single[:, 0]).sum() < 330
+
+
 @EACH
 def test_rays_invert_the_projection_over_the_whole_image(camera):
     columns, rows = np.meshgrid(

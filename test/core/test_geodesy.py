@@ -163,6 +163,14 @@ def test_local_axes_are_the_ways_of_the_coordinates(lat, lon, height):
 
 
 @given(latitudes, longitudes)
+def test_up_in_the_plane_is_that_of_the_local_axes(lat, lon):
+    plane = TangentPlane(0.4, -1.1, 90.0)
+    up_n = plane.up_n(np.array([lat, 0.4]), np.array([lon, -1.1]))
+    np.testing.assert_allclose(up_n[0], -plane.rotation_from_local(lat, lon)[:, 2], atol=1e-15)
+    np.testing.assert_allclose(up_n[1], [0, 0, -1], atol=1e-15)
+
+
+@given(latitudes, longitudes)
 def test_quaternion_of_the_local_axes(lat, lon):
     q = geodesy.quat_ecef_from_ned(lat, lon)
     rotation = geodesy.rotation_ecef_from_ned(lat, lon)

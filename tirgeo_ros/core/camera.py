@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ from numpy.polynomial import polynomial as poly
 
 from tirgeo_ros.core.errors import CameraError
 from tirgeo_ros.core.samples import Array
+
+T = TypeVar("T", Array, float)
 
 #: Points nearer than this along the optical axis are not projected.
 NEAR_M = 0.1
@@ -139,8 +142,8 @@ class Camera:
             v[part] = self.fy * distorted[1] + self.cy
         return u, v
 
-    def slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-        """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape."""
+    def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
+        """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape, or floats."""
         xx, xy, yy = _slopes(self._k, x, y)
         return self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
 
@@ -165,6 +168,8 @@ class Camera:
         The distortion is inverted by Newton's method, begun from the radial part's table.
         """
         uv = np.asarray(uv, float).reshape(-1, 2)
+        if len(uv) == 1:
+            return self._ray(*uv[0].tolist())
         rays = np.ones((len(uv), 3))
         for start in range(0, len(uv), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -172,6 +177,25 @@ class Camera:
             rays[part, 0], rays[part, 1] = self._undistort(xd, yd)
         rays[np.isnan(rays[:, 0])] = np.nan
         return rays
+
+    def _ray(self, u: float, v: float) -> Array:
+        """``rays`` of one pixel, a click, in floats: a fifth of the time."""
+        xd, yd = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        distorted = math.hypot(xd, yd)
+        shrink = float(np.interp(distorted, *self._radii)) / max(distorted, 1e-300)
+        x, y = xd * shrink, yd * shrink
+        try:
+            for _ in range(_NEWTON_STEPS):
+                dx, dy = _newton_step(self._k, x, y, xd, yd)
+                x, y = x - dx, y - dy
+                if abs(dx) + abs(dy) < _SETTLED:
+                    break
+            got = _distort(self._k, x, y)
+        except ZeroDivisionError:
+            return np.full((1, 3), np.nan)
+        found = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+        found &= x * x + y * y <= self.max_radius**2
+        return np.array([[x, y, 1.0]]) if found else np.full((1, 3), np.nan)
 
     def _undistort(self, xd: Array, yd: Array) -> tuple[Array, Array]:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -214,14 +238,14 @@ def _largest_root(coefficients: Array) -> float:
     return float(np.max(roots.real[real], initial=0.0))
 
 
-def _radial(k: tuple[float, ...], s: Array) -> Array:
+def _radial(k: tuple[float, ...], s: T) -> T:
     """The radial factor at s = r^2."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top = 1 + s * (k1 + s * (k2 + s * k3))
     return top if k4 == k5 == k6 == 0 else top / (1 + s * (k4 + s * (k5 + s * k6)))
 
 
-def _radial_slope(k: tuple[float, ...], s: Array) -> Array:
+def _radial_slope(k: tuple[float, ...], s: T) -> T:
     """Derivative of the radial factor by s."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top = k1 + s * (2 * k2 + s * (3 * k3))
@@ -231,7 +255,7 @@ def _radial_slope(k: tuple[float, ...], s: Array) -> Array:
     return (top - _radial(k, s) * bottom) / (1 + s * (k4 + s * (k5 + s * k6)))
 
 
-def _distort(k: tuple[float, ...], x: Array, y: Array) -> tuple[Array, Array]:
+def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
     """Undistorted to distorted points of the plane z = 1 (Ren et al. 2022, Eq. 25-26)."""
     p1, p2 = k[2:4]
     xx, yy = x * x, y * y
@@ -240,9 +264,7 @@ def _distort(k: tuple[float, ...], x: Array, y: Array) -> tuple[Array, Array]:
     return x * factor + p2 * s, y * factor + p1 * s
 
 
-def _newton_step(
-    k: tuple[float, ...], x: Array, y: Array, xd: Array, yd: Array
-) -> tuple[Array, Array]:
+def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:
     """The correction that brings the distorted (x, y) to (xd, yd), to first order."""
     got = _distort(k, x, y)
     ex, ey = got[0] - xd, got[1] - yd
@@ -251,7 +273,7 @@ def _newton_step(
     return (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
 
 
-def _slopes(k: tuple[float, ...], x: Array, y: Array) -> tuple[Array, Array, Array]:
+def _slopes(k: tuple[float, ...], x: T, y: T) -> tuple[T, T, T]:
     """Derivatives of the distorted point: dx/dx, dx/dy (which is dy/dx), dy/dy."""
     p1, p2 = k[2:4]
     s = x * x + y * y

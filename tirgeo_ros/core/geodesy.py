@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,11 @@ SEMI_MAJOR_AXIS_M = 6378137.0
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
+# Of Bowring's formula: e'^2 b along the earth's axis, e^2 a from it.
+_POLAR_BEND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED) * SEMI_MINOR_AXIS_M
+_AXIAL_BEND = ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M
+_OF_FLOATS = (math.hypot, math.atan2, math.sin, math.cos, math.sqrt)
+_OF_ARRAYS = (np.hypot, np.arctan2, np.sin, np.cos, np.sqrt)
 EARTH_RATE_RAD_S = 7.292115e-5
 GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
 GRAVITY_EQUATOR_M_S2 = 9.7803253359
@@ -91,22 +97,29 @@ def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
     """Latitude, longitude, height of (..., 3) earth-fixed metres.
 
     Bowring's start, then two Newton steps on the reduced latitude: below 1e-9 m for any height
-    an aircraft reaches.
+    an aircraft reaches. A single place is worked out in floats, at a fifth of the price.
     """
-    x, y, z = np.moveaxis(np.asarray(position_e, float), -1, 0)
-    p = np.hypot(x, y)
-    reduced = np.arctan2(z, (1 - FLATTENING) * p)
-    second = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED)
-    lat = np.zeros_like(p)
-    for _ in range(3):
-        lat = np.arctan2(
-            z + second * SEMI_MINOR_AXIS_M * np.sin(reduced) ** 3,
-            p - ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M * np.cos(reduced) ** 3,
-        )
-        reduced = np.arctan2((1 - FLATTENING) * np.sin(lat), np.cos(lat))
-    sin, cos = np.sin(lat), np.cos(lat)
-    root = np.sqrt(1 - ECCENTRICITY_SQUARED * sin**2)
-    return lat, np.arctan2(y, x), p * cos + z * sin - SEMI_MAJOR_AXIS_M * root
+    position_e = np.asarray(position_e, float)
+    if position_e.size == 3 and math.isfinite(position_e.sum()):
+        x, y, z = position_e.ravel().tolist()
+        lat, lon, height = _geodetic(x, y, z, _OF_FLOATS)
+        shape = position_e.shape[:-1]
+        return np.full(shape, lat), np.full(shape, lon), np.full(shape, height)
+    return _geodetic(position_e[..., 0], position_e[..., 1], position_e[..., 2], _OF_ARRAYS)
+
+
+def _geodetic(x: Any, y: Any, z: Any, functions: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+    hypot, atan2, sin, cos, sqrt = functions
+    p = hypot(x, y)
+    reduced = atan2(z, (1 - FLATTENING) * p)
+    for k in range(3):
+        s, c = sin(reduced), cos(reduced)
+        lat = atan2(z + _POLAR_BEND * (s * s * s), p - _AXIAL_BEND * (c * c * c))
+        s, c = sin(lat), cos(lat)
+        if k < 2:
+            reduced = atan2((1 - FLATTENING) * s, c)
+    root = sqrt(1 - ECCENTRICITY_SQUARED * (s * s))
+    return lat, atan2(y, x), p * c + z * s - SEMI_MAJOR_AXIS_M * root
 
 
 def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
@@ -159,6 +172,12 @@ class TangentPlane:
     def geodetic_from_ned(self, position_n: Array) -> tuple[Array, Array, Array]:
         """Latitude, longitude (rad), height (m) of (..., 3) metres in the plane's axes."""
         return geodetic_from_ecef(self._origin_e + np.asarray(position_n) @ self._rotation_en.T)
+
+    def up_n(self, latitude_rad: Array, longitude_rad: Array) -> Array:
+        """(..., 3) the ellipsoid's normal at places (...), in the plane's axes."""
+        cosine = np.cos(latitude_rad)
+        parts = (cosine * np.cos(longitude_rad), cosine * np.sin(longitude_rad))
+        return np.asarray(np.stack([*parts, np.sin(latitude_rad)], axis=-1) @ self._rotation_en)
 
     def rotation_from_local(self, latitude_rad: float, longitude_rad: float) -> Array:
         """(3, 3): north, east, down at a place to the plane's axes."""
