@@ -7,10 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tirgeo_ros.core.attitude import quat_from_euler, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.confidence import CHI2_95, CameraRates
+from tirgeo_ros.core.confidence import CHI2_95, CameraRates, pixel_jacobian
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
@@ -20,9 +22,9 @@ from tirgeo_ros.core.located import (
     Refusal,
     ellipse_of,
     place,
-    point_covariance,
 )
 from tirgeo_ros.core.locating import Reason, locate
+from tirgeo_ros.core.point_covariance import point_covariance
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.terrain import Terrain, graticule
 
@@ -91,12 +93,35 @@ def test_the_covariance_against_monte_carlo(kind, uv):
     assert np.linalg.eigvalsh(found.covariance_n)[0] > -1e-12
 
 
+@given(seed=st.integers(0, 2**31))
+def test_the_covariance_is_that_of_the_pixels_derivatives(seed):
+    """du = J_pose d_pose + J_point d_point and m . d_point = m . up dh, solved for d_point."""
+    rng = np.random.default_rng(seed)
+    pose = pose_at(
+        rng.uniform(-300, 300, 3) - [0, 0, 400], *rng.uniform([-20, -80, 0], [20, -35, 360])
+    )
+    uv = rng.uniform([0, 0], [639, 511], (1, 2))
+    (point_n,), _ = locate(XT2, pose, uv, PLANE, 5.0)
+    by_pose, by_point = (each[0] for each in pixel_jacobian(XT2, pose, point_n[None]))
+    latitude, longitude, _ = PLANE.geodetic_from_ned(point_n)
+    up_n = PLANE.up_n(latitude, longitude)
+    known = np.zeros((3, 3))
+    known[:2, :2] = by_pose @ COVARIANCE @ by_pose.T + CONFIG.lens_sigma_px**2 * np.eye(2)
+    known[2, 2] = CONFIG.ground_sigma_m**2
+    inverse = np.linalg.inv(np.vstack([by_point, up_n]))
+    expected = inverse @ known @ inverse.T
+    found = point_covariance(XT2, pose, COVARIANCE, point_n, PLANE, 5.0, CONFIG)
+    # the pixels' derivatives are 1 px/m and less, the normal 1: the inverse loses three digits
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.trace(expected))
+
+
 def test_by_hand_straight_down():
     pose = dataclasses.replace(
         pose_at([0, 0, -50.0], 0, -90, 0), covariance=np.diag([0.09, 0.04, 1, 1e-4, 4e-4, 0])
     )
     config = ConfidenceConfig(latency_sigma_s=0.0, lens_sigma_px=0.0, ground_sigma_m=0.2)
-    covariance = point_covariance(XT2, pose, np.array([0.0, 0, 0]), PLANE, 30.0, config)
+    nadir_n = np.zeros(3)
+    covariance = point_covariance(XT2, pose, pose.covariance, nadir_n, PLANE, 30.0, config)
     # tilts act over 50 m: phi east moves it north, phi north moves it east
     expected = np.diag([0.09 + 2500 * 4e-4, 0.04 + 2500 * 1e-4, 0.04])
     # the lens's principal axis is at cx, cy; curvature does not matter at the nadir

@@ -71,6 +71,11 @@ def first_below(surface, position_n, ray_n, longest_m, step_m=0.05):
     return ways[k - 1] + step_m * above[k - 1] / (above[k - 1] - above[k])
 
 
+def place_of(point_n):
+    latitude, longitude, _ = PLANE.geodetic_from_ned(point_n)
+    return float(latitude), float(longitude)
+
+
 HILLS = terrain_of(hills)
 
 
@@ -247,7 +252,9 @@ def test_a_grid_across_the_antimeridian():
 
 def test_the_slopes_of_the_hills_and_the_size_of_a_cell():
     point_n = np.array([12.0, -33.0, 0.0])
-    slopes = Slopes(HILLS, PLANE, point_n, np.eye(3))  # axes differ by 1e-5 rad from the plane's
+    slopes = Slopes(
+        HILLS, *place_of(point_n), np.eye(3)
+    )  # axes differ by 1e-5 rad from the plane's
     assert slopes.cell_m == pytest.approx(1, rel=0.02)
     north, east = 12 / 70, -33 / 90
     expected = -8 * np.array(
@@ -264,11 +271,11 @@ def test_the_slopes_of_the_hills_and_the_size_of_a_cell():
 def test_slopes_on_the_rim_are_of_the_side_that_is_there():
     ramp = Terrain(np.arange(9.0).reshape(3, 3), graticule(SOUTH_WEST_DEG, STEP_DEG, 3))
     corner = PLANE.ned_from_geodetic(*np.radians(np.add(SOUTH_WEST_DEG, 1e-8)), 0.0)
-    normal_n = Slopes(ramp, PLANE, corner, np.eye(3)).normal_n(1.0)
+    normal_n = Slopes(ramp, *place_of(corner), np.eye(3)).normal_n(1.0)
     # 3 m a row of 1.00 m, southwards; 1 m a column of 1.00 m, eastwards
     np.testing.assert_allclose(normal_n, [3, -1, -1], rtol=0.02)
     one = Terrain(np.zeros((2, 2)), graticule(SOUTH_WEST_DEG, STEP_DEG, 2))
-    assert Slopes(one, PLANE, corner, np.eye(3)).normal_n(9.0).tolist() == [0, 0, -1]
+    assert Slopes(one, *place_of(corner), np.eye(3)).normal_n(9.0).tolist() == [0, 0, -1]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M, TangentPlane
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.terrain_rays import Stop
 
-_STEPS = 4
-_CLOSE_M = 1e-6
+_MOST_STEPS = 6
+#: Of a height. Earth-fixed coordinates are rounded by 1e-9 m, some times over.
+_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
 #: Rays closer to the surface's tangent than this (rad) say nothing: no attitude is so well known.
 _LEVEL_RAD = 1e-4
 
@@ -19,19 +20,22 @@ def level_hits(
 ) -> tuple[Array, list[Stop | None]]:
     """How far (N,) along unit rays (N, 3) the height is reached, m; nan and why where it is not.
 
-    Begun on a sphere, then Newton's method on the ellipsoidal height: within 1e-6 m.
+    Begun on a sphere, then Newton's method on the ellipsoidal height.
     """
-    above_m = float(plane.geodetic_from_ned(position_n)[2]) - height_m
+    latitude, longitude, camera_m = plane.geodetic_from_ned(position_n)
+    above_m = float(camera_m) - height_m
     if not above_m > 0:
         return np.full(len(rays_n), np.nan), [Stop.UNDER] * len(rays_n)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ways = _on_a_sphere(above_m, rays_n @ _up_n(plane, position_n))
-        for _ in range(_STEPS):
-            points_n = position_n + ways[:, None] * rays_n
-            heights, slopes = _heights_and_slopes(plane, points_n, rays_n)
-            ways = ways - (heights - height_m) / slopes
-        met = (np.abs(heights - height_m) < _CLOSE_M * 1e3) & (slopes < -_LEVEL_RAD) & (ways > 0)
-    return np.where(met, ways, np.nan), [None if one else Stop.OVER for one in met]
+        ways = _on_a_sphere(above_m, rays_n @ plane.up_n(latitude, longitude))
+        for _ in range(_MOST_STEPS):
+            off_m, slopes = _heights_and_slopes(plane, position_n, ways, rays_n)
+            off_m -= height_m
+            if not (np.abs(off_m) > _SETTLED_M).any():
+                break
+            ways = ways - off_m / slopes
+        met = (np.abs(off_m) < _CLOSE_M) & (slopes < -_LEVEL_RAD) & (ways > 0)
+    return np.where(met, ways, np.nan), [None if one else Stop.OVER for one in met.tolist()]
 
 
 def _on_a_sphere(above_m: float, slopes: Array) -> Array:
@@ -42,18 +46,12 @@ def _on_a_sphere(above_m: float, slopes: Array) -> Array:
     return way
 
 
-def _up_n(plane: TangentPlane, position_n: Array) -> Array:
-    """(3,) the ellipsoid's normal at a place."""
-    latitude, longitude, _ = plane.geodetic_from_ned(position_n)
-    up: Array = -plane.rotation_from_local(float(latitude), float(longitude))[:, 2]
-    return up
-
-
 def _heights_and_slopes(
-    plane: TangentPlane, points_n: Array, rays_n: Array
+    plane: TangentPlane, position_n: Array, ways: Array, rays_n: Array
 ) -> tuple[Array, Array]:
-    """Heights (N,) of points (N, 3), and how fast they grow along the rays."""
-    step_m = 0.5
-    both = np.stack([points_n - step_m * rays_n, points_n, points_n + step_m * rays_n])
-    before, here, after = plane.geodetic_from_ned(both)[2]
-    return here, (after - before) / (2 * step_m)
+    """Heights (N,) of points so far along rays, and how fast they grow there.
+
+    A height grows along the ellipsoid's normal at its place.
+    """
+    latitude, longitude, height = plane.geodetic_from_ned(position_n + ways[:, None] * rays_n)
+    return height, (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)
