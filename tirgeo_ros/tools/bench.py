@@ -18,6 +18,7 @@ import yaml
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.tools.bench_clicks import click_speeds
 from tirgeo_ros.tools.bench_dds import dds_times
 from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
 from tirgeo_ros.tools.bench_filter import filter_times, long_times
@@ -50,6 +51,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from _filter_cost()
     yield from _filter_hour()
     yield from _overlay_cost()
+    yield from _click_speed()
     yield from _dji_speed()
     if graph:
         yield from _graph_cost(folder, work)
@@ -105,6 +107,14 @@ def _overlay_cost() -> Iterator[Figure]:
         yield Figure(f"{name}: bare NumPy and OpenCV calls", times.bare_s * 1e3, "ms")
         yield Figure(f"{name}: frame over bare calls", times.whole_s / times.bare_s, "ratio")
         yield Figure(f"{name}: laying the map", times.load_s, "s")
+
+
+def _click_speed() -> Iterator[Figure]:
+    for found in click_speeds():
+        rate, rays = found.clicks_a_second, found.rays_a_second
+        yield Figure(f"clicks on {found.what}", rate, "a second", ">= 1000")
+        yield Figure(f"clicks on {found.what}: rays alone", rays, "a second")
+        yield Figure(f"clicks on {found.what}: click over ray", rays / rate, "ratio")
 
 
 def _dji_speed() -> list[Figure]:
