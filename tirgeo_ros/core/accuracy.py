@@ -1,7 +1,4 @@
-"""How far off ground points come out: root mean squares and circular errors.
-
-Ren et al. 2022, Eq. 22 (of any quantity) and Eq. 24 (of a ground point over its measurements).
-"""
+"""How far off ground points come out: root mean squares by point and in all, circular error."""
 
 from __future__ import annotations
 
@@ -10,18 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.samples import Array
 
 #: The circular error that maps are judged by holds so many of the errors.
 CIRCULAR_SHARE = 0.9
-
-
-def rms(values: npt.ArrayLike) -> float | None:
-    """Root mean square of values of any shape, as Equation 22 of differences; None of none."""
-    squares = np.square(np.asarray(values, float))
-    return float(np.sqrt(squares.mean())) if squares.size else None
 
 
 @dataclass(frozen=True)
@@ -39,15 +29,15 @@ class GroundErrors:
     @property
     def rmse_m(self) -> float | None:
         """Root mean square of all lengths; None without any."""
-        return rms(self.distance_m)
+        return _rms(self.distance_m.tolist()) if len(self.ids) else None
 
     @cached_property
     def point_rmse_m(self) -> dict[str, float]:
-        """Equation 24 for each point, over its measurements; in order of the ids."""
-        distances: dict[str, list[float]] = {name: [] for name in sorted(set(self.ids))}
+        """Equation 24 of Ren et al. 2022 for each point, over its measurements."""
+        distances: dict[str, list[float]] = {name: [] for name in self.ids}
         for name, distance_m in zip(self.ids, self.distance_m.tolist(), strict=True):
             distances[name].append(distance_m)
-        return {name: float(np.sqrt(np.mean(np.square(d)))) for name, d in distances.items()}
+        return {name: _rms(d) for name, d in distances.items()}
 
     @property
     def mean_point_rmse_m(self) -> float | None:
@@ -69,3 +59,7 @@ class GroundErrors:
     def mean_error_en(self) -> Array | None:
         """(2,) what all errors have in common, east, north, m; None without any."""
         return np.asarray(self.error_en.mean(axis=0)) if len(self.error_en) else None
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

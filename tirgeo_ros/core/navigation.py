@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -66,11 +66,14 @@ class Step(NamedTuple):
 class Navigation:
     """The chosen method, fed in the order of arrival.
 
-    Raises ConfigError for an origin that is nowhere on earth.
+    ``heard`` is told every verdict but that on an IMU sample that was used: also those on samples
+    that were held, as soon as there is one. Raises ConfigError for an origin that is nowhere on
+    earth.
     """
 
-    def __init__(self, config: EkfConfig) -> None:
+    def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
         self._config = config
+        self._heard = heard
         self._filtering = config.method in {"ekf", "ekf_heading"}
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
@@ -296,3 +299,5 @@ class Navigation:
         self._counts[source, outcome] += 1
         if not math.isnan(ratio):
             self._test_ratios[source] = ratio
+        if self._heard is not None:
+            self._heard(verdict)

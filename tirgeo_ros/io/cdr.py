@@ -35,6 +35,18 @@ def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, i
     raise ValueError("no plain CDR")
 
 
+def header_stamp_ns(data: bytes) -> int:
+    """The stamp of a message that begins with a header, without decoding the rest of it.
+
+    Raises MessageError where its bytes end before it.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
+    except (IndexError, struct.error):
+        raise MessageError(f"{len(data)} bytes hold no header") from None
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
 class Cdr:
     """Serialises and deserialises messages by type name (``sensor_msgs/msg/Imu``).
 

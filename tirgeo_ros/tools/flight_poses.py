@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from typing import Protocol
 
 from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.camera import Camera
@@ -12,13 +14,14 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.errors import BagError, TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.pose_history import PoseHistory
-from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.core.samples import CameraPose, Verdict
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.tools.inputs import inputs_of, resolved
+from tirgeo_ros.tools.inputs import PICTURES, inputs_of, resolved
 from tirgeo_ros.tools.progress import Report
-from tirgeo_ros.tools.registration import SAMPLES, Registration
+from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration, Sample
 
 _CAMERA_INFO = "thermal/camera_info"
 _WHOLE_FLIGHT_S = 1e9
@@ -28,66 +31,148 @@ _NEAR_NS = 1_000_000_000
 _MOTION_NS = 50_000_000
 
 
-class FlightPoses:
-    """A bag's camera and its poses around some instants (ns), all in one plane.
+class Taker(Protocol):
+    """Takes the samples of a flight."""
 
-    ``refused`` counts the messages that could not be used. Raises BagError where a needed topic
-    is absent or no pose could be made.
+    @property
+    def topics(self) -> Collection[str]:
+        """The contract topics whose samples it wants."""
+
+    def take(self, sample: Sample) -> None:
+        """Take a sample, in order of arrival."""
+
+
+class Watcher(Protocol):
+    """Sees what a registration makes of a flight."""
+
+    def heard(self, verdict: Verdict) -> None:
+        """Take a verdict on the sample that ``took`` tells of next, or on one held until it."""
+
+    def took(self, sample: Sample, found: Registered) -> None:
+        """Take a sample and what it made possible."""
+
+
+class RecordedFlight:
+    """A bag that is decoded once, for any number of takers.
+
+    ``read`` counts the messages that were decoded, ``refused`` those that could not be used;
+    ``picture_stamps_ns`` are the stamps of the pictures, where ``pictures`` are asked for.
     """
 
-    def __init__(
+    def __init__(self, reader: BagReader, namespace: str = "", *, pictures: bool = False) -> None:
+        self._camera: Camera | None = None
+        self.read = self.refused = 0
+        self.picture_stamps_ns: list[int] = []
+        self._reader = reader
+        self._namespace = namespace
+        self._pictures = pictures
+        self._takers: defaultdict[str, list[Taker]] = defaultdict(list)
+        self._arrivals = Arrivals()
+        self._cdr = Cdr()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera, once the flight was read. Raises BagError without a usable calibration."""
+        if self._camera is None:
+            raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
+        return self._camera
+
+    def registered(
         self,
-        reader: BagReader,
         ekf: EkfConfig,
         gimbal: GimbalConfig,
         instants_ns: Sequence[int],
-        namespace: str = "",
+        watcher: Watcher | None = None,
+    ) -> FlightPoses:
+        """A registration that takes part. Raises BagError where a needed topic is absent."""
+        topics = inputs_of(
+            self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
+        )
+        poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher)
+        self.add(poses)
+        return poses
+
+    def add(self, taker: Taker) -> None:
+        """Let a taker have the samples of its topics, of those that the bag has."""
+        for topic in taker.topics:
+            self._takers[topic].append(taker)
+
+    def has(self, topic: str) -> bool:
+        """Whether the bag has a contract topic, of its type."""
+        name = resolved(topic, self._namespace)
+        return self._reader.topics().get(name) == TOPIC_TYPES[topic]
+
+    def read_all(self, progress: Report) -> None:
+        """Take the flight through all of them; ``progress`` is told seconds of it.
+
+        Raises BagError without a topic of the camera's calibration.
+        """
+        topics = self._topics()
+        first_ns, last_ns = self._reader.span_ns
+        for message in self._reader.messages(topics):
+            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            try:
+                self._take(topics[message.topic], message)
+            except TirgeoError:
+                self.refused += 1
+
+    def _topics(self) -> dict[str, str]:
+        """Resolved name to contract topic of what is read."""
+        if not self.has(_CAMERA_INFO):
+            hint = "" if self._namespace else "; is there a --namespace?"
+            name = resolved(_CAMERA_INFO, self._namespace)
+            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+        wanted = [_CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
+        return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+
+    def _take(self, topic: str, message: BagMessage) -> None:
+        if topic in PICTURES:
+            self.picture_stamps_ns.append(header_stamp_ns(message.data))
+            return
+        decoded = self._cdr.deserialize(message.data, message.typename)
+        self.read += 1
+        if topic == _CAMERA_INFO:
+            self._camera = convert.camera(decoded)
+            return
+        sample = self._arrivals.stamped(topic, SAMPLES[topic](decoded), message.log_time_ns)
+        for taker in self._takers[topic]:
+            taker.take(sample)
+
+
+class FlightPoses:
+    """The poses of one registration around some instants (ns), all in one plane."""
+
+    def __init__(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        instants_ns: Sequence[int],
+        topics: Collection[str],
+        watcher: Watcher | None = None,
     ) -> None:
-        self.camera: Camera | None = None
-        self.read = self.refused = 0
-        self.registration = Registration(ekf, gimbal)
-        self._reader = reader
+        self.topics = topics
+        self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
+        self.cameras: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+        self._watcher = watcher
         self._instants_ns = sorted(instants_ns)
-        self._poses: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
-        self._arrivals = Arrivals()
-        self._cdr = Cdr()
-        self._topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, pictures=False)
-        self._topics |= _camera_topic(reader, namespace)
 
     @property
     def plane(self) -> TangentPlane | None:
         """The plane of the poses; None before there was one."""
         return self.registration.navigation.plane
 
-    def read_all(self, progress: Report) -> None:
-        """Take the flight through the filter; ``progress`` is told seconds of it."""
-        first_ns, last_ns = self._reader.span_ns
-        for message in self._reader.messages(self._topics):
-            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
-            try:
-                self._take(self._topics[message.topic], message)
-            except TirgeoError:
-                self.refused += 1
+    def take(self, sample: Sample) -> None:
+        """Take a sample to the filter or to the gimbal."""
+        found = self.registration.take(sample)
+        for pose in found.cameras:
+            if self._is_near(pose.stamp_ns):
+                self.cameras.add(pose)
+        if self._watcher is not None:
+            self._watcher.took(sample, found)
 
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
         """The pose at one of the instants and the camera's motion there, or None."""
-        pose = self._poses.at(stamp_ns)
-        if not isinstance(pose, CameraPose):
-            return None
-        around = [self._poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
-        known = [one for one in around if isinstance(one, CameraPose)]
-        return pose, CameraRates.between(known[0], known[-1]) if len(known) > 1 else None
-
-    def _take(self, topic: str, message: BagMessage) -> None:
-        decoded = self._cdr.deserialize(message.data, message.typename)
-        self.read += 1
-        if topic == _CAMERA_INFO:
-            self.camera = convert.camera(decoded)
-            return
-        sample = self._arrivals.stamped(topic, SAMPLES[topic](decoded), message.log_time_ns)
-        for pose in self.registration.take(sample).cameras:
-            if self._is_near(pose.stamp_ns):
-                self._poses.add(pose)
+        return pose_at(self.cameras, stamp_ns)
 
     def _is_near(self, stamp_ns: int) -> bool:
         """Whether one of the instants is."""
@@ -95,11 +180,13 @@ class FlightPoses:
         return any(one <= stamp_ns + _NEAR_NS for one in self._instants_ns[after : after + 1])
 
 
-def _camera_topic(reader: BagReader, namespace: str) -> dict[str, str]:
-    """Resolved name to contract topic of the camera's calibration."""
-    name = resolved(_CAMERA_INFO, namespace)
-    typename = reader.topics().get(name)
-    if typename != TOPIC_TYPES[_CAMERA_INFO]:
-        hint = "" if namespace else "; is there a --namespace?"
-        raise BagError(f"{reader.path}: needed topic absent: {name}{hint}")
-    return {name: _CAMERA_INFO}
+def pose_at(
+    poses: PoseHistory[CameraPose], stamp_ns: int
+) -> tuple[CameraPose, CameraRates | None] | None:
+    """The pose at an instant and the camera's motion there, None where it is not known."""
+    pose = poses.at(stamp_ns)
+    if not isinstance(pose, CameraPose):
+        return None
+    around = [poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
+    known = [one for one in around if isinstance(one, CameraPose)]
+    return pose, CameraRates.between(known[0], known[-1]) if len(known) > 1 else None

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
+from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.errors import BagError, ConfigError, SurveyError
+from tirgeo_ros.core.errors import ConfigError, SurveyError
 from tirgeo_ros.core.located import Located, Refusal, place
 from tirgeo_ros.core.locating import Ground, Reason
 from tirgeo_ros.core.terrain import Terrain
@@ -22,7 +23,7 @@ from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml
 from tirgeo_ros.io.survey import Observation, load_observations
 from tirgeo_ros.io.whole_files import write_files
-from tirgeo_ros.tools.flight_poses import FlightPoses
+from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.progress import Report, silent
 
@@ -57,11 +58,11 @@ def locate_pixels(
     reader = BagReader(bag_in)
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
-    flight = FlightPoses(reader, ekf, gimbal, instants_ns, namespace)
-    flight.read_all(progress)
-    if flight.camera is None:
-        raise BagError(f"{os.fspath(bag_in)}: no thermal/camera_info could be used")
-    answers = [Answered(one.id, _answer(flight, one, ground, overlay)) for one in seen]
+    recorded = RecordedFlight(reader, namespace)
+    flight = recorded.registered(ekf, gimbal, instants_ns)
+    recorded.read_all(progress)
+    camera = recorded.camera
+    answers = [Answered(one.id, _answer(camera, flight, one, ground, overlay)) for one in seen]
     forms = {output: geojson, kml_out: kml, cot_out: cot}
     write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
     summary = _summary(answers, ground)
@@ -74,8 +75,8 @@ def locate_pixels(
         "method": navigation.method,
         "composition": composition,
         "state": navigation.state.value,
-        "messages": flight.read,
-        "messages_refused": flight.refused,
+        "messages": recorded.read,
+        "messages_refused": recorded.refused,
     } | summary
 
 
@@ -87,14 +88,14 @@ def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> N
 
 
 def _answer(
-    flight: FlightPoses, seen: Observation, ground: Ground, overlay: OverlayConfig
+    camera: Camera, flight: FlightPoses, seen: Observation, ground: Ground, overlay: OverlayConfig
 ) -> Located | Refusal:
     uv = (seen.u, seen.v)
     found = flight.at(seen.stamp_ns - round(overlay.video_latency_s * 1e9))
-    if found is None or flight.plane is None or flight.camera is None:
+    if found is None or flight.plane is None:
         return Refusal(seen.stamp_ns, uv, Reason.NO_POSE)
     pose, rates = found
-    answer = place(flight.camera, pose, uv, flight.plane, ground, overlay.confidence, rates)
+    answer = place(camera, pose, uv, flight.plane, ground, overlay.confidence, rates)
     return dataclasses.replace(answer, stamp_ns=seen.stamp_ns)
 
 

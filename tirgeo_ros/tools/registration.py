@@ -19,6 +19,7 @@ from tirgeo_ros.core.samples import (
     JointSample,
     NavigationInput,
     NavSolution,
+    Verdict,
 )
 from tirgeo_ros.io import messages as convert
 
@@ -43,10 +44,18 @@ class Registered(NamedTuple):
 
 
 class Registration:
-    """The filter and the gimbal composition, fed with samples in order of arrival."""
+    """The filter and the gimbal composition, fed with samples in order of arrival.
 
-    def __init__(self, ekf: EkfConfig, gimbal: GimbalConfig) -> None:
-        self.navigation = Navigation(ekf)
+    ``heard`` is told the filter's verdicts, as by ``Navigation``.
+    """
+
+    def __init__(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        heard: Callable[[Verdict], None] | None = None,
+    ) -> None:
+        self.navigation = Navigation(ekf, heard)
         self.composer = GimbalComposer(gimbal)
 
     def take(self, sample: Sample) -> Registered:
