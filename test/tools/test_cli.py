@@ -148,9 +148,7 @@ def _parsers(parser, words="tirgeo"):
             yield from _parsers(inner, f"{words} {name}")
 
 
-@pytest.mark.parametrize(
-    ("words", "parser"), _parsers(command.parser_of(VERBS)), ids=lambda given: str(given)
-)
+@pytest.mark.parametrize(("words", "parser"), list(_parsers(command.parser_of(VERBS))), ids=str)
 def test_each_verbs_help_has_an_example_and_json(words, parser):
     text = parser.format_help()
     assert f"\n  {words} " in f"{text.partition('example')[2]} "

@@ -22,9 +22,12 @@ from tirgeo_ros.core.pose_history import PoseHistory
 from tirgeo_ros.core.samples import BodyPose, CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.tools.inputs import resolved
+from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.registration import SAMPLES, Sample, composed, navigated
 
 COMPOSITIONS = ("paper", "encoders")
+_CAMERA_INFO = "thermal/camera_info"
 _WHOLE_FLIGHT_S = 1e9
 
 
@@ -36,20 +39,26 @@ class Recording:
     camera: Camera
 
 
-def load_recording(path: Path) -> Recording:
-    """Read a bag without its images. Raises BagError without thermal/camera_info."""
+def load_recording(path: Path, namespace: str = "", progress: Report = silent) -> Recording:
+    """Read a bag without its images; ``progress`` is told seconds of it.
+
+    Raises BagError without thermal/camera_info.
+    """
     cdr, samples, camera = Cdr(), [], None
     arrivals = Arrivals()
     reader = BagReader(path)
-    for item in reader.messages([f"/{name}" for name in (*SAMPLES, "thermal/camera_info")]):
-        topic = item.topic.lstrip("/")
+    first_ns, last_ns = reader.span_ns
+    topics = {resolved(name, namespace): name for name in (*SAMPLES, _CAMERA_INFO)}
+    for item in reader.messages(topics):
+        topic = topics[item.topic]
+        progress((item.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
         if topic in SAMPLES:
             sample = SAMPLES[topic](cdr.deserialize(item.data, item.typename))
             samples.append(arrivals.stamped(topic, sample, item.log_time_ns))
         elif camera is None:
             camera = convert.camera(cdr.deserialize(item.data, item.typename))
     if camera is None:
-        raise BagError(f"{path}: needed topic absent: /thermal/camera_info")
+        raise BagError(f"{path}: needed topic absent: {resolved(_CAMERA_INFO, namespace)}")
     return Recording(samples, camera)
 
 
