@@ -7,12 +7,16 @@ every thread, and ``runner`` takes them when it is ready to.
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 import signal
 import sys
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Of mallopt (malloc.h), and values that hold some tens of pictures of 1 MB.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 
 
 def start(name: str) -> int:
@@ -20,6 +24,7 @@ def start(name: str) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     # Matrices of 15 rows gain nothing from threads, and idle ones spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    keep_memory()
     try:
         module = importlib.import_module(f"tirgeo_ros.nodes.{name}")
     except ModuleNotFoundError as error:
@@ -28,6 +33,21 @@ def start(name: str) -> int:
         sys.stderr.write(f"{name}: {error}: source ROS 2 Jazzy or install its wheels\n")
         return 1
     return int(module.main())
+
+
+def keep_memory() -> None:
+    """Have the C library keep what is freed for the next picture.
+
+    By itself it gives a picture's buffers back to the system and takes new ones for the next,
+    page by page: where nothing large lies in memory over a thousand faults a picture, and half of
+    the time that passing one on takes.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except AttributeError:
+        return  # no glibc
+    mallopt(_TRIM_THRESHOLD, _TRIM_BYTES)
+    mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
 
 
 def dji_node() -> int:
