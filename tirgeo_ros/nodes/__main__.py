@@ -15,6 +15,7 @@ NAMES = (
     "recorder",
     "bench_video",
     "bench_viewer",
+    "bench_relay",
 )
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""Both ends of the overlay for ``make bench``: a video with its poses, or one who watches it.
+"""One end of the overlay for ``make bench``: a video with its poses.
 
-    python -m tirgeo_ros.nodes bench_video --ros-args -p role:=source -p output:=sent.json ...
+    python -m tirgeo_ros.nodes bench_video --ros-args -p output:=sent.json ...
 
-Each writes what it saw as JSON when it ends: the source the stamps of its frames, the viewer stamp
-and age (ns) of each picture that reached it, and whether the last one had lines.
+When it ends it writes the stamps of its frames as JSON.
 """
 
 from __future__ import annotations
@@ -23,14 +22,12 @@ from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.io.messages import Messages, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+from tirgeo_ros.nodes.topics import advertise, message_class
 
 FRAME_HZ, POSE_HZ = 30.0, 50.0
-_LEAST_INK = 1000  # coloured pixels of a picture with lines
 
 
 class VideoSource(Node):
@@ -77,33 +74,8 @@ class VideoSource(Node):
         return {"sent": self._sent}
 
 
-class VideoViewer(Node):
-    """Takes the overlay's pictures and notes how old they are."""
-
-    def __init__(self) -> None:
-        super().__init__("bench_viewer")
-        self.duration_s = self.declare_parameter("duration_s", 10.0).value
-        self.output = self.declare_parameter("output", "").value
-        self._shown: list[tuple[int, int]] = []
-        self._last: Any = None
-        subscribe(self, "tirgeo/overlay/image", self._take, output(), Monitor())
-
-    def _take(self, message: Any) -> None:
-        stamp = stamp_ns(message)
-        self._shown.append((stamp, time.time_ns() - stamp))
-        self._last = message
-
-    def found(self) -> dict[str, Any]:
-        """What is written at the end."""
-        return {"shown": self._shown, "lines": self._last is not None and _has_ink(self._last)}
-
-
-def _has_ink(message: Any) -> bool:
-    image = image_pixels(message).astype(int)
-    return int((image[..., 2] - image[..., 0] > 50).sum()) > _LEAST_INK
-
-
-def _until_over(node: Any, stop: threading.Event) -> int:
+def until_over(node: Any, stop: threading.Event) -> int:
+    """Let a node work for its ``duration_s``, then write what it found to its ``output``."""
     stop.wait(node.duration_s)
     Path(node.output).write_text(json.dumps(node.found()))
     return 0
@@ -111,9 +83,4 @@ def _until_over(node: Any, stop: threading.Event) -> int:
 
 def main() -> int:
     """Run the source; the exit code."""
-    return run("bench_video", VideoSource, _until_over)
-
-
-def view() -> int:
-    """Run the viewer; the exit code."""
-    return run("bench_viewer", VideoViewer, _until_over)
+    return run("bench_video", VideoSource, until_over)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import math
 import os
 import sys
 import tempfile
@@ -19,7 +20,7 @@ from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.bench_clicks import click_speeds
-from tirgeo_ros.tools.bench_dds import dds_times
+from tirgeo_ros.tools.bench_dds import DdsTimes, dds_times
 from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
 from tirgeo_ros.tools.bench_filter import filter_times, long_times
 from tirgeo_ros.tools.bench_overlay import overlay_times
@@ -159,13 +160,28 @@ def _serial_cost(folder: Path, work: Path) -> list[Figure]:
 
 
 def _dds_latency(work: Path) -> Iterator[Figure]:
-    """Of the overlay at 30 Hz: image in to overlay out, alone and beside two busy processes."""
-    for name, spinning in (("overlay over DDS", 0), ("the same, machine busy", 2)):
-        found = dds_times(work / f"dds{spinning}", spinning)
-        yield Figure(f"{name}: median", found.p50_s * 1e3, "ms")
-        yield Figure(f"{name}: 95 %", found.p95_s * 1e3, "ms", "" if spinning else "<= 15")
-        yield Figure(f"{name}: frames lost", 100 * found.lost / found.sent, "%")
-        yield Figure(f"{name}: age grown in 6 s", found.grown_s * 1e3, "ms", "0")
+    """Of the overlay at 30 Hz: image in to overlay out, alone and beside two busy processes.
+
+    Beside each what a node takes that passes the picture on and no more.
+    """
+    for load, spinning in (("", 0), (", busy", 2)):
+        runs = {f"picture passed on{load}": ("bench_relay", False)}
+        runs |= {f"overlay over DDS{load}": ("overlay_node", False)}
+        runs |= {} if spinning else {"overlay over DDS as JPEG": ("overlay_node", True)}
+        for name, (node, jpeg) in runs.items():
+            found = dds_times(work / name, node, jpeg=jpeg, spinning=spinning)
+            measured = node == "overlay_node" and not spinning
+            yield from _dds_figures(name, found, "<= 15" if measured else "")
+
+
+def _dds_figures(name: str, found: DdsTimes, wanted: str) -> Iterator[Figure]:
+    yield Figure(f"{name}: median", found.p50_s * 1e3, "ms")
+    yield Figure(f"{name}: 95 %", found.p95_s * 1e3, "ms", wanted)
+    if math.isfinite(found.inside_s):
+        yield Figure(f"{name}: 95 %, in the node", found.inside_s * 1e3, "ms")
+    yield Figure(f"{name}: node, CPU a frame", found.cpu_s * 1e3, "ms")
+    yield Figure(f"{name}: frames lost", 100 * found.lost / found.sent, "%")
+    yield Figure(f"{name}: age grown in 6 s", found.grown_s * 1e3, "ms", "0")
 
 
 @contextmanager

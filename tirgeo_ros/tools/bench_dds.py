@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,36 +32,49 @@ class DdsTimes:
     lost: int  # frames without a picture
     sent: int
     grown_s: float  # median age in the last third less that in the first
+    cpu_s: float  # processor time of the node a frame, with all that goes beside it
+    inside_s: float  # 95 % of its newest pictures, from arrival to leaving; nan without a word
 
 
-def dds_times(work: Path, spinning: int = 0) -> DdsTimes:
-    """Mono8 640x512 at 30 Hz with poses at 50 Hz and 1e4 vertices in view, through overlay_node.
+def dds_times(
+    work: Path, node: str = "overlay_node", *, jpeg: bool = False, spinning: int = 0
+) -> DdsTimes:
+    """Mono8 640x512 at 30 Hz with poses at 50 Hz and 1e4 vertices in view, through a node.
 
+    ``node`` is overlay_node, or bench_relay, which copies the picture and no more: what is left
+    of the times is the way there and back. With ``jpeg`` the picture comes out compressed.
     ``spinning`` processes keep the machine busy meanwhile. ``work`` takes files. Raises GraphError
-    where a node ends early or no picture with lines comes out.
+    where a node ends early or the pictures that come out are not those that are wanted.
     """
     work.mkdir(parents=True, exist_ok=True)
     _write_map(work / "map.geojson")
     environment = graph_environment(GraphSetup(work, work))
     with node_processes() as nodes, _busy(spinning):
-        for name, values in _settings(work).items():
+        for name, values in _settings(work, node, jpeg=jpeg).items():
             words = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
             nodes.append(NodeProcess(name, words, environment, work / f"{name}.log"))
             await_words(nodes, "ready")
-        for node in nodes[1:]:
-            if node.wait(_RUN_S + _END_S) is None:
-                raise GraphError(f"{node.name} did not end: {node.last_line()}")
-    return _times(work)
+        measured, viewer, source = nodes
+        before_s = measured.cpu_s()
+        _await_end(source)
+        spent_s = measured.cpu_s() - before_s
+        _await_end(viewer)
+    return times_of(_read(work / "sent.json"), _read(work / "shown.json"), node, spent_s)
 
 
-def _settings(work: Path) -> dict[str, dict[str, object]]:
+def _await_end(node: NodeProcess) -> None:
+    if node.wait(_RUN_S + _END_S) is None:
+        raise GraphError(f"{node.name} did not end: {node.last_line()}")
+
+
+def _settings(work: Path, node: str, *, jpeg: bool) -> dict[str, dict[str, object]]:
     """The nodes in the order of their start, the one that is measured first."""
     origin = [PLANE.latitude_rad, PLANE.longitude_rad, PLANE.height_m]
     overlay = {"map": work / "map.geojson", "ground_height_m": PLANE.height_m}
-    viewer = {"duration_s": _RUN_S + 2.0, "output": work / "shown.json"}
+    viewer = {"duration_s": _RUN_S + 2.0, "output": work / "shown.json", "jpeg": jpeg}
     source = {"duration_s": _RUN_S, "output": work / "sent.json", "origin_rad_m": origin}
     return {
-        "overlay_node": overlay,
+        node: overlay if node == "overlay_node" else {},
         "bench_viewer": viewer,
         "bench_video": {**source, "camera_m_deg": [ABOVE_M, PITCH_DEG]},
     }
@@ -91,17 +105,30 @@ def _busy(number: int) -> Iterator[None]:
             process.wait()
 
 
-def _times(work: Path) -> DdsTimes:
-    found = json.loads((work / "shown.json").read_text())
-    if not found["lines"]:
+def _read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def times_of(
+    sent: Mapping[str, Any], shown: Mapping[str, Any], node: str, spent_s: float
+) -> DdsTimes:
+    """The figures of a run: what ``bench_video`` and ``bench_viewer`` wrote at their ends.
+
+    ``spent_s`` is the processor time of the node meanwhile. Raises GraphError where it gave next
+    to no pictures, or overlay_node none with lines.
+    """
+    if node == "overlay_node" and not shown["lines"]:
         raise GraphError("overlay_node gave no picture with lines")
-    sent = np.array(json.loads((work / "sent.json").read_text())["sent"])
-    sent = sent[sent > sent[0] + _SETTLED_S * 1e9]
-    stamps, ages = np.array(found["shown"]).T
-    ages = ages[np.isin(stamps, sent)] * 1e-9
-    third = len(ages) // 3
+    stamps = np.array(sent["sent"], np.int64)
+    counted = stamps[stamps > stamps[0] + _SETTLED_S * 1e9] if len(stamps) else stamps
+    seen, ages = np.array(shown["shown"], np.int64).reshape(-1, 2).T
+    ages_s = ages[np.isin(seen, counted)] * 1e-9
+    third = len(ages_s) // 3
     if not third:
-        raise GraphError("overlay_node gave next to no pictures")
-    p50, p95 = np.percentile(ages, [50, 95])
-    grown = np.median(ages[-third:]) - np.median(ages[:third])
-    return DdsTimes(float(p50), float(p95), len(sent) - len(ages), len(sent), float(grown))
+        raise GraphError(f"{node} gave next to no pictures")
+    p50_s, p95_s = np.percentile(ages_s, [50, 95]).tolist()
+    grown_s = float(np.median(ages_s[-third:]) - np.median(ages_s[:third]))
+    lost, cpu_s = len(counted) - len(ages_s), spent_s / len(stamps)
+    inside_s = shown["inside_ms"] * 1e-3
+    return DdsTimes(p50_s, p95_s, lost, len(counted), grown_s, cpu_s, inside_s)
