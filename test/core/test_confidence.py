@@ -23,6 +23,7 @@ from tirgeo_ros.core.confidence import (
     FrameConfidence,
     ellipse_95,
     pixel_jacobian,
+    radius_95,
     rays_to,
     screen_covariance,
     timed_covariance,
@@ -285,7 +286,8 @@ def test_many_points_are_each_as_if_alone(count):
     config = ConfidenceConfig()
     together = screen_covariance(XT2, pose, points_n, config, TURNING, sigma_m)
     frame = FrameConfidence(config, XT2, pose, TURNING)
-    radius = frame.radius_95(rays_to(XT2, pose, points_n), sigma_m)
+    spread, _ = frame.spread(rays_to(XT2, pose, points_n), sigma_m)
+    radius = radius_95(spread)
     assert together.covariance.shape == (count, 2, 2)
     for i in {0, count // 2, count - 1}:
         alone = screen_covariance(XT2, pose, points_n[i], config, TURNING, sigma_m[i])

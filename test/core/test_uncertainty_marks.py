@@ -39,6 +39,7 @@ PLAIN = ConfidenceConfig(
     latency_sigma_s=0.0, lens_sigma_px=0.0, map_sigma_m=0.0, ground_sigma_m=0.0
 )
 RADIUS = math.sqrt(5.991465)
+MARK_PX = 7
 
 
 def pose_at(down_deg=90.0, covariance=None, height_m=HEIGHT_M):
@@ -66,11 +67,16 @@ def confidence(**changes):
     return Confidence(dataclasses.replace(PLAIN, **changes))
 
 
+def faded_lines(one, pose, lines, sigma_m=None):
+    none = anchors_at(pose, [])
+    return one.marked(one.frame(CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
+
+
 def faded(sigma_m, pose=None, **changes):
     pose = pose or pose_at()
     one = confidence(**changes)
     lines = seen_from(pose, [(100, 200), (110, 205), (125, 200)])
-    return one.faded(one.frame(CAMERA, pose), lines, np.array([sigma_m]))
+    return faded_lines(one, pose, lines, np.array([sigma_m]))
 
 
 @pytest.mark.parametrize(
@@ -102,7 +108,7 @@ def test_what_nobody_can_tell_is_faintest():
 
 def test_no_lines():
     one = confidence()
-    lines, found = one.faded(one.frame(CAMERA, pose_at()), seen_from(pose_at()))
+    lines, found = faded_lines(one, pose_at(), seen_from(pose_at()))
     assert len(lines) == len(found) == 0
 
 
@@ -113,7 +119,7 @@ def test_a_long_line_fades_along_its_way():
     pose = pose_at(covariance=covariance)
     one = confidence(fade_px=20.0)
     lines = seen_from(pose, [(319.5, 255.5), (639, 255.5)], [(10, 10), (20, 12), (24, 19)])
-    cut_lines, opacity = one.faded(one.frame(CAMERA, pose), lines)
+    cut_lines, opacity = faded_lines(one, pose, lines)
     first = opacity[cut_lines.owner == 0]
     assert (np.diff(first) < 0).all()
     assert first[0] == 1.0
@@ -210,11 +216,9 @@ def test_a_line_that_turns_back_keeps_its_band_finite():
     assert u.max() <= 402
 
 
-MARK_PX = 7
-
-
 def ellipses_of(one, pose, anchors, sigma_m=None):
-    return one.ellipses(one.frame(CAMERA, pose), anchors, MARK_PX, sigma_m)
+    frame = one.frame(CAMERA, pose)
+    return one.marked(frame, seen_from(pose), anchors, MARK_PX, sigma_m).ellipses
 
 
 def anchors_at(pose, uv):
@@ -332,7 +336,7 @@ def test_a_picture_of_short_lines_and_a_long_one_has_all_of_them():
     one = confidence(fade_px=20.0)
     near, far = [(319, 250), (325, 255), (330, 256)], [(5, 5), (12, 9)]
     lines = seen_from(pose, near, [(322, 258), (620, 500)], far)
-    found, opacity = one.faded(one.frame(CAMERA, pose), lines)
+    found, opacity = faded_lines(one, pose, lines)
     assert opacity[found.owner == 0].tolist() == [1.0]
     assert opacity[found.owner == 2].tolist() == [FAINTEST]
     assert len(set(opacity[found.owner == 1].tolist())) > 1

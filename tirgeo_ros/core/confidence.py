@@ -14,8 +14,7 @@ uncertain, an attitude that is hardly known) the answer says so: ``linear`` is F
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +23,22 @@ from tirgeo_ros.core.attitude import (
     quat_conjugate,
     quat_multiply,
     rotvec_from_quat,
-    skew,
 )
 from tirgeo_ros.core.camera import NEAR_M, Camera
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.polylines import BoolArray
 from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.screen_moves import (
+    MOVES,
+    Slopes,
+    Spread,
+    both,
+    level_moves,
+    moves_of,
+    on_lens,
+    on_plane,
+    products,
+)
 
 #: Squared radius, in standard deviations, that holds 95 % of a plane's normal distribution:
 #: 5.991, chi-square with two degrees of freedom.
@@ -43,21 +52,6 @@ _ROUNDING = 1e-4  # of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
 _BLOCK = 2500  # points: larger products of matrices are handed to threads, at a loss
 _LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
-# A point at d from the camera moves in c by -position + d x phi. Over its depth that is the sum
-# of these (3, 6), times x, y, 1 and 1/z.
-_MOVES = np.zeros((4, 3, 6))
-_MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
-_MOVES[3, :, :3] = -np.eye(3)
-_MOVES_ROWS = _MOVES.reshape(12, 6)
-_FIRST, _SECOND = np.triu_indices(4)  # of the products of x, y, 1 and 1/z
-_ROWS, _COLUMNS = np.triu_indices(3)
-# Of those products and of the upper triangle of x, y and z: (6, 10) places among 12 x 12.
-_PART = 12 * (3 * _FIRST + _ROWS[:, None]) + 3 * _SECOND + _COLUMNS[:, None]
-_MIRRORED = 12 * (3 * _SECOND + _ROWS[:, None]) + 3 * _FIRST + _COLUMNS[:, None]
-_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)
-
-Slopes: TypeAlias = tuple[Array, Array, Array, Array]  # as Camera.slopes gives them
-Spread: TypeAlias = tuple[Array, Array, Array]  # (N,) variance, covariance, variance
 
 
 class CameraRates(NamedTuple):
@@ -89,10 +83,10 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
     """
     rays = rays_to(camera, pose, points_n)
     x, y, nearness = rays
-    moved = np.einsum("kie,kn->nie", _MOVES, np.stack([x, y, np.ones_like(x), nearness]))
+    moved = np.einsum("kie,kn->nie", MOVES, np.stack([x, y, np.ones_like(x), nearness]))
     on_plane = moved[:, :2] - rays[:2].T[:, :, None] * moved[:, 2:]
     slopes = np.stack(camera.slopes(x, y), axis=-1).reshape(-1, 2, 2)
-    by_pose = slopes @ on_plane @ _both(matrix_from_quat(pose.q_nc).T)
+    by_pose = slopes @ on_plane @ both(matrix_from_quat(pose.q_nc).T)
     return by_pose, -by_pose[:, :, :3]
 
 
@@ -148,81 +142,86 @@ class FrameConfidence:
         rotation_cn = matrix_from_quat(pose.q_nc).T
         covariance_n = timed_covariance(pose, rates, config.latency_sigma_s)
         covariance_n[2, 2] += config.ground_sigma_m**2
-        turn = _both(rotation_cn)
+        turn = both(rotation_cn)
         covariance_c = turn @ covariance_n @ turn.T
         self._axis_variance = covariance_c[5, 5]
-        self._weights = _weights(covariance_c)
-        # a point's level error: as much along all axes less that along the vertical
-        down_c = rotation_cn[:, 2]
-        self._level_c = (np.eye(3) - np.outer(down_c, down_c))[_ROWS, _COLUMNS]
+        self._moves_of = moves_of(covariance_c)
+        self._level = level_moves(rotation_cn)
 
     def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
         """Covariances of the points' pixels; rays (3, N)."""
-        uu, uv, vv, linear = self._by_block(self._spread, rays, sigma_m)
-        covariance = np.empty((len(uu), 2, 2))
-        covariance[:, 0, 0], covariance[:, 1, 1] = uu, vv
-        covariance[:, 0, 1] = covariance[:, 1, 0] = uv
-        return ScreenCovariance(covariance, linear > 0)
+        spread, linear = self.spread(rays, sigma_m, rays.shape[1])
+        return ScreenCovariance(matrices(spread), linear)
 
-    def _spread(self, rays: Array, sigma_m: Array | None) -> Array:
-        """(4, N): ``_in_pixels``, and 1 where it tells the whole, else 0."""
+    def spread(
+        self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
+    ) -> tuple[Array, BoolArray]:
+        """(3, N) the column's variance, its covariance with the row, and the row's variance, px2.
+
+        And of so many of the points, the first ones, whether this tells the whole; rays (3, N).
+        """
+        count = rays.shape[1]
+        sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
+        if count <= _BLOCK:
+            found = self._spread(rays, sigma, closely)
+        else:  # in pieces that stay in the processor's cache
+            parts = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
+            done = [
+                self._spread(
+                    rays[:, part],
+                    None if sigma is None else sigma[part],
+                    max(closely - part.start, 0),
+                )
+                for part in parts
+            ]
+            found = np.concatenate(done, axis=1)
+        return found[:3], found[3, :closely] > 0
+
+    def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
+        """(4, N): as ``spread``, and 1 where it tells the whole, else 0."""
         moves = self._moves(rays, sigma_m)
+        plane = on_plane(rays, moves)
+        slopes = self.camera.slopes(rays[0], rays[1])
+        uu, uv, vv = on_lens(plane, slopes)
+        found = np.zeros((4, rays.shape[1]))
+        found[0], found[1], found[2] = uu + self._lens_variance, uv, vv + self._lens_variance
+        if closely:
+            first = slice(closely)
+            near = tuple(each[first] for each in slopes)
+            seen = tuple(each[first] for each in plane)
+            found[3, first] = self._linear(rays[:, first], moves[5, first], seen, near)
+        return found
+
+    def _linear(self, rays: Array, depth: Array, spread: Spread, slopes: Slopes) -> BoolArray:
+        """(N,) whether first order is enough; ``depth`` is the variance of the depth over it."""
         # The second order is to the first as the depth's error to the depth: this is the turns'
         # too, by which a tangent bends. A turn about the axis bends by half its angle.
         with np.errstate(invalid="ignore"):
-            linear = moves[5] + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
-        spread = _on_plane(rays, moves)
-        inside, scale = self._outermost(rays, spread)
-        near_and_far = np.array([rays[:2], rays[:2] * scale])
-        slopes = np.array(self.camera.slopes(near_and_far[:, 0], near_and_far[:, 1]))
-        here, change = slopes[:, 0], slopes[:, 1] - slopes[:, 0]
+            linear = depth + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
+        inside, scale = _outermost(rays, spread, self.camera.max_radius)
+        here = np.array(slopes)
+        change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - here
         bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
-        linear &= inside & ~bent
-        return np.array([*self._in_pixels(spread, tuple(here)), linear])
-
-    def radius_95(self, rays: Array, sigma_m: Array | float | None = None) -> Array:
-        """(N,) major semi-axis of the ellipse of 95 %, px."""
-        uu, uv, vv = self._by_block(self._variances, rays, sigma_m)
-        longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
-        return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
-
-    def _variances(self, rays: Array, sigma_m: Array | None) -> Array:
-        slopes = self.camera.slopes(rays[0], rays[1])
-        return np.array(self._in_pixels(_on_plane(rays, self._moves(rays, sigma_m)), slopes))
-
-    @staticmethod
-    def _by_block(
-        work: Callable[[Array, Array | None], Array], rays: Array, sigma_m: Array | float | None
-    ) -> Array:
-        """What ``work`` makes of the points, in pieces that stay in the processor's cache."""
-        count = rays.shape[1]
-        if count <= _BLOCK and sigma_m is None:
-            return work(rays, None)
-        sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
-        parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
-        done = [work(rays[:, part], None if sigma is None else sigma[part]) for part in parts]
-        return np.concatenate(done, axis=-1)
+        return np.asarray(linear & inside & ~bent)
 
     def half_width_95(
         self, rays: Array, normals: Array, sigma_m: Array | float | None = None
     ) -> Array:
         """(N,) px to both sides of a line that hold 95 %; its unit normals (2, N) in pixels."""
-        uu, uv, vv = self._by_block(self._variances, rays, sigma_m)
+        uu, uv, vv = self.spread(rays, sigma_m)[0]
         u, v = normals
         across = u * u * uu + 2 * u * v * uv + v * v * vv
         return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
 
     def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
         """(6, N) covariance of how points move in c, over their depth: its upper triangle."""
-        factors = np.ones((4, rays.shape[1]))
-        factors[:2], factors[3] = rays[:2], rays[2]
-        products = factors[_FIRST] * factors[_SECOND]
+        factors = products(rays)
         least, beyond = self._map_variance(sigma_m)
-        weights = self._weights.copy()
-        weights[:, -1] += least * self._level_c
-        moves = weights @ products
+        weights = self._moves_of.copy()
+        weights[:, -1] += least * self._level
+        moves = weights @ factors
         if beyond is not None:
-            moves += self._level_c[:, None] * (beyond * products[-1])
+            moves += self._level[:, None] * (beyond * factors[-1])
         return np.asarray(moves, float)
 
     def _map_variance(self, sigma_m: Array | None) -> tuple[float, Array | None]:
@@ -233,53 +232,33 @@ class FrameConfidence:
         least = float(variance.min())
         return least, variance - least if (variance > least).any() else None
 
-    def _in_pixels(self, spread: Spread, slopes: Slopes) -> Spread:
-        """(N,) each: variance of the column, covariance, variance of the row, px2."""
-        xx, xy, yy = spread
-        ux, uy, vx, vy = slopes
-        u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # the column's covariance with x and y
-        v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
-        lens = self._lens_variance
-        return u_x * ux + u_y * uy + lens, u_x * vx + u_y * vy, v_x * vx + v_y * vy + lens
 
-    def _outermost(self, rays: Array, spread: Spread) -> tuple[BoolArray, Array]:
-        """(N,) whether the ellipse lies where the lens model holds, and where its outermost point.
+def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:
+    """(N,) whether the ellipse lies where the lens model holds, and where its outermost point.
 
-        That is so many times as far from the axis; a lens bends more the farther from its axis.
-        """
-        x, y = rays[:2]
-        xx, xy, yy = spread
-        squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
-        radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
-        outwards = np.sqrt(CHI2_95 * radial) / squared
-        farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
-        with np.errstate(invalid="ignore"):
-            inside = farthest <= self.camera.max_radius**2
-        return np.asarray(inside), np.where(inside, 1 + outwards, 1.0)
-
-
-def _both(rotation: Array) -> Array:
-    """(6, 6) that turns position and phi alike."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = rotation
-    return turn
-
-
-def _weights(covariance_c: Array) -> Array:
-    """(6, 10): of the products of x, y, 1 and 1/z, in the covariance of points' moves."""
-    parts = (_MOVES_ROWS @ covariance_c @ _MOVES_ROWS.T).ravel()
-    return np.asarray(_TIMES * (parts[_PART] + parts[_MIRRORED]), float)
-
-
-def _on_plane(rays: Array, moves: Array) -> Spread:
-    """Variance of x, covariance of x and y, variance of y on the plane z = 1.
-
-    x moves by the point's move along x less x times that along z, both over the depth.
+    That is so many times as far from the axis; a lens bends more the farther from its axis.
     """
     x, y = rays[:2]
-    xx, xy, xz, yy, yz, zz = moves
-    x_z, y_z = xz - x * zz, yz - y * zz
-    return xx - x * (xz + x_z), xy - x * yz - y * x_z, yy - y * (yz + y_z)
+    xx, xy, yy = spread
+    squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
+    radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
+    outwards = np.sqrt(CHI2_95 * radial) / squared
+    farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
+    with np.errstate(invalid="ignore"):
+        inside = farthest <= max_radius**2
+    return np.asarray(inside), np.where(inside, 1 + outwards, 1.0)
+
+
+def matrices(spread: Array) -> Array:
+    """(N, 2, 2) covariances from ``FrameConfidence.spread`` (3, N)."""
+    return np.asarray(spread[[0, 1, 1, 2]].T.reshape(-1, 2, 2))
+
+
+def radius_95(spread: Array) -> Array:
+    """(N,) major semi-axes of the ellipses of 95 %, px, from ``FrameConfidence.spread`` (3, N)."""
+    uu, uv, vv = spread
+    longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
+    return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
 
 
 def screen_covariance(

@@ -27,38 +27,46 @@ _MORTON_BITS = 15
 
 @dataclass(frozen=True, slots=True)
 class Boxes:
-    """Boxes along the axes: ``centres`` and ``halves`` (3, N), m."""
+    """Boxes along the axes: ``bounds`` (6, N), their centres over half their sizes, m."""
 
-    centres: Array
-    halves: Array
+    bounds: Array
 
     @classmethod
     def around(cls, low: Array, high: Array, starts: IntArray) -> Boxes:
         """Around runs of boxes from ``low`` to ``high`` (3, V); ``starts`` (N + 1,)."""
         if len(starts) < 2:
-            return cls(np.empty((3, 0)), np.empty((3, 0)))
+            return cls(np.empty((6, 0)))
         low = np.minimum.reduceat(low, starts[:-1], axis=1)
         high = np.maximum.reduceat(high, starts[:-1], axis=1)
-        return cls((low + high) / 2, (high - low) / 2)
+        return cls(np.concatenate([(low + high) / 2, (high - low) / 2]))
+
+    @property
+    def centres(self) -> Array:
+        """(3, N)."""
+        return self.bounds[:3]
+
+    @property
+    def halves(self) -> Array:
+        """(3, N) half their sizes."""
+        return self.bounds[3:]
 
     def take(self, which: IntArray) -> Boxes:
         """The boxes of these numbers."""
-        return Boxes(self.centres.take(which, axis=1), self.halves.take(which, axis=1))
+        return Boxes(self.bounds.take(which, axis=1))
 
     def within(self, normals: Array, offsets: Array) -> IntArray:
         """Numbers of those not wholly outside a plane: ``normals @ point >= offsets``."""
-        nearest = normals @ self.centres
-        nearest += np.abs(normals) @ self.halves
+        nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.bounds
         return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
 
     def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """``within``, and for each of those whether it is wholly inside."""
-        middle = normals @ self.centres
-        middle -= offsets[:, None]
-        reach = np.abs(normals) @ self.halves
-        number = np.flatnonzero((middle >= -reach).all(axis=0))
-        whole: BoolArray = np.all(middle >= reach, axis=0)
-        return number, whole[number]
+        reach = np.abs(normals)
+        sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
+        inside = (sides @ self.bounds).reshape(2, len(offsets), -1) >= offsets[:, None]
+        some: BoolArray = np.all(inside[0], axis=0)
+        number = np.flatnonzero(some)
+        return number, np.all(inside[1], axis=0)[number]
 
     def distance(self, point: Array) -> Array:
         """(N,) from a point to the nearest one of each box."""
@@ -109,9 +117,18 @@ class Details:
         number, whole = self.boxes.take(near).seen(normals, offsets)
         return near[number], whole
 
+    def vertices(self, piece: IntArray, level: IntArray) -> IntArray:
+        """(N,) how many vertices pieces (N,) have at their levels (N,)."""
+        return self.count.take(self._place(piece, level))
+
+    def _place(self, piece: IntArray, level: IntArray) -> IntArray:
+        """In the tables of levels and pieces: NumPy takes from two axes at a tenth of the rate."""
+        return level * len(self.owner) + piece
+
     def lines(self, piece: IntArray, level: IntArray) -> Polylines:
         """Pieces (N,), each at its level (N,)."""
-        index, starts = runs(self.first[level, piece], self.count[level, piece])
+        place = self._place(piece, level)
+        index, starts = runs(self.first.take(place), self.count.take(place))
         return Polylines(self.points.take(index, axis=1), starts, self.owner[piece])
 
 
@@ -119,7 +136,8 @@ def levels_at(tolerance_m: Array) -> IntArray:
     """(N,) the coarsest level within each tolerance, m."""
     # The tolerances double from one to the next: the exponent tells.
     _, exponent = np.frexp(tolerance_m * (1 / TOLERANCES_M[1]))
-    return np.asarray(np.clip(exponent, 0, len(TOLERANCES_M) - 1), np.int64)
+    level = np.minimum(np.maximum(exponent, 0), len(TOLERANCES_M) - 1)
+    return np.asarray(level, np.int64)
 
 
 def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:

@@ -11,6 +11,8 @@ from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen
 
+_LEAST_WEIGHT_PX = 1e-9  # of a vertex: what is seen of a line may have no length
+
 
 @dataclass(frozen=True, slots=True)
 class Anchors:
@@ -56,9 +58,9 @@ class AnchorFinder:
         kept = line[row[line_owner] >= 0]
         outline = self._outline[chosen] & ~is_mark
         if len(kept):
-            segments = _Segments.of(lines, kept, row[lines.owner[kept]])
-            at = segments.numbers
-            points[:, at], half[:, at] = segments.anchors(outline)
+            parts = _Parts.of(lines, kept, row[lines.owner[kept]])
+            at = parts.numbers
+            points[:, at], half[:, at] = parts.anchors(outline)
         return Anchors(chosen, is_mark, outline, points[:2], points[2:], half)
 
     def _first(
@@ -92,29 +94,27 @@ def _outlines(lines: Polylines, features: int) -> BoolArray:
 
 
 @dataclass(frozen=True, slots=True)
-class _Segments:
-    """Segments of lines in the order of their features; pixels and rays of their ends."""
+class _Parts:
+    """Parts of lines in the order of their features."""
 
-    start: Array  # (5, S)
-    end: Array  # (5, S)
-    begins: IntArray  # (F,) where each feature's segments begin
-    row: IntArray  # (S,) to which of the F each belongs
+    points: Array  # (5, V) pixels and rays
+    linked: BoolArray  # (V,) whether a segment goes on to the next vertex
+    row: IntArray  # (V,) to which of the F each belongs
     numbers: IntArray  # (F,) the features
+    begins: IntArray  # (F,) where each feature's vertices begin
 
     @classmethod
-    def of(cls, lines: Seen, which: IntArray, number: IntArray) -> _Segments:
+    def of(cls, lines: Seen, which: IntArray, number: IntArray) -> _Parts:
         """Of lines, with the number of each one's feature."""
         order = np.argsort(number, kind="stable")
         which, number = which[order], number[order]
         first = lines.starts[which]
-        count = lines.starts[which + 1] - first
-        vertex, starts = runs(first, count)
+        vertex, starts = runs(first, lines.starts[which + 1] - first)
+        fresh = np.append(True, number[1:] != number[:-1])
         linked = np.ones(len(vertex), bool)
         linked[starts[1:] - 1] = False
-        start = np.flatnonzero(linked)
-        numbers, begins, row = _runs(np.repeat(number, count - 1))
-        points = _columns(lines, vertex)
-        return cls(points.take(start, 1), points.take(start + 1, 1), begins, row, numbers)
+        row = np.repeat(np.cumsum(fresh) - 1, np.diff(starts))
+        return cls(_columns(lines, vertex), linked, row, number[fresh], starts[:-1][fresh])
 
     def anchors(self, outline: BoolArray) -> tuple[Array, Array]:
         """Where the labels belong (5, F) and half the features' extents (2, F).
@@ -122,69 +122,61 @@ class _Segments:
         An outline's in it, a line's on it; both near the middle of what is seen of them, weighed
         by length, so that they glide, not jump, as parts come into view.
         """
-        middle, half = self._middle(), self._half()
+        places, half = self._middle(), self._half()
         inside = outline[self.numbers]
-        places = middle if inside.all() else self._nearest(middle[:2])
         if inside.any():
-            places = np.where(inside, self._inner(middle), places)
+            self._move_inside(places, np.flatnonzero(self.linked & inside[self.row]))
+        if not inside.all():
+            self._move_nearest(places, np.flatnonzero(self.linked & ~inside[self.row]))
         return places, half
 
     def _middle(self) -> Array:
-        length = np.hypot(*(self.end - self.start)[:2]) + 1e-9
-        weighed = np.vstack([(self.start + self.end) * (length / 2), length])
-        total = np.add.reduceat(weighed, self.begins, axis=1)
-        return np.asarray(total[:-1] / total[-1])
+        """A vertex has the weight of half the segments on both its sides."""
+        step = self.points[:2, 1:] - self.points[:2, :-1]
+        length = np.hypot(*step) * self.linked[:-1]
+        weight = np.full(self.points.shape[1], _LEAST_WEIGHT_PX)
+        weight[1:] += length
+        weight[:-1] += length
+        total = np.add.reduceat(self.points * weight, self.begins, axis=1)
+        return np.asarray(total / np.add.reduceat(weight, self.begins))
 
     def _half(self) -> Array:
-        start, end = self.start[:2], self.end[:2]
-        low = np.minimum.reduceat(np.minimum(start, end), self.begins, axis=1)
-        high = np.maximum.reduceat(np.maximum(start, end), self.begins, axis=1)
+        low = np.minimum.reduceat(self.points[:2], self.begins, axis=1)
+        high = np.maximum.reduceat(self.points[:2], self.begins, axis=1)
         return np.asarray((high - low) / 2)
 
-    def _nearest(self, uv: Array) -> Array:
-        """For each feature the point (5, F) of its segments that is nearest to uv (2, F)."""
-        along, to_uv = self.end - self.start, uv[:, self.row] - self.start[:2]
+    def _move_nearest(self, places: Array, first: IntArray) -> None:
+        """To the nearest points of segments that begin at these vertices."""
+        start, row = self.points.take(first, axis=1), self.row[first]
+        along, to_place = self.points.take(first + 1, axis=1) - start, places[:2, row] - start[:2]
         squared = (along[:2] * along[:2]).sum(axis=0) + 1e-9
-        share = np.clip((along[:2] * to_uv).sum(axis=0) / squared, 0.0, 1.0)
-        point = self.start + share * along
-        away = ((point[:2] - uv[:, self.row]) ** 2).sum(axis=0)
-        order = np.lexsort((away, self.row))
-        return np.asarray(point[:, order[self.begins]])
+        share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
+        point = start + share * along
+        away = ((point[:2] - places[:2, row]) ** 2).sum(axis=0)
+        farthest_first = np.argsort(-away, kind="stable")  # the last to be written stays
+        places[:, row[farthest_first]] = point[:, farthest_first]
 
-    def _inner(self, places: Array) -> Array:
-        """Where places (5, F) are, or moved along their rows into the outlines that they are off.
+    def _move_inside(self, places: Array, first: IntArray) -> None:
+        """Along their rows into the outlines that places (5, F) are off, by these segments.
 
         An outline that the picture cuts is crossed by a row an odd number of times, or is so on
         both sides; then there is nothing to be said, and the place stays.
         """
-        level = places[1, self.row]
-        across = np.flatnonzero((self.start[1] <= level) != (self.end[1] <= level))
-        row, start = self.row[across], self.start[:, across]
-        rise = self.end[:, across] - start
-        point = start + (level[across] - start[1]) / rise[1] * rise
-        order = np.lexsort((point[0], row))
-        point, row = point[:, order], row[order]
-        _, begins, of_run = _runs(row)
-        count = np.diff(np.append(begins, len(row)))
-        place = np.arange(len(row)) - begins[of_run]
-        enters = np.flatnonzero((place % 2 == 0) & (count % 2 == 0)[of_run])
-        return _moved_inside(places, point[:, enters], point[:, enters + 1], row[enters])
+        above = self.points[1] <= places[1].take(self.row)
+        across = first[above[first] != above[first + 1]]
+        row, start = self.row[across], self.points.take(across, axis=1)
+        rise = self.points.take(across + 1, axis=1) - start
+        point = start + (places[1, row] - start[1]) / rise[1] * rise
+        count = places.shape[1]
+        before = np.bincount(row, point[0] <= places[0, row], count)
+        off = (before % 2 == 0) & (np.bincount(row, minlength=count) % 2 == 0)
+        left = np.flatnonzero(off[row])
+        if len(left):
+            order = left[np.lexsort((point[0, left], row[left]))]
+            _to_widest(places, point[:, order[::2]], point[:, order[1::2]], row[order[::2]])
 
 
-def _moved_inside(places: Array, left: Array, right: Array, row: IntArray) -> Array:
-    """Places (5, F), in the middle of the widest span from left to right if they are in none."""
-    held = np.zeros(places.shape[1], bool)
-    held[row[(left[0] <= places[0, row]) & (places[0, row] <= right[0])]] = True
+def _to_widest(places: Array, left: Array, right: Array, row: IntArray) -> None:
+    """Move places (5, F) to the middle of the widest of their spans from left to right."""
     widest = np.argsort(right[0] - left[0], kind="stable")  # the last to be written stays
-    widest = widest[~held[row[widest]]]
-    moved = places.copy()
-    moved[:, row[widest]] = ((left + right) / 2)[:, widest]
-    return moved
-
-
-def _runs(numbers: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Of sorted numbers: the different ones, where each begins, and the run of each."""
-    fresh = np.ones(len(numbers), bool)
-    fresh[1:] = numbers[1:] != numbers[:-1]
-    begins = np.flatnonzero(fresh)
-    return numbers[begins], begins, np.cumsum(fresh) - 1
+    places[:, row[widest]] = ((left + right) / 2)[:, widest]

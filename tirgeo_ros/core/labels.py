@@ -10,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.label_anchors import AnchorFinder, Anchors
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strokes import mark_radius_px
-from tirgeo_ros.core.text import TEXT_BGR, Box, Colour, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.text import TEXT_BGR, Box, Colour, Pixels, stamp, text_px
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen
 
@@ -60,9 +60,9 @@ class Labels:
         places, labels = self._places, []
         self._places = {}
         for seen in _Feature.all_of(anchors):
-            text = stamp(self._texts[seen.number], room.text_px, TEXT_BGR)
+            size = stamp(self._texts[seen.number], room.text_px, TEXT_BGR).size
             last = places.get(seen.number)
-            wish = _Wish.of(seen, text, room.mark_px, last)
+            wish = _wish(seen, size, room.mark_px, last)
             found = room.find(wish, last)
             if found is None:
                 continue
@@ -106,30 +106,24 @@ class _Wish(NamedTuple):
     v: float
     width: int
     height: int
-    half_u: float  # of the feature, off which it should be
+    half_u: float  # of the room for label and feature
     half_v: float
     mark: bool
     places: tuple[tuple[int, int], ...]
 
-    @classmethod
-    def of(cls, seen: _Feature, text: Stamp, mark_px: float, last: _Place | None) -> _Wish:
-        u, v, half_u, half_v = seen.u, seen.v, seen.half_u, seen.half_v
-        width, height = text.size
-        if seen.mark:
-            return cls(u, v, width, height, mark_px, mark_px, mark=True, places=_BESIDE)
-        if not seen.inside:
-            return cls(u, v, width, height, 0, 0, mark=False, places=_ALONG)
-        fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
-        if 2 * half_u < fits * width or 2 * half_v < fits * height:
-            return cls(u, v, width, height, half_u, half_v, mark=False, places=_UNDER)
-        return cls(u, v, width, height, 0, 0, mark=False, places=_WITHIN)
 
-    def middle(self, place: int) -> tuple[float, float]:
-        to_right, down = self.places[place]
-        return (
-            self.u + to_right * (self.width / 2 + self.half_u),
-            self.v + down * (self.height / 2 + self.half_v),
-        )
+def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: _Place | None) -> _Wish:
+    width, height = size
+    u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
+    if seen.mark:
+        return _Wish(u, v, width, height, half_u + mark_px, half_v + mark_px, True, _BESIDE)
+    if not seen.inside:
+        return _Wish(u, v, width, height, half_u, half_v, False, _ALONG)
+    fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
+    if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
+        half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
+        return _Wish(u, v, width, height, half_u, half_v, False, _UNDER)
+    return _Wish(u, v, width, height, half_u, half_v, False, _WITHIN)
 
 
 class _Room:
@@ -165,22 +159,19 @@ class _Room:
 
     def _box(self, wish: _Wish, place: int) -> Box:
         """A place, moved into the picture."""
-        u, v = wish.middle(place)
-        width, height = wish.width, wish.height
-        left = min(max(round(u - width / 2), 0), self._width - width)
-        top = min(max(round(v - height / 2), 0), self._height - height)
+        u, v, width, height, half_u, half_v, _, places = wish
+        to_right, down = places[place]
+        left = min(max(round(u + to_right * half_u - width / 2), 0), self._width - width)
+        top = min(max(round(v + down * half_v - height / 2), 0), self._height - height)
         return Box(left, top, left + width, top + height)
 
     def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:
         if wish.mark and box.meets(_around(wish.u, wish.v)):
             return False
         # As Box.meets, but a frame asks this thousands of times.
-        left, top, right, bottom = (
-            box.left - room,
-            box.top - room,
-            box.right + room,
-            box.bottom + room,
-        )
+        left, top, right, bottom = box
+        if room:
+            left, top, right, bottom = left - room, top - room, right + room, bottom + room
         for x0, y0, x1, y1 in self._taken:  # a generator takes twice the time
             if left < x1 and x0 < right and top < y1 and y0 < bottom:
                 return False

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.confidence import CameraRates, FrameConfidence
+from tirgeo_ros.core.confidence import CameraRates
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.labels import UNCERTAIN_BGR, Label, Labels
 from tirgeo_ros.core.line_samples import each, picked
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import Polylines, joined
-from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.polylines import joined
+from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
 from tirgeo_ros.core.uncertainty_marks import (
     Anchors,
     Confidence,
-    Ellipses,
+    Marked,
     layer_sigmas,
     with_marks,
 )
@@ -68,12 +68,13 @@ class MapPainter:
         sigmas = each(self._sigmas, lines.owner)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
         self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
-        drawn, opacity = self._confidence.faded(frame, lines, sigmas)
         labels = self._labels.place(image, lines, marks, taken)
         anchors = with_marks(_anchors(labels), marks, view.camera)
-        ellipses = self._ellipses(image, frame, anchors)
-        self._stroke(image, drawn, opacity, marks, ellipses)
-        self._write(image, labels, set(anchors.owner[ellipses.uncertain].tolist()))
+        marked = self._confidence.marked(
+            frame, lines, anchors, mark_radius_px(image), self._sigmas
+        )
+        self._stroke(image, marked, marks)
+        self._write(image, labels, set(anchors.owner[marked.ellipses.uncertain].tolist()))
 
     def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
         """What is of layers that are shown at this scale."""
@@ -85,23 +86,18 @@ class MapPainter:
         shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
         return seen if shown.all() else picked(seen, np.flatnonzero(shown))
 
-    def _ellipses(self, image: Pixels, frame: FrameConfidence, anchors: Anchors) -> Ellipses:
-        sigmas = each(self._sigmas, anchors.owner)
-        return self._confidence.ellipses(frame, anchors, mark_radius_px(image), sigmas)
-
-    def _stroke(
-        self, image: Pixels, lines: Polylines, opacity: Array, marks: Seen, ellipses: Ellipses
-    ) -> None:
+    def _stroke(self, image: Pixels, marked: Marked, marks: Seen) -> None:
+        lines, opacity, ellipses = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         ink = joined(joined(lines, diamonds), ellipses.outlines)
         strength = np.concatenate([opacity, np.ones(len(diamonds)), ellipses.opacity])
         self._painter.strokes(image, ink, self._map.layer[ink.owner], self._styles, strength)
 
     def _write(self, image: Pixels, labels: list[Label], uncertain: set[int]) -> None:
-        for label in labels:
-            colour = UNCERTAIN_BGR if label.feature in uncertain else TEXT_BGR
-            text = stamp(self._map.labels[label.feature], text_px(image), colour)
-            text.lay(image, label.box.left, label.box.top)
+        size_px = text_px(image)
+        for feature, _, _, box in labels:
+            colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
+            stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)
 
 
 def _anchors(labels: list[Label]) -> Anchors:

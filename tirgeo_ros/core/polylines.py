@@ -74,6 +74,14 @@ class Polylines:
         index, starts = runs(self.starts[which], self.starts[which + 1] - self.starts[which])
         return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
+    def parted(self, count: int) -> tuple[Polylines, Polylines]:
+        """The first lines, so many, and the others."""
+        starts, owner, at = self.starts, self.owner, int(self.starts[count])
+        return (
+            Polylines(self.points[:, :at], starts[: count + 1], owner[:count]),
+            Polylines(self.points[:, at:], starts[count:] - at, owner[count:]),
+        )
+
     def cut(self, enter: Array, leave: Array) -> Polylines:
         """What is left when segment ``i`` keeps only its part from ``enter`` to ``leave``.
 
@@ -124,8 +132,11 @@ def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
 
     The second has one entry more, the end of the last run.
     """
-    starts = np.concatenate([[0], np.cumsum(count)])
-    return np.arange(starts[-1]) + np.repeat(first - starts[:-1], count), starts
+    starts = np.zeros(len(count) + 1, np.int64)
+    np.cumsum(count, out=starts[1:])
+    index = np.repeat(first - starts[:-1], count)
+    index += np.arange(len(index))
+    return index, starts
 
 
 def joined(first: Polylines, second: Polylines) -> Polylines:

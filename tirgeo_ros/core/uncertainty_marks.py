@@ -3,8 +3,7 @@
     confidence = Confidence(config.confidence)
     frame = confidence.frame(camera, pose, rates)                      # once a picture
     confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
-    drawn, opacity = confidence.faded(frame, lines, sigma)             # for Painter.strokes
-    ellipses = confidence.ellipses(frame, anchors, radius_px, sigma)   # for Painter.strokes too
+    marked = confidence.marked(frame, lines, anchors, radius_px, sigma)   # for Painter.strokes
 
 A faded line says that there is something, no longer where. An ellipse is left out where the mark
 is about as large. Where the ellipse would not tell the truth, or is as large as the picture, it is
@@ -21,11 +20,18 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.confidence import CameraRates, FrameConfidence, ellipse_95
+from tirgeo_ros.core.confidence import (
+    CameraRates,
+    FrameConfidence,
+    ellipse_95,
+    matrices,
+    radius_95,
+)
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
-from tirgeo_ros.core.line_samples import STEP_PX, cut, each, picked, ribbons, sampled, short
+from tirgeo_ros.core.fading import Fading
+from tirgeo_ros.core.line_samples import each, ribbons, sampled
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, joined
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import VectorMap
@@ -65,6 +71,14 @@ class Ellipses:
     uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or nobody can tell
 
 
+class Marked(NamedTuple):
+    """What is drawn of some lines and points."""
+
+    lines: Polylines  # cut where their opacity changes
+    opacity: Array  # (lines,) 1/4 to 1
+    ellipses: Ellipses
+
+
 class Confidence:
     """Draws the overlay's uncertainty as the configuration says."""
 
@@ -77,43 +91,33 @@ class Confidence:
         """The errors of one frame: pose and rates at its exposure."""
         return FrameConfidence(self._config, camera, pose, rates)
 
-    def faded(
-        self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None = None
-    ) -> tuple[Polylines, Array]:
-        """The lines cut where their opacity changes, and the opacity of each (lines,), 1/4 to 1.
+    def marked(
+        self,
+        frame: FrameConfidence,
+        lines: Seen,
+        anchors: Anchors,
+        mark_radius_px: float,
+        sigma_m: Array | None = None,
+    ) -> Marked:
+        """Lines that fade, and the ellipses of anchors that are clearly larger than a mark.
 
-        ``sigma_m`` (lines,) of the map's layers, nan where not told. Lines with a band fade too:
-        a strong line in the middle of a broad band would still be believed. If nothing is to
-        become of lines, they are returned as they are.
+        ``sigma_m`` (features,) of the map's layers, nan where not told. Lines with a band fade
+        too: a strong line in the middle of a broad band would still be believed. If nothing is to
+        become of lines, they are returned as they are. Without ellipses in the configuration
+        there are no outlines, but still the word on what is uncertain.
         """
-        if self._config.lines == "none" or not len(lines):
-            return lines, np.ones(len(lines))
-        whole = short(lines)
-        if whole.all():
-            return lines, self._faded_whole(frame, lines, sigma_m)
-        numbers, others = np.flatnonzero(whole), np.flatnonzero(~whole)
-        rest, of_rest = self._faded_along(frame, picked(lines, others), each(sigma_m, others))
-        lines, sigma_m = picked(lines, numbers), each(sigma_m, numbers)
-        opacity = self._faded_whole(frame, lines, sigma_m)
-        return joined(rest, lines), np.concatenate([of_rest, opacity])
-
-    def _faded_whole(self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None) -> Array:
-        """Of lines that are of one opacity each, told at a vertex half-way."""
-        middle = lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)
-        return self._opacity(frame.radius_95(middle, sigma_m))
-
-    def _faded_along(
-        self, frame: FrameConfidence, lines: Seen, sigma_m: Array | None
-    ) -> tuple[Polylines, Array]:
-        lines, some = sampled(lines, STEP_PX)
-        ways = np.flatnonzero(some.links())
-        first, last = some.vertex[ways], some.vertex[ways + 1]
-        middle = (lines.rays.take(first, axis=1) + lines.rays.take(last, axis=1)) / 2
-        sigma = each(sigma_m, some.line[ways])
-        opacity = np.ones(len(some.line) - 1)
-        opacity[ways] = self._opacity(frame.radius_95(middle, sigma))
-        runs, way = cut(lines, some, opacity)
-        return runs, opacity[way]
+        fades = self._config.lines != "none" and len(lines)
+        fading = Fading.of(lines) if fades else None
+        rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
+        if fading:
+            rays = np.concatenate([rays, fading.rays], axis=1)
+            owner = np.concatenate([owner, fading.owner])
+        # All in one: for so few points most of the time goes into the calls.
+        spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
+        ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
+        if not fading:
+            return Marked(lines, np.ones(len(lines)), ellipses)
+        return Marked(*fading.cut(self._opacity(radius_95(spread[:, count:]))), ellipses)
 
     def _opacity(self, radius_px: Array) -> Array:
         """For radii of 95 %; what is not known (nan) is at its faintest."""
@@ -144,21 +148,16 @@ class Confidence:
         for number in np.unique(of_quad[wide]).tolist():
             _tint(image, quads[wide & (of_quad == number)], styles[number])
 
-    def ellipses(
+    def _ellipses(
         self,
-        frame: FrameConfidence,
+        camera: Camera,
         anchors: Anchors,
+        spread: Array,
+        linear: BoolArray,
         mark_radius_px: float,
-        sigma_m: Array | None = None,
     ) -> Ellipses:
-        """The ellipses of anchors, as far as they are clearly larger than a mark.
-
-        ``sigma_m`` (N,) of the map's layers, nan where not told. Without ellipses in the
-        configuration there are no outlines, but still the word on what is uncertain.
-        """
-        covariance, linear = frame.covariance(anchors.rays, sigma_m)
-        semi_px, angle = ellipse_95(covariance)
-        most_px = min(frame.camera.width, frame.camera.height) / 4
+        semi_px, angle = ellipse_95(matrices(spread))
+        most_px = min(camera.width, camera.height) / 4
         uncertain = ~(linear & (semi_px[:, 0] <= most_px))
         drawn = semi_px[:, 0] >= MARK_TIMES * mark_radius_px  # not if nan
         chosen = np.flatnonzero(drawn & self._config.ellipses)

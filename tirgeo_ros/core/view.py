@@ -117,7 +117,8 @@ class View:
         else:
             outer = np.flatnonzero(~whole)
         inner = np.flatnonzero(whole & ~row)
-        lines, cut = (eye.sees(details.lines(piece[some], level[some])) for some in (inner, outer))
+        some = np.concatenate([inner, outer])
+        lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
         # Most pieces lie wholly in view, and cutting costs as much as all the rest.
         cut = clip_to_planes(cut, self._normals_c, self._offsets)
         flat = _flat(joined(lines, cut))
@@ -190,11 +191,11 @@ class View:
     ) -> tuple[IntArray, float]:
         """(N,) the level of detail of each piece, and how far it may be off, px."""
         level, detail_px = np.zeros(len(piece), np.int64), 0.0
-        if details.count[0, piece].sum() <= _FEW_VERTICES:
+        if details.vertices(piece, level).sum() <= _FEW_VERTICES:
             return level, detail_px
         for detail_px in _DETAILS_PX:
             level = levels_at(distance_m * (detail_px / self._px_per_rad))
-            if details.count[level, piece].sum() <= _MANY_VERTICES:
+            if details.vertices(piece, level).sum() <= _MANY_VERTICES:
                 break
         return level, detail_px
 
