@@ -55,7 +55,7 @@ class ParameterFile:
     """
 
     def __init__(self, files: Files) -> None:
-        paths = _paths(files)
+        paths = paths_of(files)
         self._name = ", ".join(str(path) for path in paths)
         self._parts: list[Section] = []
         for path in paths:
@@ -79,7 +79,8 @@ class ParameterFile:
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
-def _paths(files: Files) -> list[PathLike]:
+def paths_of(files: Files) -> list[PathLike]:
+    """The files one after another."""
     if files is None:
         return []
     return [files] if isinstance(files, str | os.PathLike) else list(files)

@@ -18,6 +18,7 @@ from tirgeo_ros.core.accuracy import GroundErrors
 from tirgeo_ros.core.confidence import CHI2_95
 from tirgeo_ros.core.located import Ellipse
 from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.evaluation.projection import Projection
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
@@ -149,7 +150,7 @@ class MethodResult:
     camera: PoseTrack  # attitude of the camera body: forward, right, down
     innovations: Sequence[Innovations]
     verdicts: Mapping[str, int]  # "source outcome" to number
-    parameters: Mapping[str, Mapping[str, object]]  # by node, by dotted name, as used
+    parameters: Mapping[str, Mapping[str, Value]]  # by node, by dotted name, as used
 
     @cached_property
     def errors(self) -> GroundErrors:

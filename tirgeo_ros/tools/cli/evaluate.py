@@ -1,0 +1,89 @@
+"""The verb ``tirgeo evaluate``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.progress import Progress
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "evaluate",
+        help="a flight's ground accuracy against surveyed points, by method",
+        description="The paper's experiment: locates every observed control point under the "
+        "methods raw, rtk, ekf and ekf_heading, and calibrated (ekf_heading with the boresight "
+        "file) where one is given. Prints each point's error, their means and the paired t-test "
+        "between the methods, and writes points.csv, observations.csv, result.json and each "
+        "method's parameters. A method that the bag has not the topics for is told as missing.",
+        epilog="example:\n  tirgeo evaluate bags/sample/flight.mcap "
+        "--survey bags/sample/survey.geojson \\\n    --observations bags/sample/observations.csv "
+        "--params bags/sample/params.yaml -o evaluation",
+    )
+    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+    parser.add_argument(
+        "--survey", type=Path, metavar="GCPS", required=True, help="GeoJSON, or CSV id,lat,lon,h"
+    )
+    parser.add_argument(
+        "--observations", type=Path, metavar="CSV", required=True, help="id,stamp_ns,u,v"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
+    parser.add_argument(
+        "--params",
+        type=Path,
+        metavar="YAML",
+        action="append",
+        help="ROS 2 parameter file; of several the later stand before the earlier",
+    )
+    parser.add_argument(
+        "--boresight", type=Path, metavar="YAML", help="what calibrate boresight has written"
+    )
+    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
+    parser.add_argument(
+        "--ground-height",
+        type=float,
+        metavar="M",
+        help="ellipsoidal height of the ground, m; default: the parameters', else the median of "
+        "the observed points' heights",
+    )
+    parser.add_argument(
+        "--projection",
+        choices=("gauss-krueger", "utm"),
+        default="gauss-krueger",
+        help="%(choices)s; default: %(default)s",
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Evaluate the flight and write the results."""
+    from tirgeo_ros.tools.evaluation.evaluate import evaluate  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation  # noqa: PLC0415
+
+    if args.dem is not None and args.ground_height is not None:
+        raise UsageError("--dem and --ground-height are two grounds: give one")
+    with Progress("evaluating", unit="s") as bar:
+        found = evaluate(
+            args.bag,
+            args.survey,
+            args.observations,
+            params=args.params,
+            boresight=args.boresight,
+            dem=args.dem,
+            ground_height=args.ground_height,
+            namespace=args.namespace,
+            projection=args.projection,
+            progress=bar,
+        )
+    return summary(found) | {"output": write_evaluation(found, args.output)}
+
+
+def describe(result: dict[str, object]) -> str:
+    """The tables for a person."""
+    from tirgeo_ros.tools.evaluation.tables import text_tables  # noqa: PLC0415
+
+    return text_tables(result)

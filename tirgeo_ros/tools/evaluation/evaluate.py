@@ -1,0 +1,176 @@
+"""Every observed control point of a flight, located under every method (section 5.1)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.errors import BagError, CalibrationError
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.parameter_file import Files, PathLike
+from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of
+from tirgeo_ros.tools.evaluation.ground import Experiment, load_experiment, locate_observations
+from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult
+from tirgeo_ros.tools.evaluation.series import MethodSeries, SensorSeries
+from tirgeo_ros.tools.evaluation.setups import MethodSetup, ground_notes, method_setups
+from tirgeo_ros.tools.evaluation.t_test import paired_tests
+from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.inputs import done_without, resolved
+from tirgeo_ros.tools.progress import Report, silent
+
+_HEADING = "rtk/heading"
+
+
+def evaluate(
+    bag: PathLike,
+    survey: PathLike,
+    observations: PathLike,
+    *,
+    params: Files = None,
+    boresight: PathLike | None = None,
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
+    namespace: str = "",
+    projection: str = "gauss-krueger",
+    progress: Report = silent,
+) -> Evaluation:
+    """Locate the observations of a bag under every method, in one pass through it.
+
+    ``params`` are parameter files, of which the later stand before the earlier; ``boresight``,
+    one more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) stands
+    before them; without any ground it is level at the median of the observed points' heights.
+    ``projection`` is ``gauss-krueger`` or ``utm``. A method that the bag has not the topics for
+    is told as missing. Raises BagError, ConfigError, SurveyError, ElevationError, and
+    CalibrationError where no method can be run.
+    """
+    given = load_experiment(survey, observations, projection)
+    setups = method_setups(params, boresight, dem, ground_height, namespace, given.heights_m)
+    flight = _Flight(BagReader(bag), setups, given, namespace)
+    flight.read(progress)
+    methods = flight.results()
+    sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
+    checks = checks_of(given, sensors.image_stamps_ns)
+    notes = [*ground_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
+    return Evaluation(
+        os.fspath(bag),
+        os.fspath(survey),
+        os.fspath(observations),
+        given.projection,
+        given.control,
+        checks,
+        sensors,
+        methods,
+        flight.missing,
+        paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
+        notes,
+        flight.error(methods),
+    )
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A method under way."""
+
+    setup: MethodSetup
+    poses: FlightPoses
+    series: MethodSeries
+
+    @property
+    def fault(self) -> str:
+        """Why it has no poses; empty where it has."""
+        if self.poses.plane is not None and self.series.has_poses:
+            return ""
+        reason = self.poses.registration.navigation.status().reason
+        return f"no camera pose could be made{': ' if reason else ''}{reason}"
+
+    def result(self, camera: Camera, given: Experiment) -> MethodResult:
+        """What it found."""
+        plane, setup = self.poses.plane, self.setup
+        assert plane is not None
+        located, refused = locate_observations(
+            self.poses.cameras, plane, camera, given, setup.ground, setup.overlay
+        )
+        status = self.poses.registration.navigation.status()
+        return MethodResult(
+            setup.method,
+            self.poses.registration.composer.composition,
+            status.state.value,
+            setup.ground,
+            setup.ground_words,
+            located,
+            refused,
+            self.series.body(given.projection),
+            self.series.camera(plane, given.projection),
+            self.series.innovations(),
+            {f"{source} {outcome}": number for (source, outcome), number in status.counts.items()},
+            setup.parameters,
+        )
+
+
+class _Flight:
+    """All methods over one bag. Raises CalibrationError where none can be run."""
+
+    def __init__(
+        self, reader: BagReader, setups: Sequence[MethodSetup], given: Experiment, namespace: str
+    ) -> None:
+        self.missing: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.recorded = RecordedFlight(reader, namespace, pictures=True)
+        self.series = SensorSeries()
+        self._reader = reader
+        self._given = given
+        self._namespace = namespace
+        self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
+        self.recorded.add(self.series)
+        self._check_any(self._runs)
+
+    def _begun(self, setup: MethodSetup) -> _Run | None:
+        """A method that takes part, or None and a reason in ``missing``."""
+        series, method = MethodSeries(), setup.ekf.method
+        instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
+        try:
+            if method == "ekf_heading" and not self.recorded.has(_HEADING):
+                raise BagError(f"needed topic absent: {self._name(_HEADING)}")  # noqa: TRY301
+            poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
+        except BagError as error:
+            self.missing[setup.method] = str(error)
+            return None
+        absent = [self._name(topic) for topic in done_without(poses.topics, method)]
+        if absent:
+            self.notes.append(f"{setup.method}: {', '.join(absent)} absent: done without")
+        return _Run(setup, poses, series)
+
+    def _name(self, topic: str) -> str:
+        return resolved(topic, self._namespace)
+
+    def read(self, progress: Report) -> None:
+        """Take the flight through all methods; ``progress`` is told seconds of it."""
+        self.recorded.read_all(progress)
+
+    def results(self) -> list[MethodResult]:
+        """Of the methods that have poses; the others become missing."""
+        self.missing |= {run.setup.method: run.fault for run in self._runs if run.fault}
+        runs = [run for run in self._runs if not run.fault]
+        self._check_any(runs)
+        return [run.result(self.recorded.camera, self._given) for run in runs]
+
+    def _check_any(self, runs: Sequence[_Run]) -> None:
+        if not runs:
+            reasons: dict[str, list[str]] = {}
+            for method, reason in self.missing.items():
+                reasons.setdefault(reason.removeprefix(f"{self._reader.path}: "), []).append(
+                    method
+                )
+            said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
+            raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")
+
+    def error(self, methods: Sequence[MethodResult]) -> str | None:
+        """What makes it a failure although there is a result."""
+        if self._reader.damage is not None:
+            return f"{self._reader.path}: {self._reader.damage}; the numbers are made from these"
+        if not any(one.located for one in methods):
+            reason = methods[-1].refused[0].reason
+            return f"{self._reader.path}: no observation could be located: {reason}"
+        return None
