@@ -184,9 +184,12 @@ BAD = {
     ),
     "linked crs": (
         collection(geometry("Point", [1, 2]), crs={"type": "link", "properties": {"href": "x"}}),
-        "the crs member does not name",
+        'unknown coordinate reference system .crs member {"type": "link"',
     ),
-    "odd crs": (collection(geometry("Point", [1, 2]), crs=4326), "the crs member does not name"),
+    "odd crs": (
+        collection(geometry("Point", [1, 2]), crs=4326),
+        "unknown coordinate reference system 'crs member 4326'; save the map in WGS84",
+    ),
     "off the crs": (
         collection(geometry("Point", [1e9, 1e9]), crs={"properties": {"name": "EPSG:32633"}}),
         "is not a longitude",

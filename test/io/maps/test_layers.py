@@ -108,6 +108,25 @@ def test_the_system_of_the_sheet_stands_above_the_files(folder, styled):
     assert shift[:, 1] == pytest.approx(math.radians(1), abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "member",
+    [
+        {"type": "link", "properties": {"href": "x"}},
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:LOCAL::12"}},
+        {"properties": None},
+        4326,
+    ],
+)
+def test_the_sheets_system_stands_above_a_member_that_names_none(folder, styled, member):
+    point = {"type": "Point", "coordinates": [500_000, 5_300_000], "crs": member}
+    (folder / "odd.geojson").write_text(json.dumps(point))
+    (layer,) = styled("layers: [{file: ../odd.geojson, crs: 32633}]")
+    # on the middle meridian of zone 33
+    assert math.degrees(layer.features[0].points[0, 1]) == pytest.approx(15, abs=1e-9)
+    with pytest.raises(MapError, match=r"odd\.geojson: unknown coordinate reference system"):
+        styled("layers: [{file: ../odd.geojson}]")
+
+
 def test_a_system_of_the_sheet_where_the_file_has_none(folder, styled):
     line = [(500000.0, 0.0), (500000.0, 1000.0)]
     write_shapefile(folder / "site.shp", "line", [[line]], prj=None)

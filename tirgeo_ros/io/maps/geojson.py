@@ -38,7 +38,7 @@ def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
     properties = [_properties(feature) for feature in features]
     shapes = _shapes(features, str(path))
     fields = dict.fromkeys(chain.from_iterable(properties))
-    return [Table(str(path), name, _crs_name(root, path), shapes, properties, fields)]
+    return [Table(str(path), name, _crs_name(root), shapes, properties, fields)]
 
 
 def _root(path: Path, content: bytes) -> dict[str, Any]:
@@ -199,16 +199,14 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _crs_name(root: dict[str, Any], path: Path) -> str | None:
-    """The name in the ``crs`` member of GeoJSON before RFC 7946; None where there is none."""
+def _crs_name(root: dict[str, Any]) -> str | None:
+    """The name in the ``crs`` member of GeoJSON before RFC 7946; None where there is none.
+
+    Of a member without a name it is the member itself: no system is called that.
+    """
     crs = root.get("crs")
     if crs is None:
         return None
     properties = crs.get("properties") if isinstance(crs, dict) else None
     name = properties.get("name") if isinstance(properties, dict) else None
-    if not isinstance(name, str):
-        raise MapError(
-            f"{path}: the crs member does not name a coordinate reference system; save the map in "
-            "WGS84 (EPSG:4326)"
-        )
-    return name
+    return name if isinstance(name, str) else f"crs member {json.dumps(crs)}"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tirgeo_ros.core.errors import ConfigError, MapError
 from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.io.file_list import named_files
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.formats import companions, read_tables
 from tirgeo_ros.io.maps.laying import laid
@@ -36,15 +37,8 @@ def load_layers(map: str, style: str = "", label_field: str = "name") -> list[Ma
     return [layer for source in _sources(map, style) for layer in _layers(source, label_field)]
 
 
-def _named(map_text: str) -> list[Path]:
-    """The files of a list with commas; a file whose name has a comma is one too."""
-    if Path(map_text).is_file():
-        return [Path(map_text)]
-    return [Path(name.strip()) for name in map_text.split(",") if name.strip()]
-
-
 def _sources(map_text: str, style: str) -> list[_Source]:
-    paths = _named(map_text)
+    paths = named_files(map_text)
     if not style:
         return [_Source(path) for path in paths]
     entries = load_style_sheet(style)
@@ -89,7 +83,7 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
 
     Never raises: of a style sheet that cannot be read it is the sheet alone, beside the map.
     """
-    paths = _named(map)
+    paths = named_files(map)
     if style:
         paths = [*paths, Path(style)]
         try:
