@@ -11,7 +11,7 @@ import pytest
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ElevationError
-from tirgeo_ros.io import elevation
+from tirgeo_ros.io import elevation_grid
 from tirgeo_ros.io.elevation import ground_of, load_terrain
 
 UTM = "EPSG:32650"
@@ -175,7 +175,7 @@ def test_a_unit_that_nobody_knows_is_said(rasterio, tmp_path):
     assert terrain.highest_m == 7.0
 
 
-def test_what_is_refused(rasterio, tmp_path, monkeypatch):
+def test_what_is_refused(rasterio, tmp_path):
     _, _, transform = grid_of_metres(rasterio)
     flat = np.full((9, 9), 7.0, np.float32)
     nowhere = written(rasterio, tmp_path / "nowhere.tif", flat, transform, crs=None)
@@ -187,10 +187,6 @@ def test_what_is_refused(rasterio, tmp_path, monkeypatch):
     marked = written(rasterio, tmp_path / "marked.tif", np.full_like(flat, -32768), transform)
     with pytest.raises(ElevationError, match=r"marked\.tif: .*is its no-data value declared"):
         load_terrain(marked)
-    whole = written(rasterio, tmp_path / "large.tif", flat, transform)
-    monkeypatch.setattr(elevation, "MOST_NODES", 80)
-    with pytest.raises(ElevationError, match=r"large\.tif: 9 x 9 pixels, more than 80; cut out"):
-        load_terrain(whole)
     (tmp_path / "text.tif").write_text("no picture")
     with pytest.raises(ElevationError, match=r"text\.tif: cannot be read as a raster"):
         load_terrain(tmp_path / "text.tif")
@@ -221,3 +217,121 @@ def test_the_ground_of_the_parameters(rasterio, tmp_path):
     assert ground_of(OverlayConfig()) is None
     assert ground_of(OverlayConfig(ground_height_m=3.0, dem=path)) == 3.0
     assert ground_of(OverlayConfig(dem=path, dem_undulation_m=2.0)).highest_m == 9.0
+
+
+def test_a_large_model_is_mapped_and_the_same(rasterio, tmp_path, monkeypatch):
+    x, y, transform = grid_of_metres(rasterio)
+    values = wave(x, y).astype(np.float32)
+    values[70:80, 70:80] = -9999.0
+    path = written(rasterio, tmp_path / "large.tif", values, transform)
+    whole = load_terrain(path)
+    monkeypatch.setattr(elevation_grid, "MOST_IN_MEMORY", SIZE * SIZE - 1)
+    monkeypatch.setattr(elevation_grid, "_AT_ONCE", 7 * SIZE)
+    mapped = load_terrain(path)
+    assert isinstance(mapped.heights_m.base, np.memmap)  # nothing of it is copied
+    np.testing.assert_array_equal(mapped.heights_m, whole.heights_m)
+    assert (mapped.lowest_m, mapped.highest_m) == (whole.lowest_m, whole.highest_m)
+
+
+def test_a_model_without_room_says_how_much_it_needs(rasterio, tmp_path, monkeypatch):
+    _, _, transform = grid_of_metres(rasterio)
+    path = tmp_path / "endless.tif"
+    profile = {"width": 30_000_000, "height": 30_000_000, "count": 1, "dtype": "float32"}
+    sparse = {"tiled": True, "blockxsize": 65_536, "blockysize": 65_536, "SPARSE_OK": True}
+    with rasterio.open(
+        path, "w", driver="GTiff", crs=UTM, transform=transform, BIGTIFF="YES", **profile, **sparse
+    ):
+        pass
+    with pytest.raises(
+        ElevationError,
+        match=r"endless\.tif: 30000000 x 30000000 pixels need 3600000\.0 GB in .*TMPDIR",
+    ):
+        load_terrain(path)
+
+
+def tiles_of(rasterio, folder, cuts, **profile):
+    """Tiles (left, top, right, bottom) of the wave, in pixels."""
+    x, y, _ = grid_of_metres(rasterio)
+    paths = []
+    for k, (left, top, right, bottom) in enumerate(cuts):
+        corner = rasterio.transform.from_origin(WEST + left, NORTH - top, 1.0, 1.0)
+        values = wave(x, y)[top:bottom, left:right].astype(np.float32)
+        paths.append(written(rasterio, folder / f"tile{k}.tif", values, corner, **profile))
+    return paths
+
+
+def test_tiles_side_by_side_are_one_surface(rasterio, tmp_path):
+    # one over another, one apart, the second before the first in both directions
+    cuts = [(60, 50, 150, 150), (0, 0, 60, 50), (60, 0, 150, 50), (0, 45, 62, 150)]
+    paths = tiles_of(rasterio, tmp_path, cuts)
+    terrain = load_terrain(", ".join(map(str, paths)))
+    assert terrain.heights_m.shape == (SIZE, SIZE)
+    places = some_places(np.random.default_rng(4))
+    np.testing.assert_allclose(at(terrain, *places), wave(*places), atol=BILINEAR_M)
+
+
+def test_between_tiles_is_a_gap_and_the_first_tile_stands_above_the_next(rasterio, tmp_path):
+    first, second = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (50, 0, 150, 150)])
+    low = rasterio.transform.from_origin(WEST, NORTH, 1.0, 1.0)
+    holed = np.full((150, 20), 7.0, np.float32)
+    holed[:60] = -9999
+    above = written(rasterio, tmp_path / "above.tif", holed, low, units="m")
+    terrain = load_terrain(f"{above},{first},{second}")
+    assert np.isnan(at(terrain, WEST + 45, NORTH - 75))
+    assert at(terrain, WEST + 10, NORTH - 75) == pytest.approx(7)
+    for x, y in ((WEST + 10, NORTH - 30), (WEST + 30, NORTH - 75), (WEST + 80, NORTH - 75)):
+        assert at(terrain, x, y) == pytest.approx(wave(x, y), abs=BILINEAR_M)
+
+
+def test_tiles_that_do_not_fit_are_named(rasterio, tmp_path):
+    first, second = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)])
+    flat = np.full((9, 9), 7.0, np.float32)
+    halved = rasterio.transform.from_origin(WEST + 40.5, NORTH, 1.0, 1.0)
+    finer = rasterio.transform.from_origin(WEST + 40, NORTH, 0.5, 0.5)
+    for name, transform in (("halved", halved), ("finer", finer)):
+        odd = written(rasterio, tmp_path / f"{name}.tif", flat, transform)
+        with pytest.raises(
+            ElevationError, match=rf"{name}\.tif: its pixels are not on the grid of"
+        ):
+            load_terrain(f"{first},{odd}")
+    other = written(rasterio, tmp_path / "other.tif", flat, halved, "EPSG:32649")
+    with pytest.raises(
+        ElevationError, match=r"other\.tif: another coordinate system than that of"
+    ):
+        load_terrain(f"{first},{other}")
+    second.write_bytes(second.read_bytes()[:20_000])
+    with pytest.raises(ElevationError, match=r"tile1\.tif: cannot be read as a raster"):
+        load_terrain(f"{first},{second}")
+    with pytest.raises(ElevationError, match=r"' , ': names no elevation model"):
+        load_terrain(" , ")
+
+
+def test_remarks_on_many_tiles_are_told_once(rasterio, tmp_path):
+    paths = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)], units="ft")
+    (note,) = load_terrain(",".join(map(str, paths))).notes
+    assert note.startswith(f"{paths[0]} and 1 more: heights in ft")
+
+
+def test_a_mosaic_of_gdals(rasterio, tmp_path):
+    """A .vrt, as gdalbuildvrt writes it, with a gap between its tiles."""
+    tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (50, 0, 150, 150)])
+    sources = "".join(
+        f"<ComplexSource><SourceFilename relativeToVRT='1'>tile{k}.tif</SourceFilename>"
+        f"<SourceBand>1</SourceBand><SrcRect xOff='0' yOff='0' xSize='{wide}' ySize='150'/>"
+        f"<DstRect xOff='{left}' yOff='0' xSize='{wide}' ySize='150'/><NODATA>-9999</NODATA>"
+        "</ComplexSource>"
+        for k, (left, wide) in enumerate([(0, 40), (50, 100)])
+    )
+    (tmp_path / "all.vrt").write_text(
+        f"<VRTDataset rasterXSize='150' rasterYSize='150'><SRS>{UTM}</SRS>"
+        f"<GeoTransform>{WEST}, 1, 0, {NORTH}, 0, -1</GeoTransform>"
+        "<VRTRasterBand dataType='Float32' band='1'><NoDataValue>-9999</NoDataValue>"
+        f"{sources}</VRTRasterBand></VRTDataset>"
+    )
+    terrain = load_terrain(tmp_path / "all.vrt")
+    assert np.isnan(at(terrain, WEST + 45, NORTH - 75))
+    place = (WEST + 80.3, NORTH - 75.7)
+    assert at(terrain, *place) == pytest.approx(wave(*place), abs=BILINEAR_M)
+    (tmp_path / "tile1.tif").unlink()
+    with pytest.raises(ElevationError, match=r"all\.vrt: cannot be read as a raster"):
+        load_terrain(tmp_path / "all.vrt")

@@ -43,9 +43,11 @@ class Terrain:
         heights = np.asarray(self.heights_m)
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise ElevationError(f"elevation model of shape {heights.shape}: 2 x 2 are the fewest")
-        heights = np.ascontiguousarray(np.where(np.isinf(heights), np.nan, heights))
-        lowest = float(np.fmin.reduce(heights, None))  # of all but the nan
-        highest = float(np.fmax.reduce(heights, None))
+        heights = np.ascontiguousarray(heights)  # which copies nothing of a large model
+        lowest, highest = _range(heights)
+        if math.isinf(lowest) or math.isinf(highest):
+            heights = np.where(np.isinf(heights), np.nan, heights)
+            lowest, highest = _range(heights)
         if math.isnan(lowest):
             raise ElevationError("elevation model without a height: all of it is no data")
         if lowest < _LOWEST_M or highest > _HIGHEST_M:
@@ -94,6 +96,11 @@ class Terrain:
             flat[first + step].astype(float) for step in (0, 1, columns, columns + 1)
         )
         return nw, ne, sw, se
+
+
+def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:
+    """The lowest and the highest of all but the nan."""
+    return float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
 
 
 def graticule(

@@ -1,15 +1,16 @@
-"""Elevation models from GeoTIFF and whatever else rasterio reads, into memory as they are."""
+"""Elevation models from GeoTIFF and whatever else rasterio reads, as they are."""
 
 from __future__ import annotations
 
 import importlib
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyproj
 
 from tirgeo_ros.core.config import OverlayConfig
@@ -17,12 +18,13 @@ from tirgeo_ros.core.errors import ElevationError
 from tirgeo_ros.core.locating import Ground
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.terrain import GridOf, Terrain
+from tirgeo_ros.io.elevation_grid import Tile, read_grid
+from tirgeo_ros.io.file_list import named_files
 
 PathLike = str | os.PathLike[str]
 
-#: More nodes than this are refused: a quarter of a gigabyte as float32, 80 km2 with 1 m.
-MOST_NODES = 64_000_000
-
+#: Of what GDAL has unpacked: each pixel is read once. Else it would keep 5 % of all memory.
+_CACHE_MB = 64
 #: Metres in a unit of height, by the names that files give it.
 _UNITS_M = {
     "m": 1.0,
@@ -40,24 +42,41 @@ _UNITS_M = {
 }
 
 
-def load_terrain(path: PathLike, undulation_m: float = 0.0) -> Terrain:
+def load_terrain(dem: PathLike, undulation_m: float = 0.0) -> Terrain:
     """The elevation model of a raster file, in any coordinate system, whole.
 
-    ``undulation_m`` is the height of the file's zero above the ellipsoid; it is added. No data and
-    masked pixels become nan. A file's heights are those of its pixels' middles, whether it calls
-    them areas or points. ``notes`` of the result says what a person should know of the file: more
-    than one band, heights in feet, a vertical datum that is no ellipsoid's.
+    ``dem`` is a file, or several with commas: tiles of one grid, of which the first that has a
+    height gives it. ``undulation_m`` is the height of the files' zero above the ellipsoid; it is
+    added. No data and masked pixels become nan. A file's heights are those of its pixels' middles,
+    whether it calls them areas or points. ``notes`` of the result says what a person should know:
+    more than one band, heights in feet, a vertical datum that is no ellipsoid's.
 
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
-    read, has no coordinate system or too many pixels.
+    read, has no coordinate system, or is too large for the disk.
     """
-    rasterio = _rasterio(path)
+    paths = [str(path) for path in named_files(os.fspath(dem))]
+    if not paths:
+        raise ElevationError(f"{os.fspath(dem)!r}: names no elevation model")
+    rasterio = _rasterio(paths[0])
+    with ExitStack() as opened:
+        opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
+        tiles, notes = [], []
+        for path in paths:
+            with _readable(rasterio, path):
+                source = opened.enter_context(rasterio.open(path))
+            tile, said = _tile(path, source, undulation_m)
+            tiles.append(tile)
+            notes += said
+        return _terrain(rasterio, tiles, _joined(notes))
+
+
+@contextmanager
+def _readable(rasterio: Any, path: str) -> Iterator[None]:
     try:
-        with rasterio.open(path) as source:
-            return _terrain(path, source, undulation_m)
+        yield
     except (rasterio.errors.RasterioError, OSError) as error:
         first = str(error).partition("\n")[0]
-        raise ElevationError(f"{os.fspath(path)}: cannot be read as a raster: {first}") from None
+        raise ElevationError(f"{path}: cannot be read as a raster: {first}") from None
 
 
 def ground_of(config: OverlayConfig) -> Ground | None:
@@ -79,22 +98,34 @@ def _rasterio(path: PathLike) -> Any:
         ) from None
 
 
-def _terrain(path: PathLike, source: Any, undulation_m: float) -> Terrain:
-    name = os.fspath(path)
+def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple[str, str]]]:
+    """An open file as a tile, and what to tell of it: (file, note)."""
     if source.crs is None or source.transform.is_identity:
-        raise ElevationError(f"{name}: no coordinate system; give it one (gdal_edit -a_srs)")
-    if source.width * source.height > MOST_NODES:
-        raise ElevationError(
-            f"{name}: {source.width} x {source.height} pixels, more than {MOST_NODES:.2g}; cut "
-            "out the flight's surroundings (gdal_translate -projwin)"
-        )
-    system = _system(name, source)
+        raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
+    system = _system(path, source)
     unit_m, unit_note = _unit(source)
-    heights = _heights(source, unit_m, undulation_m)
     notes = [_bands_note(source), unit_note, _datum_note(system, undulation_m)]
+    scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
+    return Tile(path, source, scale, offset_m), [(path, note) for note in notes if note]
+
+
+def _joined(notes: list[tuple[str, str]]) -> tuple[str, ...]:
+    """A line for each note, however many files it is of."""
+    owners: dict[str, list[str]] = {}
+    for path, note in notes:
+        owners.setdefault(note, []).append(path)
+    return tuple(
+        f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {note}"
+        for note, paths in owners.items()
+    )
+
+
+def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrain:
+    name = tiles[0].name
+    heights, transform = read_grid(tiles, partial(_readable, rasterio))
+    system = _system(name, tiles[0].source)
     try:
-        said = tuple(f"{name}: {note}" for note in notes if note)
-        return Terrain(heights, _grid_of(system, source), said)
+        return Terrain(heights, _grid_of(system, transform, heights.shape), notes)
     except ElevationError as error:
         raise ElevationError(f"{name}: {error}") from None
 
@@ -106,27 +137,15 @@ def _system(name: str, source: Any) -> pyproj.CRS:
         raise ElevationError(f"{name}: its coordinate system is not known to PROJ") from None
 
 
-def _heights(source: Any, unit_m: float, undulation_m: float) -> npt.NDArray[np.floating]:
-    """The first band in metres above the ellipsoid; nan where there is no height."""
-    band = source.read(1, masked=True)
-    wide = np.float64 if band.dtype == np.float64 else np.float32  # 0.5 mm on a high mountain
-    heights: npt.NDArray[np.floating] = np.ma.filled(band.astype(wide), np.nan)
-    scale, offset = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
-    if (scale, offset) != (1.0, 0.0):
-        heights = (heights * scale + offset).astype(wide, copy=False)
-    heights[~np.isfinite(heights)] = np.nan
-    return heights
-
-
-def _grid_of(system: pyproj.CRS, source: Any) -> GridOf:
+def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:
     """The way from latitude and longitude to the file's pixels, counted from the first's middle.
 
     rasterio's transform is that of the pixels' corners, of files of points too.
     """
     flat = pyproj.Transformer.from_crs("EPSG:4326", system.to_2d(), always_xy=True)
-    to_pixel = ~source.transform
+    to_pixel = ~transform
     a, b, c, d, e, f = (float(x) for x in tuple(to_pixel)[:6])
-    unwrapped = _unwrapped(system, source)
+    unwrapped = _unwrapped(system, transform, shape)
 
     def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
         x, y = flat.transform(np.degrees(longitude_rad), np.degrees(latitude_rad))
@@ -137,14 +156,16 @@ def _grid_of(system: pyproj.CRS, source: Any) -> GridOf:
     return grid_of
 
 
-def _unwrapped(system: pyproj.CRS, source: Any) -> Callable[[Array], Array]:
+def _unwrapped(
+    system: pyproj.CRS, transform: Any, shape: tuple[int, ...]
+) -> Callable[[Array], Array]:
     """What brings a longitude to the turn that the file counts in: 0 to 360, or over 180."""
     if not system.is_geographic:
         return lambda x: x
     unit = system.axis_info[0].unit_conversion_factor  # radians in a unit
     turn = 2 * np.pi / unit
-    a, b, c = (float(x) for x in tuple(source.transform)[:3])
-    middle = a * source.width / 2 + b * source.height / 2 + c
+    a, b, c = (float(x) for x in tuple(transform)[:3])
+    middle = a * shape[1] / 2 + b * shape[0] / 2 + c
     return lambda x: middle + (x - middle + turn / 2) % turn - turn / 2
 
 
