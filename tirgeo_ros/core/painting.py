@@ -49,7 +49,7 @@ def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
     top, size_px = status_box(image).top, text_px(image)
     strip = image[top:]
-    strip[:] = cv2.convertScaleAbs(strip, alpha=_STRIP_LIGHT)
+    cv2.convertScaleAbs(strip, alpha=_STRIP_LIGHT, dst=strip)
     left = round(_EDGE_PARTS * size_px)
     for field in fitted(fields, image.shape[1], size_px):
         text = _written(field, size_px)
@@ -63,6 +63,8 @@ def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
     Spare fields go first, then details are cut, then fields go from the right; the first stays.
     """
     kept = list(fields)
+    if _excess_px(kept, width_px, size_px) <= 0:
+        return kept
     for spare in [field for field in reversed(fields) if field.spare]:
         if _excess_px(kept, width_px, size_px) > 0:
             kept.remove(spare)

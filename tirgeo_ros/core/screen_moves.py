@@ -13,19 +13,27 @@ from typing import TypeAlias
 import numpy as np
 
 from tirgeo_ros.core.attitude import skew
+from tirgeo_ros.core.polylines import IntArray
 from tirgeo_ros.core.samples import Array
 
 #: By position and phi, (3, 6), times x, y, 1 and 1/z.
 MOVES = np.zeros((4, 3, 6))
 MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 MOVES[3, :, :3] = -np.eye(3)
-_MOVES_ROWS = MOVES.reshape(12, 6)
 _FIRST, _SECOND = np.triu_indices(4)  # of the products of x, y, 1 and 1/z
 _ROWS, _COLUMNS = np.triu_indices(3)
-# Of those products and of the upper triangle of x, y and z: (6, 10) places among 12 x 12.
-_PART = 12 * (3 * _FIRST + _ROWS[:, None]) + 3 * _SECOND + _COLUMNS[:, None]
-_MIRRORED = 12 * (3 * _SECOND + _ROWS[:, None]) + 3 * _FIRST + _COLUMNS[:, None]
 _TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)
+
+
+def _parts(first: IntArray, second: IntArray) -> Array:
+    """(10, 6, 6, 6): what the pose's covariance has to do with products and the upper triangle."""
+    rows, columns = MOVES[first][:, _ROWS], MOVES[second][:, _COLUMNS]
+    return np.asarray(rows[..., :, None] * columns[..., None, :])
+
+
+# (60, 36): from the pose's covariance to the weights of products in that of the moves.
+_WEIGHTS = _TIMES[:, None, None, None] * (_parts(_FIRST, _SECOND) + _parts(_SECOND, _FIRST))
+_WEIGHTS = _WEIGHTS.transpose(1, 0, 2, 3).reshape(60, 36)
 
 Slopes: TypeAlias = tuple[Array, ...]  # as Camera.slopes gives them
 Spread: TypeAlias = tuple[Array, ...]  # (N,) variance, covariance, variance
@@ -47,8 +55,7 @@ def products(rays: Array) -> Array:
 
 def moves_of(covariance_c: Array) -> Array:
     """(6, 10): weights of ``products`` in the upper triangle of the moves' covariance (3, 3)."""
-    parts = (_MOVES_ROWS @ covariance_c @ _MOVES_ROWS.T).ravel()
-    return np.asarray(_TIMES * (parts[_PART] + parts[_MIRRORED]), float)
+    return np.asarray((_WEIGHTS @ covariance_c.ravel()).reshape(6, 10))
 
 
 def level_moves(rotation_cn: Array) -> Array:

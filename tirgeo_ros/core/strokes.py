@@ -180,10 +180,11 @@ def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
     """The rows and columns of a picture that lines through points (2, V) have ink in."""
     if not points.size:
         return None
+    low, high = points[:2].min(axis=1) - reach_px, points[:2].max(axis=1) + reach_px
     part = []
-    for size, along in zip(image.shape[1::-1], points[:2], strict=True):
-        first = min(max(math.floor(along.min() - reach_px), 0), size)
-        part.append(slice(first, max(min(math.ceil(along.max() + reach_px) + 1, size), first)))
+    for size, least, most in zip(image.shape[1::-1], low.tolist(), high.tolist(), strict=True):
+        first = min(max(math.floor(least), 0), size)
+        part.append(slice(first, max(min(math.ceil(most) + 1, size), first)))
     columns, rows = part
     empty = rows.start == rows.stop or columns.start == columns.stop
     return None if empty else (rows, columns)

@@ -50,7 +50,7 @@ _BAND_STEP_PX = 16.0
 _BAND_OPACITY = 0.25
 _CORNERS = 48  # of an ellipse
 _TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
-_CIRCLE = np.cos(_TURN), np.sin(_TURN)
+_CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
 _DASH = 4  # corners, and as many between two dashes
 
 
@@ -217,10 +217,10 @@ def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
 
     Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
     """
-    along, across = semi_px[:, :1] * _CIRCLE[0], semi_px[:, 1:] * _CIRCLE[1]
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    turned = np.array([along * c - across * s, along * s + across * c])
-    return np.asarray(uv[:, :, None] + turned)
+    c, s = np.cos(angle), np.sin(angle)
+    along, across = semi_px.T
+    axes = np.array([[along * c, -across * s], [along * s, across * c]])
+    return np.asarray(axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None])
 
 
 def _outlines(corners: Array, owner: IntArray, dashed: BoolArray) -> tuple[Polylines, IntArray]:
