@@ -1,4 +1,4 @@
-"""tirgeo locate over the sample flight: as ground_points finds, as the survey says, or refused."""
+"""tirgeo locate over the sample flight: as evaluate finds, as the survey says, or refused."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.confidence import CHI2_95
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.errors import BagError, ConfigError, SurveyError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.io.bag import BagReader, BagWriter
-from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.io.survey import Observation, load_observations, load_survey, save_observations
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.ground_points import locate_observations
+from tirgeo_ros.tools.evaluation.evaluate import evaluate
 from tirgeo_ros.tools.locate import locate_pixels
-from tirgeo_ros.tools.recording import load_recording, track_of
 
 
 @pytest.fixture(scope="module")
@@ -69,35 +66,30 @@ def edited_params(sample, path, old, new):
     return path
 
 
-def test_the_errors_are_those_that_ground_points_finds(sample, tmp_path):
+def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
     # by itself the composition begins with the reported attitude, until it trusts the joints
     section = "/**/gimbal_node:\n  ros__parameters:\n"
     chosen = f"{section}    composition: encoders\n"
     path = edited_params(sample, tmp_path / "params.yaml", section, chosen)
     files = (sample / "flight.mcap", sample / "observations.csv", tmp_path / "points.geojson")
     summary = locate_pixels(*files, params=path)
-    params = ParameterFile(path)
-    ekf = params.config("ekf_node", EkfConfig)
-    recording = load_recording(sample / "flight.mcap")
-    track = track_of(recording.samples, ekf, params.config("gimbal_node", GimbalConfig))
-    expected = locate_observations(
-        track.cameras["encoders"],
-        track.plane,
-        recording.camera,
-        load_observations(sample / "observations.csv"),
-        load_survey(sample / "survey.geojson"),
-        ground_height_m=11.5,
-        video_latency_s=0.05,
+    evaluation = evaluate(
+        sample / "flight.mcap",
+        sample / "survey.geojson",
+        sample / "observations.csv",
+        params=path,
     )
+    expected = evaluation.method("ekf_heading")
     found = list(errors_of(tmp_path / "points.geojson", sample))
     assert len(found) == len(expected.located) == summary["located"] == 24
-    assert summary["refused"] == {"no trusted pose at that picture": expected.missed}
+    assert summary["refused"] == {expected.refused[0].reason: len(expected.refused)}
+    turn = evaluation.projection.local_axes(*np.radians([39.85, 116.7]))
     for (name, error_n, _), other in zip(found, expected.located, strict=True):
         assert name == other.id
         # nine decimals of a degree are 0.1 mm
-        np.testing.assert_allclose(error_n, other.error_n, atol=2e-4)
+        np.testing.assert_allclose(turn @ error_n, other.error_en, atol=2e-4)
     rms_m = math.sqrt(np.mean([np.sum(error_n**2) for _, error_n, _ in found]))
-    assert rms_m == pytest.approx(expected.rmse_m, abs=2e-4)
+    assert rms_m == pytest.approx(expected.errors.rmse_m, abs=2e-4)
 
 
 def test_the_survey_lies_within_the_ellipses(sample, located):
@@ -172,7 +164,10 @@ def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
     words = ["locate", sample / "flight.mcap", "--pixels", tmp_path / "asked.csv"]
     words += ["-o", tmp_path / "o.geojson", "--ground-height", "11.5"]
     assert main([str(word) for word in words]) == 1
-    assert "none of 1 pixels could be located: no trusted pose" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "none of 1 pixels could be located: no trusted pose" in said
+    first_ns, last_ns = BagReader(sample / "flight.mcap").span_ns
+    assert f"stamps are 5 to 5 ns, and the bag was recorded from {first_ns} to {last_ns}" in said
     assert points_of(tmp_path / "o.geojson")[0]["geometry"] is None
 
 

@@ -125,5 +125,16 @@ def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
     reasons = Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
     if not answers or reasons.total() < len(answers):
         return None
-    most = reasons.most_common(1)[0][0].value
-    return f"{reader.path}: none of {len(answers)} pixels could be located: {most}"
+    most = reasons.most_common(1)[0][0]
+    stamps = f"; {_stamps(reader, answers)}" if most is Reason.NO_POSE else ""
+    return f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}{stamps}"
+
+
+def _stamps(reader: BagReader, answers: Sequence[Answered]) -> str:
+    """Both sides' times, for a person to see what is wrong with the stamps."""
+    asked_ns = [one.answer.stamp_ns for one in answers]
+    first_ns, last_ns = reader.span_ns
+    return (
+        f"their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was recorded from "
+        f"{first_ns} to {last_ns}"
+    )

@@ -23,11 +23,19 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     )
     parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
     parser.add_argument(
-        "--pixels", type=Path, metavar="CSV", required=True, help="id,stamp_ns,u,v"
+        "--pixels",
+        type=Path,
+        metavar="CSV",
+        required=True,
+        help="a line id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="GEOJSON", required=True)
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="GEOJSON", required=True, help="points and ellipses"
+    )
     parser.add_argument("--params", type=Path, metavar="YAML", help="ROS 2 parameter file")
-    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
+    parser.add_argument(
+        "--dem", metavar="TIF", help="elevation model of the ground; tiles of one with commas"
+    )
     parser.add_argument(
         "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
     )
