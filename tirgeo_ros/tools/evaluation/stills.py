@@ -1,0 +1,123 @@
+"""Some of a flight's pictures with the map and the control points drawn, as overlay_node draws."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.map_drawing import MapDrawing
+from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.pose_history import PoseHistory
+from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.thermal import Raw, Toner
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.cdr import header_stamp_ns
+from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.survey import Observation, SurveyPoint
+from tirgeo_ros.tools.evaluation.report import Still
+from tirgeo_ros.tools.flight_poses import pose_at
+from tirgeo_ros.tools.inputs import PICTURES, resolved
+
+#: So many are shown, spread over the flight.
+STILLS = 4
+_QUALITY = 85
+_CLICK_BGR, _CLICK_PX = (0, 140, 255), 13
+_CONTROL = LayerStyle(line_bgr=(120, 255, 120), width_px=2)
+#: An operator's click belongs to the picture of its stamp.
+_SAME_NS = 1_000_000
+
+
+@dataclass(frozen=True)
+class StillSource:
+    """What the stills are drawn from."""
+
+    reader: BagReader
+    namespace: str
+    camera: Camera
+    plane: TangentPlane
+    poses: PoseHistory[CameraPose]
+    overlay: OverlayConfig
+    ground: Ground
+
+
+def overlay_stills(
+    source: StillSource, survey: Sequence[SurveyPoint], observations: Sequence[Observation]
+) -> list[Still]:
+    """Pictures on which points were observed; none where the bag has no pictures."""
+    drawing = _drawing(source, survey)
+    toner = Toner(source.overlay.picture, source.overlay.palette)
+    stills = []
+    for stamp_ns, pixels in _pictures(source, _chosen(observations)):
+        found = pose_at(source.poses, stamp_ns - round(source.overlay.video_latency_s * 1e9))
+        if found is None or pixels.shape[:2] != (source.camera.height, source.camera.width):
+            continue
+        image = toner.tone(pixels, stamp_ns)
+        drawing.draw(image, *found, ())
+        clicks = [one for one in observations if abs(one.stamp_ns - stamp_ns) <= _SAME_NS]
+        stills.append(_still(image, stamp_ns, clicks))
+    return stills
+
+
+def _drawing(source: StillSource, survey: Sequence[SurveyPoint]) -> MapDrawing:
+    config = source.overlay
+    layers = load_layers(config.map, config.style, config.label_field) if config.map else []
+    terrain = source.ground if isinstance(source.ground, Terrain) else None
+    drawing = MapDrawing(config, [*layers, _control_layer(survey)], terrain)
+    drawing.set_plane(source.plane)
+    drawing.set_camera(source.camera)
+    return drawing
+
+
+def _control_layer(survey: Sequence[SurveyPoint]) -> MapLayer:
+    features = [
+        GeoFeature(p.id, False, np.array([[p.latitude_rad, p.longitude_rad, p.height_m]]))
+        for p in survey
+    ]
+    return MapLayer("control points", features, _CONTROL)
+
+
+def _chosen(observations: Sequence[Observation]) -> list[int]:
+    """Stamps of pictures: of each part of the flight the one with most clicks."""
+    clicks = Counter(one.stamp_ns for one in observations)
+    stamps = sorted(clicks)
+    parts = np.array_split(np.array(stamps, np.int64), min(STILLS, len(stamps)))
+    return [max(part.tolist(), key=clicks.__getitem__) for part in parts]
+
+
+def _pictures(source: StillSource, stamps_ns: list[int]) -> Iterator[tuple[int, Raw]]:
+    """Stamp and pixels of those pictures of the bag, as far as it has them."""
+    there = source.reader.topics()
+    topics = [t for name in PICTURES if (t := resolved(name, source.namespace)) in there]
+    cdr = Cdr()
+    for message in source.reader.messages(topics[:1]) if topics else ():
+        with suppress(TirgeoError):  # counted where the flight is read
+            stamp_ns = header_stamp_ns(message.data)
+            if any(abs(stamp_ns - one) <= _SAME_NS for one in stamps_ns):
+                yield stamp_ns, _pixels(cdr.deserialize(message.data, message.typename))
+
+
+def _pixels(message: Any) -> Raw:
+    compressed = hasattr(message, "format")
+    return convert.compressed_pixels(message) if compressed else convert.image_pixels(message)
+
+
+def _still(image: Any, stamp_ns: int, clicks: Sequence[Observation]) -> Still:
+    for one in clicks:
+        place = round(one.u), round(one.v)
+        cv2.drawMarker(image, place, _CLICK_BGR, cv2.MARKER_TILTED_CROSS, _CLICK_PX, 2)
+    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    names = ", ".join(one.id for one in clicks)
+    return Still(f"{stamp_ns * 1e-9:.3f} s: clicked (orange crosses): {names}", jpeg.tobytes())
