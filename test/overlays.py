@@ -47,9 +47,10 @@ def status(state=FilterState.RUNNING, reason=""):
     return NavigationStatus("ekf_heading", state, reason, FixStatus.FIXED, 0.002, {}, {})
 
 
-def ready(features=None, *, told=True, **config):
+def ready(features=None, *, layers=(), told=True, **config):
+    """With ``layers`` None the map is to come."""
     layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
-    overlay = Overlay(OverlayConfig(**config), [layer])
+    overlay = Overlay(OverlayConfig(**config), None if layers is None else [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
     if told:

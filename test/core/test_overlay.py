@@ -30,6 +30,7 @@ from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_drawing import lay_layers
 from tirgeo_ros.core.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.overlay import Overlay
 from tirgeo_ros.core.samples import CameraPose, FilterState
@@ -97,7 +98,7 @@ def test_another_map_while_running():
     overlay = ready()
     overlay.add_pose(pose_at(START))
     overlay.add_pose(pose_at(START + 200 * MS))
-    ready_map = overlay.laid([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])])
+    ready_map = lay_layers([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])], PLANE, math.nan)
     overlay.add_frame(START + LATENCY, GREY, START)
     assert_on(overlay.take(START).image, pose_at(START))
     overlay.set_map(ready_map)
@@ -105,23 +106,62 @@ def test_another_map_while_running():
     pixels = ink_on(overlay.take(START).image)
     outline = true_outline(pose_at(START), SQUARE_N + MOVED_N)
     assert distances(pixels, outline).max() < 1.5
+
+
+def test_heights_that_are_unknown_are_refused():
     with pytest.raises(ConfigError, match="set ground_height_m"):
-        overlay.set_layers([MapLayer("flat", [geo(SQUARE_N, height=False)])])
-    overlay.add_frame(START + LATENCY + 2 * MS, GREY, START)
-    assert distances(ink_on(overlay.take(START).image), outline).max() < 1.5
+        lay_layers([MapLayer("flat", [geo(SQUARE_N, height=False)])], PLANE, math.nan)
 
 
-def test_a_map_that_was_laid_in_an_older_plane_is_laid_again():
-    overlay = ready()
-    old = overlay.laid([MapLayer("map", [geo(SQUARE_N)])])
+def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
+    layers = [MapLayer("map", [geo(SQUARE_N)])]
+    overlay = ready(layers=None, told=False)
     moved = TangentPlane(PLANE.latitude_rad + 1e-6, PLANE.longitude_rad, 25.0)
-    overlay.set_plane(moved)
-    overlay.set_map(old)
-    overlay.add_pose(pose_at(START))
-    overlay.add_frame(START + LATENCY, GREY, START)
     square_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
-    pixels = ink_on(overlay.take(START).image)
-    assert distances(pixels, true_outline(pose_at(START), square_n)).max() < 1.5
+    for turn, (plane, other, ring_n) in enumerate(
+        ((PLANE, moved, SQUARE_N), (moved, PLANE, square_n))
+    ):
+        start = START + turn * 10 * MS
+        overlay.set_plane(plane)
+        result = shown(overlay, start)
+        assert result.notice == "NO MAP YET: reading"
+        assert not (ink_on(result.image)[:, 1] > 150).any()  # the notice stands above
+        assert overlay.no_map_yet == "reading"
+        overlay.set_map(lay_layers(layers, other, math.nan))  # not for this plane
+        assert shown(overlay, start + MS).notice == "NO MAP YET: reading"
+        overlay.set_map(lay_layers(layers, plane, math.nan))
+        result = shown(overlay, start + 2 * MS)
+        assert (result.notice, overlay.no_map_yet) == ("", "")
+        assert distances(ink_on(result.image), true_outline(pose_at(START), ring_n)).max() < 1.5
+
+
+def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
+    overlay = ready(layers=None, told=False)
+    overlay.map_failed()
+    assert shown(overlay, START + MS).notice == "NO MAP: its reading failed"
+    overlay.set_map(lay_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
+    overlay.map_failed()
+    assert_on(shown(overlay, START + 2 * MS).image, pose_at(START))
+
+
+def test_before_its_plane_a_map_from_elsewhere_lacks_the_origin():
+    overlay = Overlay(OverlayConfig(), None)
+    overlay.set_camera(XT2)
+    assert shown(overlay, START).notice == "NO MAP: no origin"
+    assert overlay.no_map_yet == ""
+
+
+def test_an_empty_map_from_elsewhere_is_none():
+    overlay = ready(layers=None, told=False)
+    overlay.set_map(lay_layers([MapLayer("map", [])], PLANE, math.nan))
+    assert shown(overlay, START).notice == "NO MAP: no map is given"
+
+
+def shown(overlay, stamp_ns):
+    """What becomes of a frame whose pose is there."""
+    overlay.add_pose(pose_at(stamp_ns))
+    overlay.add_frame(stamp_ns + LATENCY, GREY, START)
+    return overlay.take(START)
 
 
 def gap(overlay):
@@ -304,7 +344,8 @@ def test_layers_are_drawn_at_their_scales(scale_m_px, drawn):
 
 def test_a_located_point_stays_drawn_with_its_ellipse():
     overlay = ready(ground_height_m=25.0, confidence=PLAIN)
-    overlay.set_map(overlay.laid([MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]))
+    far = [MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]
+    overlay.set_map(lay_layers(far, PLANE, 25.0))
     pictures = []
     for k in range(2):
         overlay.add_pose(pose_at(START + 100 * MS * k, yaw_deg=2.0 * k))

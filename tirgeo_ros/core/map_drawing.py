@@ -36,18 +36,20 @@ from tirgeo_ros.core.view import View
 
 @dataclass(frozen=True, slots=True)
 class LaidMap:
-    """Layers, and the map that they make in a plane; None where no plane is known yet."""
+    """A map laid in a plane, without the layers that it was made from."""
 
-    layers: Sequence[MapLayer]
-    plane: TangentPlane | None
-    map: VectorMap | None
+    plane: TangentPlane
+    map: VectorMap
+    features: int  # in the layers
+    level_m: float  # the middle one of the map's own heights; nan where a ground is given
 
 
-def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane | None, ground: Ground) -> LaidMap:
-    """Lay layers into a plane: the slow part of a change. Raises ConfigError as VectorMap."""
+def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> LaidMap:
+    """Lay layers into a plane: the slow part of a map. Raises ConfigError as VectorMap."""
     check_heights(layers, ground)
-    laid = None if plane is None else VectorMap.from_layers(layers, plane, ground)
-    return LaidMap(layers, plane, laid)
+    features = sum(len(layer.features) for layer in layers)
+    laid = VectorMap.from_layers(layers, plane, ground)
+    return LaidMap(plane, laid, features, math.nan if _is_given(ground) else _middle_m(layers))
 
 
 class MapDrawing:
@@ -61,19 +63,24 @@ class MapDrawing:
         self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
     ) -> None:
         self.view: View | None = None
-        self.map: VectorMap | None = None
         self.ground = _ground(config.ground_height_m, terrain)
         check_heights(layers, self.ground)
         self._layers = layers
-        self._level = self.ground
-        self._plane: TangentPlane | None = None
+        self._laid: LaidMap | None = None
         self._confidence = config.confidence
         self._painter = Painter()
         self._map_painting: MapPainter | None = None  # of the map, once it is drawn
 
     @property
+    def map(self) -> VectorMap | None:
+        """The map that is drawn; None where no plane is known yet."""
+        return self._laid.map if self._laid else None
+
+    @property
     def empty(self) -> bool:
         """Whether there is nothing that could be drawn."""
+        if self._laid:
+            return not self._laid.features
         return not any(layer.features for layer in self._layers)
 
     @property
@@ -81,34 +88,22 @@ class MapDrawing:
         """The camera of the picture that is drawn into."""
         return self.view.camera if self.view else None
 
-    def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
-        """Another map, laid in the present plane. Raises ConfigError if heights are unknown."""
-        return lay_layers(layers, self._plane, self.ground)
-
     def set_map(self, new: LaidMap) -> None:
-        """Draw another map from here on."""
-        self._layers = new.layers
-        self._set(new.map)
-        if new.plane != self._plane:  # it has moved since
-            self._lay()
+        """Draw a map that was laid elsewhere, in the present plane."""
+        self._layers = ()
+        self._set(new)
 
     def set_plane(self, plane: TangentPlane) -> None:
-        """The plane in which poses are given."""
-        self._plane = plane
-        self._lay()
+        """The plane in which poses are given; a map that was laid elsewhere is gone."""
+        self._set(lay_layers(self._layers, plane, self.ground))
 
     def set_camera(self, camera: Camera) -> None:
         """The camera of the picture that is drawn into."""
         if self.view is None or camera != self.view.camera:
             self.view = View(camera)
 
-    def _lay(self) -> None:
-        if self._plane is not None:
-            self._set(VectorMap.from_layers(self._layers, self._plane, self.ground))
-
-    def _set(self, vector_map: VectorMap | None) -> None:
-        self.map, self._map_painting = vector_map, None
-        self._level = _level(self.ground, self._layers)
+    def _set(self, laid: LaidMap) -> None:
+        self._laid, self._map_painting = laid, None
 
     def draw(
         self,
@@ -122,9 +117,10 @@ class MapDrawing:
         ``rates`` are the camera's at the pose, None where they are not known.
         """
         assert self.view is not None
-        assert self._plane is not None
+        assert self._laid is not None
         camera = self.view.camera
-        seen = camera, pose, self._plane, self._level
+        level = self.ground if _is_given(self.ground) else self._laid.level_m
+        seen = camera, pose, self._laid.plane, level
         placed = PlacedMarkers(image, camera, pose, markers) if markers else None
         decorations = self._decorations(image, seen)
         taken = [status_box(image), *(decoration.box for decoration in decorations)]
@@ -160,9 +156,10 @@ def _ground(height_m: float, terrain: Terrain | None) -> Ground:
     return terrain
 
 
-def _level(ground: Ground, layers: Sequence[MapLayer]) -> Ground:
-    """The ground, and for a map at its own heights the middle one of these."""
-    if isinstance(ground, Terrain) or math.isfinite(ground):
-        return ground
+def _is_given(ground: Ground) -> bool:
+    return isinstance(ground, Terrain) or math.isfinite(ground)
+
+
+def _middle_m(layers: Sequence[MapLayer]) -> float:
     heights = [feature.points[:, 2] for layer in layers for feature in layer.features]
     return float(np.median(np.concatenate(heights))) if heights else math.nan

@@ -29,6 +29,7 @@ from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.thermal import Raw, Toner
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
+_READING, _FAILED = "reading", "its reading failed"
 _RATES_NS = 100_000_000  # over which the camera's motion is taken: short of a turn, beyond noise
 
 
@@ -47,16 +48,23 @@ class OverlayResult:
 class Overlay:
     """Frames and poses in, pictures out. Raises ConfigError if the map's heights are unknown.
 
+    ``layers`` are laid here as soon as the plane is known, which takes a second or two of a large
+    map; with None the map is laid elsewhere, for each plane anew, and given to ``set_map``.
     ``clicks`` locates on the pictures that were given out.
     """
 
     def __init__(
-        self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None = None
+        self,
+        config: OverlayConfig,
+        layers: Sequence[MapLayer] | None,
+        terrain: Terrain | None = None,
     ) -> None:
         self._latency_ns = round(config.video_latency_s * 1e9)
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
-        self._drawing = MapDrawing(config, layers, terrain)
+        self._drawing = MapDrawing(config, layers or (), terrain)
+        self._laid_elsewhere = layers is None
+        self._lacking = _READING if layers is None else ""  # why a map from elsewhere is not here
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
         self._toner = Toner(config.picture, config.palette)
@@ -100,6 +108,11 @@ class Overlay:
         return self._drawing.map.notes if self._drawing.map else ()
 
     @property
+    def no_map_yet(self) -> str:
+        """Why the map is not drawn that is laid elsewhere; empty where it is, or has no plane."""
+        return self._lacking if self._plane else ""
+
+    @property
     def rate_hz(self) -> float:
         """Of the frames, by their stamps; nan with less than two."""
         return self._frames.rate_hz
@@ -110,6 +123,7 @@ class Overlay:
             self._plane = plane
             self._poses.clear()
             self._drawing.set_plane(plane)
+            self._lacking = _READING if self._laid_elsewhere else ""
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
@@ -124,17 +138,15 @@ class Overlay:
         """The map's plane, once it is known."""
         return self._plane
 
-    def laid(self, layers: Sequence[MapLayer]) -> LaidMap:
-        """Another map, made ready to be drawn. Raises ConfigError if its heights are unknown."""
-        return self._drawing.laid(layers)
-
     def set_map(self, new: LaidMap) -> None:
-        """Draw another map from the next frame on."""
-        self._drawing.set_map(new)
+        """Draw a map that was laid elsewhere from here on; one in another plane is refused."""
+        if new.plane == self._plane:
+            self._laid_elsewhere, self._lacking = True, ""
+            self._drawing.set_map(new)
 
-    def set_layers(self, layers: Sequence[MapLayer]) -> None:
-        """Another map, at once. Raises ConfigError, and keeps the present one."""
-        self.set_map(self.laid(layers))
+    def map_failed(self) -> None:
+        """The map that is laid elsewhere will not come; one that is drawn stays."""
+        self._lacking = self._lacking and _FAILED
 
     def set_status(self, status: NavigationStatus) -> None:
         """What the estimator says of itself, for the status line and the notices."""
@@ -172,7 +184,7 @@ class Overlay:
 
     def _obstacle(self, pixels: Raw) -> str:
         """Why no pose could help, else empty."""
-        if self._drawing.empty:
+        if self._drawing.empty and not self._lacking:
             return "no map is given"
         camera = self._camera
         if camera is None:
@@ -180,7 +192,9 @@ class Overlay:
         height, width = pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
-        return "" if self._drawing.map else self._not_navigating() or "no origin"
+        if self._plane is None:
+            return self._not_navigating() or "no origin"
+        return self._lacking
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self._poses.newest_ns
@@ -232,7 +246,7 @@ class Overlay:
         self, frame: Frame, image: Pixels, now_ns: int, obstacle: str
     ) -> OverlayResult:
         self._results["notices"] += 1
-        notice = f"NO MAP: {obstacle}"
+        notice = f"NO MAP YET: {obstacle}" if obstacle == _READING else f"NO MAP: {obstacle}"
         paint_notice(image, notice)
         self._paint_status(image, frame, now_ns)
         camera = self._drawing.camera

@@ -1,9 +1,10 @@
-"""Looks after the map's files while a node runs, and has a changed map read again."""
+"""Has the map read and laid while a node runs, and again when its files or the plane change."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import final
@@ -14,18 +15,28 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_drawing import LaidMap
-from tirgeo_ros.io.map_child import MapChild
+from tirgeo_ros.io.map_child import MapChild, MapContents
 from tirgeo_ros.io.maps import map_files
 
 Signature = list[tuple[str, int, int] | None]
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What came of a laying."""
+
+    result: LaidMap | TirgeoError
+    contents: MapContents | None  # of files that have changed; None where they have not
+
+
 @final
 class MapWatch:
-    """A context in which the files of ``config.map`` and its style are looked at now and then.
+    """The map of ``config.map``, read when this is made; a context in which it is kept up.
 
-    ``plane`` says where a map is to be laid. Looking and waiting happen in a thread of its own;
-    ``changed`` hands over what came of it. ``counts``: ``reloads`` and ``reload_errors``.
+    Raises what the reading raises. ``plane`` says where the map is to be laid, once it is known;
+    ``look`` tells that it may have changed. Files and style are looked at now and then. Laying
+    and waiting happen beside a thread of its own; ``changed`` hands over what came of it.
+    ``counts``: ``reloads`` and ``reload_errors``.
     """
 
     def __init__(
@@ -36,59 +47,82 @@ class MapWatch:
         self._node = node
         self._config = config
         self._plane = plane
-        self._seen = _signature(config)
-        self._found: SimpleQueue[LaidMap | TirgeoError] = SimpleQueue()
+        self._found: SimpleQueue[_Found] = SimpleQueue()
         self._child = MapChild()
         self._stop = threading.Event()
+        self._wake = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="map watch", daemon=True)
+        self._seen = self._signature()
+        self._held = True  # what was read has not been laid
+        if config.map:
+            self._tell(f"{config.map}: %d features", self._child.read(config))
 
     def __enter__(self) -> MapWatch:
-        """Begin to look, unless the parameters say never."""
-        if self._config.map and self._config.reload_s > 0:
+        """Begin to look, if there is a map."""
+        if self._config.map:
             self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Stop looking; a map that is being read is given up."""
         self._stop.set()
+        self._wake.set()
         self._child.stop()
         if self._thread.is_alive():
             self._thread.join()
 
+    def look(self) -> None:
+        """The plane may have changed."""
+        self._wake.set()
+
     def changed(self) -> LaidMap | None:
-        """The changed map, once; what has become wrong or right again is logged, once."""
+        """A newly laid map, once; what has become wrong or right again is logged, once."""
         try:
             found = self._found.get_nowait()
         except Empty:
             return None
-        if isinstance(found, TirgeoError):
+        if isinstance(found.result, TirgeoError):
             self.counts["reload_errors"] += 1
-            if str(found) != self.error:
-                self._node.get_logger().warning(f"the map stays as it was: {found}")
-            self.error = str(found)
+            if str(found.result) != self.error:
+                self._node.get_logger().warning(f"the map stays as it was: {found.result}")
+            self.error = str(found.result)
             return None
-        self.counts["reloads"] += 1
         self.error = ""
-        features = sum(len(layer.features) for layer in found.layers)
-        self._node.get_logger().info(
-            f"the map has changed and was read again: {features} features"
-        )
-        return found
+        if found.contents is not None:
+            self.counts["reloads"] += 1
+            self._tell("the map has changed and was read again: %d features", found.contents)
+        return found.result
+
+    def _tell(self, words: str, contents: MapContents) -> None:
+        self._node.get_logger().info(words % contents.features)
+        for note in contents.left_out:
+            self._node.get_logger().warning(note)
 
     def _watch(self) -> None:
-        while not self._stop.wait(self._config.reload_s):
-            signature = _signature(self._config)
-            if signature == self._seen:
-                continue
-            self._seen = signature  # from before the reading: a file may still be growing
-            try:
-                self._found.put(self._child.read(self._config, self._plane()))
-            except TirgeoError as error:
-                self._found.put(error)
+        tried: tuple[Signature, TangentPlane] | None = None
+        while not self._stop.is_set():
+            signature, plane = self._signature(), self._plane()
+            if plane is not None and (signature, plane) != tried:
+                tried = signature, plane
+                self._found.put(self._laid(signature, plane))
+            self._wake.wait(self._config.reload_s or None)
+            self._wake.clear()
 
+    def _laid(self, signature: Signature, plane: TangentPlane) -> _Found:
+        """``signature`` is from before the reading, for a file may still be growing."""
+        changed, held = signature != self._seen, self._held
+        self._seen, self._held = signature, False
+        try:
+            contents = self._child.read(self._config) if changed or not held else None
+            return _Found(self._child.lay(plane), contents if changed else None)
+        except TirgeoError as error:
+            return _Found(error, None)
 
-def _signature(config: OverlayConfig) -> Signature:
-    return [_state(path) for path in map_files(config.map, config.style)]
+    def _signature(self) -> Signature:
+        """Of the map's files and its style's; of none where they are never looked at."""
+        if not self._config.reload_s:
+            return []
+        return [_state(path) for path in map_files(self._config.map, self._config.style)]
 
 
 def _state(path: Path) -> tuple[str, int, int] | None:

@@ -11,11 +11,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.elevation import ground_of
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
     Messages,
@@ -50,7 +48,10 @@ class OverlayNode(Node):
         super().__init__("overlay_node")
         cv2.setNumThreads(1)  # the work of a frame is too small to share
         self._config = declare(self, OverlayConfig)
-        self._overlay = Overlay(self._config, self._load_map(), self._load_terrain())
+        if not self._config.map:
+            self.get_logger().warning("no map: set the parameter map to its file")
+        layers = None if self._config.map else ()
+        self._overlay = Overlay(self._config, layers, self._load_terrain())
         self._told: tuple[str, ...] = ()  # notes on the map as it lies
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
@@ -65,17 +66,6 @@ class OverlayNode(Node):
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # a large map is not searched for garbage while the video runs
-
-    def _load_map(self) -> list[MapLayer]:
-        if not self._config.map:
-            self.get_logger().warning("no map: set the parameter map to its file")
-            return []
-        layers = load_layers(self._config.map, self._config.style, self._config.label_field)
-        features = sum(len(layer.features) for layer in layers)
-        self.get_logger().info(f"{self._config.map}: {features} features")
-        for note in (note for layer in layers for note in layer.left_out):
-            self.get_logger().warning(note)
-        return layers
 
     def _load_terrain(self) -> Terrain | None:
         ground = ground_of(self._config)
@@ -115,7 +105,7 @@ class OverlayNode(Node):
 
     def _take_origin(self, message: Any) -> None:
         self._overlay.set_plane(tangent_plane(message))
-        self._tell_notes()
+        self.resources.look()
 
     def _tell_notes(self) -> None:
         if self._overlay.notes != self._told:
@@ -150,6 +140,8 @@ class OverlayNode(Node):
             self._overlay.set_map(changed)
             gc.freeze()
             self._tell_notes()
+        elif self.resources.error:
+            self._overlay.map_failed()
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():
@@ -169,8 +161,10 @@ class OverlayNode(Node):
         values = {name: str(number) for name, number in numbers.items()}
         values |= {"frame rate [Hz]": f"{self._overlay.rate_hz:.1f}"}
         values |= self._times.values | self._clicks.values
+        waits = self._overlay.no_map_yet
+        message = watch.error or (f"no map yet: {waits}" if waits else "ok")
         level = WARN if watch.error else OK
-        return [DiagnosticItem(item_name(self, "overlay"), level, watch.error or "ok", values)]
+        return [DiagnosticItem(item_name(self, "overlay"), level, message, values)]
 
 
 def main() -> int:
