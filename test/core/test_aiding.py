@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from beliefs import NOW_NS, belief_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.aiding.belief import Belief, floored
-from tirgeo_ros.core.aiding.control import Control, Receivers, Track
+from tirgeo_ros.core.aiding.control import Receivers
 from tirgeo_ros.core.aiding.fusion import Fusion
 from tirgeo_ros.core.aiding.gps import GpsPosition
 from tirgeo_ros.core.aiding.heading import Baseline, Headings
 from tirgeo_ros.core.aiding.position import RtkPosition, innovation_n
 from tirgeo_ros.core.aiding.velocity import Velocities
-from tirgeo_ros.core.attitude import quat_from_euler, rotation_of
+from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, feedback, states_of
 from tirgeo_ros.core.errors import ConfigError
@@ -36,7 +37,6 @@ from tirgeo_ros.core.strapdown import NavState, matrix, rotate
 LEVER_B = np.array([0.3, -0.4, -0.5])
 ARMS = {"rtk.lever_arm_m": (0.3, 0.4, 0.5), "gps.lever_arm_m": (0.3, 0.4, 0.5)}
 RATE_B = np.array([0.2, -0.1, 0.5])
-NOW_NS = 5_000_000_000
 #: Half steps: second-order terms of the models are lever (1 m) times step squared.
 STEPS = np.array(
     [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4]
@@ -50,20 +50,6 @@ with_and_without_heading_error = pytest.mark.parametrize("bias_sigma_deg", [0.0,
 def config_of(**values) -> EkfConfig:
     given_ = {key.replace("__", "."): value for key, value in values.items()}
     return config_from(EkfConfig, ARMS | given_)
-
-
-def state_of(roll: float, pitch: float, yaw: float) -> NavState:
-    q = tuple(quat_from_euler(roll, pitch, yaw).tolist())
-    return NavState(q, (3.0, -1.0, 0.2), 0.695, 2.04, 31.5, *[(0.0,) * 3] * 3)
-
-
-def belief_of(state: NavState, states: int = 18, covariance=None) -> Belief:
-    """RTK fixed and its position, velocity and heading used just now, for long."""
-    control = Control(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
-    control = control.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
-    for source in (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING):
-        control = control.with_track(source, Track(NOW_NS, NOW_NS))
-    return Belief(state, np.eye(states) if covariance is None else covariance, control)
 
 
 def moved(belief: Belief, error: np.ndarray) -> Belief:

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from beliefs import NOW_NS, belief_of, state_of
+from flights import config_for, errors, navigation_samples, rms
 from hypothesis import given
 from hypothesis import strategies as st
 
-from test.core.test_aiding import NOW_NS, belief_of, state_of
-from test.flights import config_for, errors, navigation_samples, rms
 from tirgeo_ros.core.aiding.heading import Headings, interval_measurement
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.kalman import update

@@ -218,9 +218,9 @@ def heading(t_s, turn_deg):
     return HeadingSample(ns(t_s), yaw + math.radians(turn_deg), math.radians(0.6) ** 2)
 
 
-def turned(config, degrees, states=18):
-    """The beliefs before and after the reset to headings that are off."""
-    fusion, belief = Fusion(config), belief_of(states)
+def turned(config, degrees, belief=None):
+    """The beliefs before and after the reset to headings that are off, and when it came."""
+    fusion, belief = Fusion(config), belief_of() if belief is None else belief
     for k in range(400):
         t_s = 0.2 * k
         control = belief.control.heard(FixStatus.FIXED, ns(t_s), SECOND_NS)
@@ -265,25 +265,16 @@ def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
     """Heading and the receiver's error together are measured, neither of them alone."""
     config = config_of(heading__bias_sigma_deg=error_sigma_deg)
     error_rad2, noise_rad2 = math.radians(error_sigma_deg) ** 2, math.radians(0.6) ** 2
-    fusion, belief = Fusion(config), belief_of(states_of(config))
+    belief = belief_of(states_of(config))
     covariance = belief.covariance.copy()
     covariance[HEADING_ERROR, :] = covariance[:, HEADING_ERROR] = 0.0
     covariance[HEADING_ERROR, HEADING_ERROR] = error_rad2
-    belief = belief._replace(covariance=covariance)
-    for k in range(200):
-        t_s = 0.2 * k
-        control = belief.control.heard(FixStatus.FIXED, ns(t_s), SECOND_NS)
-        before = belief._replace(control=control)
-        fused = fusion.fuse(heading(t_s, degrees), before, (0.0,) * 3)
-        belief = fused.belief
-        if fused.verdict.outcome is Outcome.RESET:
-            break
-    assert fused.verdict.outcome is Outcome.RESET
+    _, belief, t_s = turned(config, degrees, belief._replace(covariance=covariance))
     found = belief.covariance
     assert found[2, 2] == pytest.approx(noise_rad2 + error_rad2, rel=1e-6)
     assert found[2, HEADING_ERROR] == pytest.approx(-error_rad2, rel=1e-6)
     assert_covariance(found)
-    again = fusion.fuse(heading(t_s + 0.2, degrees), belief, (0.0,) * 3)
+    again = Fusion(config).fuse(heading(t_s + 0.2, degrees), belief, (0.0,) * 3)
     assert again.verdict.used
     # A second one halves the noise; what is the receiver's error stays unknown.
     expected = noise_rad2 / 2 + error_rad2
