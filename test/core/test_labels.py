@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -45,6 +46,12 @@ def laid(*layers):
     return VectorMap.from_layers([MapLayer("", each, LayerStyle()) for each in layers], PLANE)
 
 
+class Placed(NamedTuple):
+    box: Box
+    anchor: np.ndarray  # pixel
+    ray: np.ndarray
+
+
 class Scene:
     """One map's labels on frames of a video."""
 
@@ -56,8 +63,10 @@ class Scene:
     def place(self, at=None, taken=(STRIP,)):
         at = at or pose()
         lines, marks = self.view.lines(self.map, at), self.view.marks(self.map, at)
-        found = self.labels.place(np.zeros(self.size, np.uint8), lines, marks, taken)
-        return {self.map.labels[label.feature]: label for label in found}
+        labels, points = self.labels.place(np.zeros(self.size, np.uint8), lines, marks, taken)
+        assert [label.feature for label in labels] == points.owner.tolist()
+        rows = zip(labels, points.uv.T, points.rays.T, strict=True)
+        return {self.map.labels[label.feature]: Placed(label.box, *rest) for label, *rest in rows}
 
 
 def middle(label):
@@ -126,7 +135,7 @@ def test_layers_without_labels_have_none():
     vector_map = VectorMap.from_layers([silent], PLANE)
     view = View(CAMERA)
     seen = view.lines(vector_map, pose()), view.marks(vector_map, pose())
-    assert Labels(vector_map).place(np.zeros((512, 640, 3), np.uint8), *seen) == []
+    assert Labels(vector_map).place(np.zeros((512, 640, 3), np.uint8), *seen)[0] == []
 
 
 def test_parts_of_a_feature_have_one_label_together():

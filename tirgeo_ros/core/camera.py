@@ -132,15 +132,19 @@ class Camera:
         """(3, 3) the camera matrix K."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def pixels(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Points of the plane z = 1, within ``max_radius``, as columns and rows; any shape."""
-        u, v = np.empty_like(x), np.empty_like(y)
+    def pixels(self, x: Array, y: Array) -> Array:
+        """Points of the plane z = 1, within ``max_radius``, as columns and rows.
+
+        Of any shape; (2, ...).
+        """
+        uv = np.empty((2, *x.shape))
         for start in range(0, x.size, _BLOCK):
             part = slice(start, start + _BLOCK)
             distorted = _distort(self._k, x[part], y[part])
-            u[part] = self.fx * distorted[0] + self.cx
-            v[part] = self.fy * distorted[1] + self.cy
-        return u, v
+            for axis, scale, middle in ((0, self.fx, self.cx), (1, self.fy, self.cy)):
+                np.multiply(distorted[axis], scale, out=uv[axis, part])
+                uv[axis, part] += middle
+        return uv
 
     def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
         """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape, or floats."""
@@ -241,7 +245,7 @@ def _largest_root(coefficients: Array) -> float:
 def _radial(k: tuple[float, ...], s: T) -> T:
     """The radial factor at s = r^2."""
     k1, k2, _, _, k3, k4, k5, k6 = k
-    top = 1 + s * (k1 + s * (k2 + s * k3))
+    top = 1 + s * (k1 + s * (k2 + s * k3 if k3 else k2))
     return top if k4 == k5 == k6 == 0 else top / (1 + s * (k4 + s * (k5 + s * k6)))
 
 
@@ -258,9 +262,11 @@ def _radial_slope(k: tuple[float, ...], s: T) -> T:
 def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
     """Undistorted to distorted points of the plane z = 1 (Ren et al. 2022, Eq. 25-26)."""
     p1, p2 = k[2:4]
-    xx, yy = x * x, y * y
-    s = xx + yy
-    factor = _radial(k, s) + 2 * (p1 * y + p2 * x)
+    s = x * x
+    s += y * y
+    factor = _radial(k, s)
+    factor += 2 * p1 * y
+    factor += 2 * p2 * x
     return x * factor + p2 * s, y * factor + p1 * s
 
 

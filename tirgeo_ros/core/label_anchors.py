@@ -15,7 +15,7 @@ _LEAST_WEIGHT_PX = 1e-9  # of a vertex: what is seen of a line may have no lengt
 
 
 @dataclass(frozen=True, slots=True)
-class Anchors:
+class Features:
     """Features with labels that are seen, the most important first; columns of one row each."""
 
     feature: IntArray  # (F,) index of the map's labels
@@ -35,7 +35,7 @@ class AnchorFinder:
         self._labelled = vector_map.labelled & with_labels[vector_map.layer]
         self._outline = _outlines(vector_map.lines, len(vector_map.labels))
 
-    def find(self, lines: Seen, marks: Seen, shown: IntArray, most: int) -> Anchors:
+    def find(self, lines: Seen, marks: Seen, shown: IntArray, most: int) -> Features:
         """Anchors of at most so many features of what is seen (2, V), in pixels.
 
         Upper layers come first; in a layer marks, then what was ``shown`` before (features), then
@@ -61,7 +61,7 @@ class AnchorFinder:
             parts = _Parts.of(lines, kept, row[lines.owner[kept]])
             at = parts.numbers
             points[:, at], half[:, at] = parts.anchors(outline)
-        return Anchors(chosen, is_mark, outline, points[:2], points[2:], half)
+        return Features(chosen, is_mark, outline, points[:2], points[2:], half)
 
     def _first(
         self, mark: IntArray, line: IntArray, near: Array, shown: IntArray, most: int

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.label_anchors import AnchorFinder, Anchors
+from tirgeo_ros.core.label_anchors import AnchorFinder, Features
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strokes import mark_radius_px
 from tirgeo_ros.core.text import TEXT_BGR, Box, Colour, Pixels, stamp, text_px
+from tirgeo_ros.core.uncertainty_marks import Anchors
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen
 
@@ -37,8 +38,6 @@ class Label(NamedTuple):
     """A label in its place."""
 
     feature: int  # index of the map's labels
-    anchor: tuple[float, float]  # the pixel that it tells of
-    ray: tuple[float, float, float]  # to what the anchor is, as Seen has rays
     box: Box
 
 
@@ -52,14 +51,17 @@ class Labels:
 
     def place(
         self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
-    ) -> list[Label]:
-        """Where the labels go. A label keeps its place, beside its feature, as long as it can."""
+    ) -> tuple[list[Label], Anchors]:
+        """Where the labels go, and the points that they tell of.
+
+        A label keeps its place, beside its feature, as long as it can.
+        """
         shown = np.array([*self._places], np.int64)
-        anchors = self._anchors.find(lines, marks, shown, _CONSIDERED)
+        features = self._anchors.find(lines, marks, shown, _CONSIDERED)
         room = _Room(image, marks.points[:2], taken)
-        places, labels = self._places, []
-        self._places = {}
-        for seen in _Feature.all_of(anchors):
+        places, self._places = self._places, {}
+        labels, rows = [], []
+        for row, seen in enumerate(_Feature.all_of(features)):
             size = stamp(self._texts[seen.number], room.text_px, TEXT_BGR).size
             last = places.get(seen.number)
             wish = _wish(seen, size, room.mark_px, last)
@@ -67,10 +69,13 @@ class Labels:
             if found is None:
                 continue
             self._places[seen.number] = _Place(wish.places, found[0])
-            labels.append(Label(seen.number, (seen.u, seen.v), seen.ray, found[1]))
+            labels.append(Label(seen.number, found[1]))
+            rows.append(row)
             if len(labels) == MOST:
                 break
-        return labels
+        chosen = np.array(rows, np.int64)
+        points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
+        return labels, Anchors(*points, features.feature[chosen])
 
 
 class _Place(NamedTuple):
@@ -81,7 +86,7 @@ class _Place(NamedTuple):
 
 
 class _Feature(NamedTuple):
-    """One row of ``Anchors``, in plain numbers."""
+    """One row of ``Features``, in plain numbers."""
 
     number: int
     mark: bool
@@ -90,13 +95,11 @@ class _Feature(NamedTuple):
     v: float
     half_u: float
     half_v: float
-    ray: tuple[float, float, float]
 
     @classmethod
-    def all_of(cls, anchors: Anchors) -> Iterator[_Feature]:
-        of_all = anchors.feature, anchors.mark, anchors.inside, *anchors.uv, *anchors.half
-        rays = zip(*anchors.rays.tolist(), strict=True)
-        return map(cls, *(numbers.tolist() for numbers in of_all), rays)
+    def all_of(cls, seen: Features) -> Iterator[_Feature]:
+        numbers = [each.tolist() for each in (seen.feature, seen.mark, seen.inside)]
+        return map(cls, *numbers, *seen.uv.tolist(), *seen.half.tolist())
 
 
 class _Wish(NamedTuple):
@@ -161,8 +164,12 @@ class _Room:
         """A place, moved into the picture."""
         u, v, width, height, half_u, half_v, _, places = wish
         to_right, down = places[place]
-        left = min(max(round(u + to_right * half_u - width / 2), 0), self._width - width)
-        top = min(max(round(v + down * half_v - height / 2), 0), self._height - height)
+        left = round(u + to_right * half_u - width / 2)
+        top = round(v + down * half_v - height / 2)
+        if left < 0 or left + width > self._width:
+            left = 0 if left < 0 else self._width - width
+        if top < 0 or top + height > self._height:
+            top = 0 if top < 0 else self._height - height
         return Box(left, top, left + width, top + height)
 
     def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:

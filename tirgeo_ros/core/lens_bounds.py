@@ -41,7 +41,7 @@ def largest_bend(camera: Camera, radius: float) -> float:
     h = 1e-3
 
     def at(i: int, j: int) -> Array:
-        return np.stack(camera.pixels(x + i * h, y + j * h))
+        return camera.pixels(x + i * h, y + j * h)
 
     xx = at(1, 0) - 2 * at(0, 0) + at(-1, 0)
     yy = at(0, 1) - 2 * at(0, 0) + at(0, -1)
@@ -54,8 +54,8 @@ def largest_scale(camera: Camera, radius: float) -> float:
     ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
     x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
     h = 1e-4
-    by_x = np.stack(camera.pixels(x + h, y)) - np.stack(camera.pixels(x - h, y))
-    by_y = np.stack(camera.pixels(x, y + h)) - np.stack(camera.pixels(x, y - h))
+    by_x = camera.pixels(x + h, y) - camera.pixels(x - h, y)
+    by_y = camera.pixels(x, y + h) - camera.pixels(x, y - h)
     gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
     # On the plane z = 1 an angle makes at most 1 + r^2 as much.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)

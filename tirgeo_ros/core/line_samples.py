@@ -35,7 +35,7 @@ class Samples(NamedTuple):
 
 def short(lines: Seen) -> BoolArray:
     """(lines,) whether the uncertainty changes little along a whole line."""
-    way = np.zeros(lines.points.shape[1])
+    way = np.empty(lines.points.shape[1])
     way[:-1] = _lengths(lines)
     way[lines.starts[1:] - 1] = 0.0
     return np.asarray(np.add.reduceat(way, lines.starts[:-1]) <= 2 * STEP_PX)

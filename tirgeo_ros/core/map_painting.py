@@ -17,7 +17,6 @@ from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
 from tirgeo_ros.core.uncertainty_marks import (
-    Anchors,
     Confidence,
     Marked,
     layer_sigmas,
@@ -68,8 +67,8 @@ class MapPainter:
         sigmas = each(self._sigmas, lines.owner)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
         self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
-        labels = self._labels.place(image, lines, marks, taken)
-        anchors = with_marks(_anchors(labels), marks, view.camera)
+        labels, points = self._labels.place(image, lines, marks, taken)
+        anchors = with_marks(points, marks, view.camera)
         marked = self._confidence.marked(
             frame, lines, anchors, mark_radius_px(image), self._sigmas
         )
@@ -95,12 +94,6 @@ class MapPainter:
 
     def _write(self, image: Pixels, labels: list[Label], uncertain: set[int]) -> None:
         size_px = text_px(image)
-        for feature, _, _, box in labels:
+        for feature, box in labels:
             colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
             stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)
-
-
-def _anchors(labels: list[Label]) -> Anchors:
-    uv = np.array([label.anchor for label in labels]).reshape(-1, 2)
-    rays = np.array([label.ray for label in labels]).reshape(-1, 3)
-    return Anchors(uv.T, rays.T, np.array([label.feature for label in labels], np.int64))

@@ -94,15 +94,19 @@ class Stamp:
 
     def lay(self, image: Pixels, left: int, top: int) -> None:
         """Draw on a (h, w, 3) picture with the upper left corner here; cut at the edges."""
-        width, height = self.size
-        x0, y0 = max(left, 0), max(top, 0)
-        x1, y1 = min(left + width, image.shape[1]), min(top + height, image.shape[0])
-        if x0 >= x1 or y0 >= y1:
+        keep, ink = self.keep, self.ink
+        if left < 0 or top < 0:
+            part = slice(max(-top, 0), None), slice(max(-left, 0), None)
+            keep, ink, left, top = keep[part], ink[part], max(left, 0), max(top, 0)
+        height, width = ink.shape[:2]
+        below = image[top : top + height, left : left + width]
+        if not below.size:
             return
-        part = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
-        below = image[y0:y1, x0:x1]
-        cv2.multiply(below, self.keep[part], dst=below, scale=1 / 255)
-        cv2.add(below, self.ink[part], dst=below)
+        if below.shape != ink.shape:
+            part = slice(below.shape[0]), slice(below.shape[1])
+            keep, ink = keep[part], ink[part]
+        cv2.multiply(below, keep, dst=below, scale=1 / 255)
+        cv2.add(below, ink, dst=below)
 
 
 @lru_cache(maxsize=_CACHED)

@@ -92,7 +92,7 @@ class View:
 
     def _lens_mask(self) -> Pixels:
         rim = self._bent(closed(disc(self.camera.max_radius)))
-        uv = np.stack(self.camera.pixels(*rim.points), axis=1)
+        uv = self.camera.pixels(*rim.points).T
         mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
         cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
         # The image's border is no rim: OpenCV takes what is beside it for full.
@@ -149,7 +149,7 @@ class View:
         """Pieces that lie in one row each, as spans of rows on the plane z = 1."""
         lines = _flat(eye.sees(vector_map.details.lines(piece, level)))
         spans = ends(lines, lines.points[0])
-        uv = np.stack(self.camera.pixels(*spans.points[:2]))
+        uv = self.camera.pixels(*spans.points[:2])
         return merged(spans, uv, _sheet(vector_map, spans.owner))
 
     def areas(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
@@ -228,7 +228,7 @@ class View:
 
     def _seen(self, flat: Polylines) -> Seen:
         flat = self._bent(flat)
-        uv = np.stack(self.camera.pixels(*flat.points[:2]))
+        uv = self.camera.pixels(*flat.points[:2])
         return Seen(uv, flat.starts, flat.owner, flat.points)
 
     def marks(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
