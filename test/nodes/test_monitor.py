@@ -53,6 +53,18 @@ def test_what_cannot_be_read_is_counted_on(clock):
     assert monitor.item("x").values["rtk/fix unreadable"] == "3"
 
 
+def test_what_the_transport_lost_is_counted_on_until_it_is_forgotten(clock):
+    monitor = Monitor()
+    for number in (1, 5, 5):
+        monitor.lost("thermal/image_raw", number)
+        clock[0] += 1.0
+    assert monitor.item("x").values["thermal/image_raw lost"] == "5"
+    assert monitor.item("x").values["thermal/image_raw lost"] == "5"
+    monitor.forget("thermal/image_raw")
+    monitor.lost("thermal/image_raw", 1)
+    assert "thermal/image_raw lost" not in monitor.item("x").values
+
+
 def test_latency_is_the_middle_one(clock):
     monitor = Monitor()
     for latency in (0.001, 0.002, 0.5):

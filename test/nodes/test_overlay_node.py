@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+import os
+import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from graph_helpers import await_words
 from overlays import GREY, PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
+from rclpy import event_handler
+from rclpy.context import Context
+from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix
 
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.io.messages import Messages, ground_point, image_pixels, stamp_ns
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.qos import sensor_input
+from tirgeo_ros.nodes.topics import message_class, subscribe
 
 pytestmark = pytest.mark.graph
 
@@ -91,19 +102,44 @@ class Flight:
 
 
 @pytest.fixture
-def flight(spawn, meet, tmp_path):
+def overlay(spawn, tmp_path):
+    """The node with the file of its map."""
     write_map(tmp_path / "map.geojson", SQUARE_N)
     parameters = {"map": tmp_path / "map.geojson", "ground_height_m": 25.0, "reload_s": 0.2}
     words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     node = spawn("overlay_node", *words)
     await_words(node, "ready")
+    return node, tmp_path / "map.geojson"
+
+
+@pytest.fixture
+def take_off(meet):
+    """Begin a flight: from here on there is an origin."""
     topics = {
         "/diagnostics": DiagnosticArray,
         "tirgeo/overlay/image": Image,
         "tirgeo/locate/fix": NavSatFix,
         "tirgeo/locate/point": PoseWithCovarianceStamped,
     }
-    return Flight(meet(**topics)), node, tmp_path / "map.geojson"
+    return lambda: Flight(meet(**topics))
+
+
+@pytest.fixture
+def flight(overlay, take_off):
+    return take_off(), *overlay
+
+
+def reader_of(node) -> int:
+    """The process that has read the node's map."""
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (path / "cmdline").read_text()
+        except OSError:
+            continue
+        if parent == node.pid and "map_child" in words:
+            return int(path.name)
+    raise AssertionError("no process reads the map")
 
 
 def has_lines(picture: Image) -> bool:
@@ -166,3 +202,73 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     assert flown.diagnostics()["reload_errors"] == "1"
     assert flown.diagnostics()[""] == "ok"
     assert float(flown.diagnostics()["latency p95 [ms]"]) > 0
+
+
+def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
+    node, _ = overlay
+    reader = reader_of(node)
+    os.kill(reader, signal.SIGSTOP)  # as long as a map of a whole county may take
+    try:
+        flown = take_off()
+        flown.until(lambda: flown.diagnostics().get("") == "no map yet: reading")
+        pictures = flown.stranger.received["tirgeo/overlay/image"]
+        flown.until(lambda: len(pictures) > 10)
+        assert not has_lines(pictures[-1])
+    finally:
+        os.kill(reader, signal.SIGCONT)
+    assert off_px(flown.shown(), SQUARE_N) < 1.5
+    flown.until(lambda: flown.diagnostics().get("") == "ok")
+    assert flown.diagnostics()["reloads"] == "0"
+
+
+def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overlay, take_off):
+    node, path = overlay
+    os.kill(reader_of(node), signal.SIGKILL)
+    flown = take_off()
+    flown.until(lambda: "its reader ended (exit code -9)" in flown.diagnostics().get("", ""))
+    assert str(path) in flown.diagnostics()[""]
+    write_map(path, SQUARE_N + NORTH_N)
+    assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
+
+
+def test_the_map_is_laid_again_in_another_plane(flight):
+    """As after the filter's reset: the same outline, at another place in the new plane."""
+    flown, _, _ = flight
+    assert off_px(flown.shown(), SQUARE_N) < 1.5
+    moved = dataclasses.replace(PLANE, latitude_rad=PLANE.latitude_rad + 5e-7)  # 3.2 m north
+    flown.origin.publish(MESSAGES.origin(moved, 0))
+    ring_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
+    pictures = flown.stranger.received["tirgeo/overlay/image"]
+    flown.until(lambda: has_lines(pictures[-1]) and off_px(pictures[-1], ring_n) < 1.5)
+    assert flown.diagnostics()["reloads"] == "0"
+
+
+def test_frames_that_the_transport_loses_are_counted(overlay, meet):
+    """Pictures of 24 MB, which do not fit into the 16 MB that the profile gives."""
+    stranger = meet(**{"/diagnostics": DiagnosticArray})
+    listened = stranger.received["/diagnostics"]
+    video = stranger.node.create_publisher(Image, "thermal/image_raw", 2)
+    huge = MESSAGES.image(0, np.zeros((4000, 6000), np.uint8))
+
+    def lost() -> bool:
+        video.publish(huge)
+        values = [pair for array in listened for status in array.status for pair in status.values]
+        return any(p.key == "thermal/image_raw lost" and int(p.value) > 0 for p in values)
+
+    stranger.spin_until(lost)
+
+
+def test_where_the_middleware_tells_of_no_losses_all_else_works(monkeypatch):
+    def unable(**words):
+        if words["event_type"] == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
+            raise event_handler.UnsupportedEventTypeError("not in this one")
+        return EventHandler(**words)
+
+    context = Context()
+    rclpy.init(context=context, args=[])
+    node = Node("listener", context=context)
+    monkeypatch.setattr(event_handler, "EventHandler", unable)
+    subscription = subscribe(node, "imu/data", print, sensor_input(), Monitor())
+    assert subscription.topic_name == "/imu/data"
+    node.destroy_node()
+    context.try_shutdown()

@@ -22,6 +22,7 @@ class Monitor:
         self._expected_s: dict[str, float] = {}  # since when
         self._window: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
+        self._lost: dict[str, int] = {}
         self._last_s: dict[str, float] = {}
         self._latency_s: dict[str, list[float]] = {}
         self._forgotten: set[str] = set()
@@ -37,7 +38,7 @@ class Monitor:
     def forget(self, topic: str) -> None:
         """An input is no longer listened to; what of it is still queued does not count."""
         self._forgotten.add(topic)
-        for table in (self._last_s, self._expected_s, self._window, self._refused):
+        for table in (self._last_s, self._expected_s, self._window, self._refused, self._lost):
             table.pop(topic, None)
 
     def received(self, topic: str) -> None:
@@ -51,6 +52,11 @@ class Monitor:
         """The message that came could not be read."""
         if topic not in self._forgotten:
             self._refused[topic] += 1
+
+    def lost(self, topic: str, number: int) -> None:
+        """So many messages have been lost on the way since it is listened to."""
+        if topic not in self._forgotten:
+            self._lost[topic] = number
 
     def published(self, topic: str, clock: Clock, stamp_ns: int) -> None:
         """A message went out now that tells of ``stamp_ns``."""
@@ -66,6 +72,7 @@ class Monitor:
         now = time.monotonic()
         values = self._rates(now) | self._ages(now) | self._latencies()
         values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
+        values |= {f"{topic} lost": str(n) for topic, n in self._lost.items()}
         heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
         silent = sorted(t for t, last in heard.items() if now - last > SILENT_S)
         self._since_s = now

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -47,7 +48,8 @@ def subscribe(
 ) -> Subscription:
     """A subscription to a contract topic; a message that cannot be read is counted, not raised.
 
-    ``typename`` is for a topic that is not of the contract.
+    So are those that DDS says were lost on the way, where it says so: not those that gave way to
+    a newer one in a shallow queue. ``typename`` is for a topic that is not of the contract.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
@@ -60,10 +62,26 @@ def subscribe(
             monitor.refused(topic)
             node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=10.0)
 
-    options = QoSOverridingOptions.with_default_policies()
-    return _made(
-        lambda: node.create_subscription(kind, topic, receive, qos, qos_overriding_options=options)
-    )
+    def lost(event: Any) -> None:
+        monitor.lost(topic, event.total_count)
+
+    def create(callbacks: SubscriptionEventCallbacks) -> Subscription:
+        options = QoSOverridingOptions.with_default_policies()
+        return node.create_subscription(
+            kind, topic, receive, qos, qos_overriding_options=options, event_callbacks=callbacks
+        )
+
+    return _made(lambda: _with_losses(create, lost))
+
+
+def _with_losses(
+    create: Callable[[SubscriptionEventCallbacks], Subscription], lost: Callable[[Any], None]
+) -> Subscription:
+    """A subscription that tells of losses, where the middleware does."""
+    try:
+        return create(SubscriptionEventCallbacks(message_lost=lost))
+    except UnsupportedEventTypeError:
+        return create(SubscriptionEventCallbacks())
 
 
 def _made(create: Callable[[], Any]) -> Any:
