@@ -55,8 +55,10 @@ def test_heights_and_empty_geometries(path):
     nowhere = wkb("Point", (math.nan, math.nan))
     rows = [(gpb(nowhere, empty=True), "a", 1), (gpb(nowhere), "b", 2), (gpb(line), "c", 3)]
     write_geopackage(path, {"a": (4326, rows)})
-    (feature,) = load_layers(str(path))[0].features
+    (layer,) = load_layers(str(path))
+    (feature,) = layer.features
     np.testing.assert_array_equal(feature.points[:, 2], [171.5, np.nan])
+    assert layer.left_out == (f"{path}: layer a: 2 features without a geometry left out",)
 
 
 @pytest.mark.parametrize("srs_id", [32633, 100001, 100003])
@@ -83,6 +85,20 @@ def test_undefined_systems(path):
         load_layers(str(path))
     write_geopackage(path, {"a": (100002, [(LINE, "a", 1)])})
     with pytest.raises(MapError, match="layer a: unknown coordinate reference system 'nonsense'"):
+        load_layers(str(path))
+    write_geopackage(path, {"a": (31337, [(LINE, "a", 1)])})
+    with pytest.raises(
+        MapError, match=r"unknown .* 'srs_id 31337, which the package does not have'"
+    ):
+        load_layers(str(path))
+
+
+def test_a_column_of_geometries_that_is_absent(path):
+    write_geopackage(path, {"a": (4326, [(LINE, "a", 1)])})
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'shape'")
+        database.commit()
+    with pytest.raises(MapError, match="layer a: there is no column 'shape', which is to hold"):
         load_layers(str(path))
 
 

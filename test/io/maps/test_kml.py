@@ -145,12 +145,22 @@ def test_encodings(path, encoding):
     assert load_layers(str(path))[0].features[0].label == "Grünfläche"
 
 
+def test_a_placemark_without_a_geometry_is_told_of_and_data_may_name_one(path):
+    data = '<ExtendedData><Data name="name"><value>said here</value></Data></ExtendedData>'
+    text = written(path, mark("none"), mark("", line(), more=data))
+    (layer,) = load_layers(text)
+    assert [f.label for f in layer.features] == ["said here"]
+    assert layer.left_out == (f"{path}: 1 features without a geometry left out",)
+
+
 def test_a_kmz(tmp_path):
     path = tmp_path / "site.kmz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("files/other.kml", f"{HEAD}{mark('other', line())}</kml>")
         archive.writestr("doc.kml", f"{HEAD}{mark('main', line())}</kml>")
-    assert [f.label for f in load_layers(str(path))[0].features] == ["main"]
+    (layer,) = load_layers(str(path))
+    assert [f.label for f in layer.features] == ["main"]
+    assert layer.left_out == (f"{path}: of 2 .kml in it doc.kml alone is read",)
 
 
 BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><kml>&b;</kml>'

@@ -55,8 +55,9 @@ def test_every_type(path, kind, dims):
 
 def test_null_shapes_keep_their_number(path):
     write_shapefile(path, "line", [[RING], None, [HOLE]])
-    features = load_layers(str(path))[0].features
-    assert [(f.group, f.label) for f in features] == [(0, "n0"), (2, "n2")]
+    (layer,) = load_layers(str(path))
+    assert [(f.group, f.label) for f in layer.features] == [(0, "n0"), (2, "n2")]
+    assert layer.left_out == (f"{path}: 1 features without a geometry left out",)
 
 
 def test_numbers_as_labels(path):
@@ -70,7 +71,9 @@ def test_deleted_records_are_not_drawn(path):
     head, length = struct.unpack_from("<HH", table, 8)
     table[head + length] = ord("*")
     path.with_suffix(".dbf").write_bytes(table)
-    assert [f.label for f in load_layers(str(path))[0].features] == ["n0", "n2"]
+    (layer,) = load_layers(str(path))
+    assert [f.label for f in layer.features] == ["n0", "n2"]
+    assert layer.left_out == ()
 
 
 def test_projected_with_a_prj_of_esri(path):
@@ -91,7 +94,13 @@ def test_without_a_prj(path):
 
 @pytest.mark.parametrize(
     ("cpg", "encoding"),
-    [("UTF-8", "utf-8"), ("1252", "cp1252"), ("ANSI 1252", "cp1252"), ("ISO 8859-1", "latin-1")],
+    [
+        ("UTF-8", "utf-8"),
+        ("1252", "cp1252"),
+        ("ANSI 1252", "cp1252"),
+        ("OEM 850", "cp850"),
+        ("ISO 8859-1", "latin-1"),
+    ],
 )
 def test_code_pages(path, cpg, encoding):
     write_shapefile(path, "line", [[RING]], ["Grünfläche"], encoding=encoding)
@@ -108,6 +117,34 @@ def test_the_code_page_that_the_table_names_and_none(path):
     for encoding in ("utf-8", "cp1252"):
         write_shapefile(path, "line", [[RING]], ["Grünfläche"], encoding=encoding)
         assert load_layers(str(path))[0].features[0].label == "Grünfläche"
+
+
+def test_letters_are_told_from_the_records_alone(path):
+    """The header's numbers are no letters: 200 records, and 0x57 as many programs write it."""
+    names = ["Grünfläche", "ü" * 15 + "x"] * 100
+    for encoding in ("utf-8", "cp1252"):
+        write_shapefile(path, "line", [[RING]] * 200, names, encoding=encoding)
+        table = bytearray(path.with_suffix(".dbf").read_bytes())
+        table[29] = 0x57
+        assert b"\xc8" in table[4:8]
+        path.with_suffix(".dbf").write_bytes(table)
+        features = load_layers(str(path))[0].features
+        assert [feature.label for feature in features] == names
+
+
+def test_a_letter_that_the_fields_end_cuts_is_lost_alone(path):
+    write_shapefile(path, "line", [[RING]], ["ü" * 20], encoding="utf-8")
+    table = path.with_suffix(".dbf").read_bytes()
+    path.with_suffix(".dbf").write_bytes(
+        table.replace("ü".encode() * 20, b"x" + "ü".encode() * 19 + b"\xc3")
+    )
+    (feature,) = load_layers(str(path))[0].features
+    assert feature.label.startswith("x" + "ü" * 19)
+
+
+def test_an_empty_prj(path):
+    write_shapefile(path, "line", [[RING]], prj=" \n")
+    assert load_layers(str(path))[0].left_out == (f"{path}: has an empty .prj: taken for WGS84",)
 
 
 def test_companions_in_capitals_and_named_instead(path):

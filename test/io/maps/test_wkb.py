@@ -69,12 +69,32 @@ def test_an_empty_geometry_has_no_parts(kind):
     assert sum(len(points) for _, points in parts(wkb(kind, empty))) == 0
 
 
-@pytest.mark.parametrize(
-    ("code", "name"), [(8, "CircularString"), (1009, "CompoundCurve"), (10, "CurvePolygon")]
-)
-def test_curves_are_refused_by_name(code, name):
-    with pytest.raises(MapError, match=f"feature 1: a {name} has arcs; save it as lines"):
-        parts(struct.pack("<BII", 1, code, 0))
+def holding(code, *members):
+    return struct.pack("<BII", 1, code, len(members)) + b"".join(members)
+
+
+def test_containers_for_curves_that_hold_straight_lines():
+    """As databases write them whose columns may hold arcs."""
+    first, rest = wkb("LineString", RING[:3]), wkb("LineString", RING[2:])
+    (curve,) = parts(holding(9, first, rest))
+    assert curve[0] == "LineString"
+    np.testing.assert_array_equal(curve[1], [*RING[:3], *RING[2:]])
+    rings = parts(holding(10, holding(9, first, rest), wkb("LineString", HOLE)))
+    assert [kind for kind, _ in rings] == ["Polygon", "Polygon"]
+    np.testing.assert_array_equal(rings[1][1], HOLE)
+    assert [kind for kind, _ in parts(holding(11, first, rest))] == ["LineString"] * 2
+    surfaces = parts(holding(12, wkb("Polygon", [RING]), holding(10, wkb("LineString", HOLE))))
+    assert [kind for kind, _ in surfaces] == ["Polygon", "Polygon"]
+    with_z = wkb("LineString", [(*point, 5.0) for point in RING], dims="Z")
+    np.testing.assert_array_equal(parts(holding(1009, with_z))[0][1][:, 2], 5)
+    assert len(parts(holding(9))[0][1]) == 0
+
+
+@pytest.mark.parametrize("code", [None, 9, 1010, 11, 12])
+def test_arcs_are_refused_by_name(code):
+    arc = struct.pack("<BII", 1, 8, 3) + struct.pack("<6d", *RING[0], *RING[1], *RING[2])
+    with pytest.raises(MapError, match="feature 1: a CircularString has arcs; save it as lines"):
+        parts(arc if code is None else holding(code, arc))
 
 
 BAD = {

@@ -87,8 +87,10 @@ def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) 
     name, column = str(row[0]), str(row[1])
     where = f"{path}: layer {name}"
     info = database.execute(f"PRAGMA table_info({_quoted(name)})").fetchall()
-    fields = [str(each[1]) for each in info if each[1] != column]
+    fields = [str(each[1]) for each in info if str(each[1]).lower() != column.lower()]
     wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
+    if info and column.lower() not in {str(each[1]).lower() for each in info}:
+        raise MapError(f"{where}: there is no column {column!r}, which is to hold the geometries")
     selected = ", ".join(map(_quoted, [column, *wanted]))
     # Names cannot be bound; they come from the package itself and are quoted.
     cursor = database.execute(f"SELECT {selected} FROM {_quoted(name)}")  # noqa: S608
@@ -118,6 +120,8 @@ def _crs(row: Row) -> str | None:
     srs_id, organization, code, definition = row[2:]
     if srs_id in {0, -1}:
         return None if srs_id == 0 else "undefined Cartesian"
+    if organization is None:
+        return f"srs_id {srs_id}, which the package does not have"
     coded = f"{organization}:{code}"
     return coded if known(coded) else str(definition or coded)
 

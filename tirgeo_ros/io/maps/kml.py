@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -57,7 +58,11 @@ def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
     """The main file of a KMZ: the first .kml of it; raises MapError as ``read_kml`` does."""
     names = archive.names(".kml")
     main = next((name for name in names if name.lower() == "doc.kml"), names[0])
-    return read_kml(path, archive.read(main), layer)
+    (table,) = read_kml(path, archive.read(main), layer)
+    if len(names) == 1:
+        return [table]
+    told = f"{path}: of {len(names)} .kml in it {main} alone is read"
+    return [replace(table, left_out=(*table.left_out, told))]
 
 
 def _tree(content: bytes, path: Path) -> Element:
@@ -138,19 +143,24 @@ def _left_out(element: Element) -> str:
 def _table(path: Path, name: str, placemarks: Iterator[Element], counts: Counter[str]) -> Table:
     shapes = ShapeBuilder(str(path))
     properties: list[Mapping[str, Any]] = []
+    set_aside = 0
     for number, placemark in enumerate(placemarks):
         properties.append(_properties(placemark))
+        drawn = len(shapes.parts)
         for kind, text in _pieces(placemark):
             points = _positions(text, f"{path}: feature {number + 1}")
             shapes.add(number, *_as_drawn(kind, points))
+        if len(shapes.parts) == drawn and any(each.tag in _NOT_DRAWN for each in placemark.iter()):
+            set_aside += 1
     fields = {key for each in properties for key in each}
     told = tuple(f"{path}: {count} {what}" for what, count in counts.items())
-    return Table(str(path), name, None, shapes.shapes(), properties, fields, told)
+    return Table(str(path), name, None, shapes.shapes(), properties, fields, told, set_aside)
 
 
 def _properties(placemark: Element) -> dict[str, str]:
     """Name, description, and the data of ExtendedData in both of its forms."""
-    found = {key: _text(placemark, key) for key in ("name", "description")}
+    plain = {key: _text(placemark, key) for key in ("name", "description")}
+    found = {key: text for key, text in plain.items() if text}
     for data in placemark.iterfind("ExtendedData//Data"):
         found.setdefault(data.get("name", ""), _text(data, "value"))
     for data in placemark.iterfind("ExtendedData//SimpleData"):

@@ -34,7 +34,13 @@ def laid(table: Table, rule: LabelRule, crs: str = "") -> tuple[list[GeoFeature]
     _check_range(shapes, points, table.where)
     shapes, dropped = _without_repeats(Shapes(_radians(points), *_parts(shapes)))
     told = (f"{table.where}: {dropped} lines of no length left out",) if dropped else ()
-    return _features(shapes, table, rule), (*table.left_out, *remarks, *told)
+    return _features(shapes, table, rule), (*table.left_out, *_bare(table), *remarks, *told)
+
+
+def _bare(table: Table) -> tuple[str, ...]:
+    """What to tell of features without a geometry, which most formats allow."""
+    bare = len(table.properties) - len(np.unique(table.shapes.feature)) - table.set_aside
+    return (f"{table.where}: {bare} features without a geometry left out",) if bare else ()
 
 
 def _parts(shapes: Shapes) -> tuple[IntArray, IntArray, BoolArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -42,10 +43,25 @@ _LANGUAGES = {
     0x65: "cp866",
     0x7A: "gbk",
     0x7B: "cp932",
+    0x58: "cp1252",
+    0x59: "cp1252",
+    0x66: "cp865",
+    0x67: "cp861",
+    0x6A: "cp737",
+    0x6B: "cp857",
+    0x78: "big5",
+    0x79: "cp949",
+    0x7C: "cp874",
+    0x7D: "cp1255",
+    0x7E: "cp1256",
     0xC8: "cp1250",
     0xC9: "cp1251",
+    0xCA: "cp1254",
+    0xCB: "cp1253",
+    0xCC: "cp1257",
 }
 
+_LAST_NUMBER = re.compile(r"\d+$")
 Fetch = Callable[[str], bytes | None]  # the content of the file with a suffix, None if absent
 
 
@@ -99,9 +115,11 @@ def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
             _add(shapes, number, shape)
     if records and len(records) != len(properties):
         told += (f"{where}: {len(records)} records for {len(properties)} shapes",)
-    crs = fetch(".prj")
-    text = None if crs is None else crs.decode("utf-8-sig", "replace").strip()
-    return Table(where, name, text, shapes.shapes(), properties, fields, told, "has no .prj")
+    prj = fetch(".prj")
+    crs = (prj or b"").decode("utf-8-sig", "replace").strip() or None
+    no_crs = "has no .prj" if prj is None else "has an empty .prj"
+    deleted = sum(record is None for record in records[: len(properties)])
+    return Table(where, name, crs, shapes.shapes(), properties, fields, told, deleted, no_crs)
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
@@ -182,22 +200,30 @@ def _rows(reader: Any, wanted: Sequence[str]) -> Iterator[Mapping[str, Any] | No
 
 
 def _encoding(cpg: bytes | None, dbf: bytes) -> str:
-    """The code page that the .cpg names, else the .dbf; UTF-8 where its bytes are, else Latin."""
+    """The code page that the .cpg names, else the .dbf; UTF-8 where its bytes are, else Latin.
+
+    Many programs write the number of Windows's Latin whatever they write: the bytes stand above.
+    """
     named = (cpg or b"").decode("ascii", "replace").strip().strip("\0").lower()
-    digits = named.removeprefix("ansi").strip()
+    number = _LAST_NUMBER.search(named)
+    told = _LANGUAGES.get(dbf[29] if len(dbf) > 29 else 0)
     for name in (
         named,
-        f"cp{digits}",
+        f"cp{number.group()}" if number else "",
         named.replace(" ", "-"),
-        _LANGUAGES.get(dbf[29] if len(dbf) > 29 else 0),
+        "" if told == "cp1252" else told,
     ):
         if name and _known(name):
             return name
-    try:
-        dbf.decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
+    return "utf-8" if _is_utf8(dbf) else "cp1252"
+
+
+def _is_utf8(dbf: bytes) -> bool:
+    """Whether most of a table's letters beyond ASCII are: a field's end may cut one in two."""
+    records = dbf[int.from_bytes(dbf[8:10], "little") :]  # the header has numbers in bytes
+    text = records.decode("utf-8", "replace")
+    right = sum(not each.isascii() for each in text) - text.count("\ufffd")
+    return text.count("\ufffd") <= right
 
 
 def _known(name: str) -> bool:

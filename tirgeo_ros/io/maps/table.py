@@ -46,6 +46,7 @@ class Table:
     properties: Sequence[Mapping[str, Any]]  # of each feature
     fields: Collection[str]  # names of the properties
     left_out: tuple[str, ...] = ()  # what of the file is not in the shapes
+    set_aside: int = 0  # features without a shape that the file crosses out, or left_out tells of
     no_crs: str = ""  # why there is no crs, where the format should have one
 
 

@@ -10,18 +10,12 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.errors import MapError
 
-#: What the geometries are made of; the rest of ISO's are curves, and are not taken.
+#: What the geometries are made of. Those for curves are taken where they hold straight lines
+#: alone, as databases write them: an arc is not.
 _POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
-_COLLECTIONS = {4, 5, 6, 7, 15, 16}  # multi-point to collection, polyhedral surface, TIN
-_CURVES = {
-    8: "CircularString",
-    9: "CompoundCurve",
-    10: "CurvePolygon",
-    11: "MultiCurve",
-    12: "MultiSurface",
-    13: "Curve",
-    14: "Surface",
-}
+_ARC, _COMPOUND_CURVE, _CURVE_POLYGON = 8, 9, 10
+#: Multi-point to collection, multi-curve, multi-surface, polyhedral surface, TIN.
+_COLLECTIONS = {4, 5, 6, 7, 11, 12, 15, 16}
 _EWKB_Z, _EWKB_M, _EWKB_SRID = 0x80000000, 0x40000000, 0x20000000
 _DEEPEST = 16  # collections in collections: more than any map has
 _SMALLEST = 9  # bytes of a geometry: byte order, type, number of what it holds
@@ -61,14 +55,18 @@ class _Cursor:
             for _ in range(self._count(order, 4)):
                 count = self._count(order, 8 * width)
                 yield "Polygon", self._positions(order, count, width, height)
+        elif base == _ARC:
+            raise self._error("a CircularString has arcs; save it as lines (segmentize it)")
+        elif base == _COMPOUND_CURVE:
+            yield "LineString", _joined([points for _, points in self._members(order, depth)])
+        elif base == _CURVE_POLYGON:
+            yield from (("Polygon", points) for _, points in self._members(order, depth))
+        elif base in _COLLECTIONS:
+            yield from self._members(order, depth)
         else:
-            yield from self._members(order, base, depth)
-
-    def _members(self, order: str, base: int, depth: int) -> Iterator[Part]:
-        if base in _CURVES:
-            raise self._error(f"a {_CURVES[base]} has arcs; save it as lines (segmentize it)")
-        if base not in _COLLECTIONS:
             raise self._error(f"its geometry (WKB) is of the unknown type {base}")
+
+    def _members(self, order: str, depth: int) -> Iterator[Part]:
         if depth == _DEEPEST:
             raise self._error("its geometry (WKB) is nested too deeply")
         for _ in range(self._count(order, _SMALLEST)):
@@ -106,3 +104,9 @@ class _Cursor:
 
     def _error(self, problem: str) -> MapError:
         return MapError(f"{self._where}: {problem}")
+
+
+def _joined(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Lines of which each begins where the one before ends, as one."""
+    width = min((line.shape[1] for line in lines), default=2)
+    return np.concatenate([np.empty((0, width)), *(line[:, :width] for line in lines)])
