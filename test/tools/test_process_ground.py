@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,46 @@ def test_two_grounds_are_one_too_many(clicked, tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["process", str(clicked[0]), *words])
     assert "--dem and --ground-height are two grounds" in capsys.readouterr().err
+
+
+def kml(path, sample):
+    """A line at the sample's origin, one 3 deg away, and a link that is not followed."""
+    north, east, _ = load_config(sample / "params.yaml", "ekf_node", EkfConfig).origin_lat_lon_h
+    marks = "".join(
+        f"<Placemark><LineString><coordinates>{east + off},{north} {east + off},{north + 0.001}"
+        "</coordinates></LineString></Placemark>"
+        for off in (0.0, 3.0)
+    )
+    link = "<NetworkLink><name>more</name></NetworkLink>"
+    head = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+    path.write_text(f"{head}{marks}{link}</Document></kml>")
+    return path
+
+
+def test_what_of_the_map_is_left_out_is_in_the_summary(clicked, sample, tmp_path, capsys):
+    path = kml(tmp_path / "map.kml", sample)
+    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap"), "--map", str(path)]
+    words += ["--params", str(sample / "params.yaml")]
+    note = f"{path}: 1 NetworkLink left out"
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["notes"] == [note]
+    assert main(words) == 0
+    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
+    assert line.split(maxsplit=1)[1] == note
+
+
+def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, sample, tmp_path):
+    dem = model(tmp_path / "dem.tif", sample, 20.0)
+    path = kml(tmp_path / "map.kml", sample)
+    options = {"params": sample / "params.yaml", "map": path, "dem": dem}
+    notes = process(clicked[0], tmp_path / "out.mcap", **options)["notes"]
+    assert any("NetworkLink" in note for note in notes)
+    assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
+
+
+def test_a_map_that_is_drawn_whole_has_no_notes(clicked, sample, tmp_path, capsys):
+    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap")]
+    words += ["--params", str(sample / "params.yaml"), "--map", str(sample / "map.geojson")]
+    assert main(words) == 0
+    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
+    assert line.split(maxsplit=1)[1] == "none"

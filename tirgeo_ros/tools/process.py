@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
+from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
@@ -53,7 +54,8 @@ def process(
 ) -> dict[str, object]:
     """Process a bag and return a summary.
 
-    In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed.
+    In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed;
+    ``notes`` tell what of the map is not drawn.
     ``params`` is a ROS 2 parameter YAML of the nodes; ``map``, and ``dem`` or ``ground_height``
     (ellipsoidal m), stand before those in it. ``progress`` is told seconds of the flight. Nothing
     is written under its name before it is whole. Raises BagError (no bag, a needed topic absent,
@@ -195,9 +197,17 @@ class _Run:
             "heading_sigma_deg": math.degrees(navigation.heading_sigma_rad),
             "gimbal": composer.counts,
             "overlay": overlay.counts if overlay is not None else {},
+            "notes": self._notes(),
             "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
             "error": self._error(navigation.reason),
         }
+
+    def _notes(self) -> list[str]:
+        """What of the map and the ground is not drawn, or not as its files say: a line each."""
+        layers, ground = self._settings.layers or (), self._settings.ground
+        notes = [note for layer in layers for note in layer.left_out]
+        notes += ground.notes if isinstance(ground, Terrain) else ()
+        return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
 
     def _error(self, reason: str) -> str | None:
         """What makes the run a failure although there is an output."""

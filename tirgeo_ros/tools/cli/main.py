@@ -124,6 +124,8 @@ def _flat(result: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str,
 
 
 def _text(value: object) -> str:
+    if isinstance(value, list):
+        return "; ".join(_text(item) for item in value) or "none"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
