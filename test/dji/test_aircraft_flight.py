@@ -30,8 +30,8 @@ from tirgeo_ros.dji.telemetry import Clocks, Telemetry
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES
 from tirgeo_ros.io.parameter_file import ParameterFile
-from tirgeo_ros.io.survey import load_observations, load_survey
-from tirgeo_ros.tools.ground_points import locate_observations
+from tirgeo_ros.tools.evaluation.ground import load_experiment, locate_observations
+from tirgeo_ros.tools.evaluation.result import ground_errors
 from tirgeo_ros.tools.recording import body_errors, load_recording, load_truth, track_of
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
@@ -74,8 +74,8 @@ class Flight:
         self._gimbal = params.config("gimbal_node", GimbalConfig)
         self._overlay = params.config("overlay_node", OverlayConfig)
         self._truth = load_truth(folder / "truth.mcap")
-        self._survey = load_survey(folder / "survey.geojson")
-        self._clicks = load_observations(folder / "observations.csv")
+        points = (folder / "survey.geojson", folder / "observations.csv")
+        self._given = load_experiment(*points, "gauss-krueger")
         self._camera = load_recording(folder / "flight.mcap").camera
         cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
         self.samples = [
@@ -113,17 +113,16 @@ class Flight:
                 poses,
                 track.plane,
                 self._camera,
-                self._clicks,
-                self._survey,
-                ground_height_m=self._overlay.ground_height_m,
-                video_latency_s=self._overlay.video_latency_s,
-            )
+                self._given,
+                self._overlay.ground_height_m,
+                self._overlay,
+            )[0]
             for composition, poses in track.cameras.items()
         }
         return Judged(
             math.degrees(errors.heading_rad),
-            {name: found.rmse_m for name, found in ground.items()},
-            min(len(found.located) for found in ground.values()),
+            {name: ground_errors(located).rmse_m for name, located in ground.items()},
+            min(len(located) for located in ground.values()),
         )
 
 

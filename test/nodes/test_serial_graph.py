@@ -13,18 +13,17 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 pytest.importorskip("serial", reason="needs pyserial")
 
-from graph_helpers import deep_queues
-
+from tirgeo_ros.core.accuracy import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.pose_history import PoseHistory
 from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose, stamp_ns
 from tirgeo_ros.io.parameter_file import ParameterFile
-from tirgeo_ros.io.survey import load_observations, load_survey
 from tirgeo_ros.tools.demo import SETTLED_S, against_truth
-from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
-from tirgeo_ros.tools.ground_points import GroundErrors, locate_observations
+from tirgeo_ros.tools.evaluation.ground import load_experiment, locate_observations
+from tirgeo_ros.tools.evaluation.result import ground_errors
+from tirgeo_ros.tools.graph import GraphRun, run_graph
 from tirgeo_ros.tools.outputs import Outputs, read_outputs
 from tirgeo_ros.tools.process import process
 from tirgeo_ros.tools.recording import body_errors, load_recording, load_truth
@@ -38,20 +37,9 @@ MOST = 0.95
 
 
 @pytest.fixture(scope="module")
-def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Outputs]:
+def flown(sample_graph, tmp_path_factory) -> tuple[GraphRun, Outputs]:
     """One run in real time, its outputs stamped as the bag is."""
-    folder = tmp_path_factory.mktemp("serial")
-    params = folder / "params.yaml"
-    params.write_text((sample / "params.yaml").read_text() + deep_queues())
-    setup = GraphSetup(
-        sample / "flight.mcap",
-        folder,
-        params,
-        sample / "map.geojson",
-        serial=True,
-        environment={"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]},
-    )
-    run = run_graph(setup, 30.0)
+    run = run_graph(sample_graph(tmp_path_factory.mktemp("serial"), serial=True), 30.0)
     return run, read_outputs(run.recording).earlier(run.shift_ns)
 
 
@@ -80,15 +68,15 @@ def ground(outputs: Outputs, sample) -> GroundErrors:
         poses.add(pose)
     overlay = ParameterFile(sample / "params.yaml").config("overlay_node", OverlayConfig)
     assert outputs.plane is not None
-    return locate_observations(
+    located, _ = locate_observations(
         poses,
         outputs.plane,
         load_recording(sample / "flight.mcap").camera,
-        load_observations(sample / "observations.csv"),
-        load_survey(sample / "survey.geojson"),
-        ground_height_m=overlay.ground_height_m,
-        video_latency_s=overlay.video_latency_s,
+        load_experiment(sample / "survey.geojson", sample / "observations.csv", "gauss-krueger"),
+        overlay.ground_height_m,
+        overlay,
     )
+    return ground_errors(located)
 
 
 def test_every_picture_keeps_its_place_in_time(flown, sample):
@@ -108,7 +96,7 @@ def test_heading_and_ground_error_are_as_good_as_the_bags(flown, processed, samp
     nose = heading_rad(run.recording, sample, run.shift_ns)
     assert nose <= AS_GOOD * heading_rad(processed, sample)
     on_ground, of_bag = ground(outputs, sample), ground(offline, sample)
-    assert len(on_ground.located) >= MOST * len(of_bag.located) >= 20
+    assert len(on_ground.ids) >= MOST * len(of_bag.ids) >= 20
     assert on_ground.rmse_m <= AS_GOOD * of_bag.rmse_m
 
 

@@ -55,6 +55,12 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         default="gauss-krueger",
         help="%(choices)s; default: %(default)s",
     )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="BAG",
+        help="truth.mcap of a simulated flight: the aircraft's own errors are told too",
+    )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
@@ -77,6 +83,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             ground_height=args.ground_height,
             namespace=args.namespace,
             projection=args.projection,
+            truth=args.truth,
             progress=bar,
         )
     return summary(found) | {"output": write_evaluation(found, args.output)}

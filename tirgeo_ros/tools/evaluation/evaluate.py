@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import BagError, CalibrationError
@@ -19,8 +20,10 @@ from tirgeo_ros.tools.evaluation.t_test import paired_tests
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.inputs import done_without, resolved
 from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.recording import Truth, load_truth
 
-_HEADING = "rtk/heading"
+#: What a method is not itself without, though the filter would do without: it falls back on GPS.
+_ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
 
 
 def evaluate(
@@ -34,6 +37,7 @@ def evaluate(
     ground_height: float | None = None,
     namespace: str = "",
     projection: str = "gauss-krueger",
+    truth: PathLike | None = None,
     progress: Report = silent,
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
@@ -41,15 +45,16 @@ def evaluate(
     ``params`` are parameter files, of which the later stand before the earlier; ``boresight``,
     one more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) stands
     before them; without any ground it is level at the median of the observed points' heights.
-    ``projection`` is ``gauss-krueger`` or ``utm``. A method that the bag has not the topics for
-    is told as missing. Raises BagError, ConfigError, SurveyError, ElevationError, and
-    CalibrationError where no method can be run.
+    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` the truth of a simulated flight. A
+    method that the bag has not the topics for is told as missing. Raises BagError, ConfigError,
+    SurveyError, ElevationError, and CalibrationError where no method can be run.
     """
     given = load_experiment(survey, observations, projection)
     setups = method_setups(params, boresight, dem, ground_height, namespace, given.heights_m)
     flight = _Flight(BagReader(bag), setups, given, namespace)
+    truly = None if truth is None else load_truth(Path(truth))
     flight.read(progress)
-    methods = flight.results()
+    methods = flight.results(truly)
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
     checks = checks_of(given, sensors.image_stamps_ns)
     notes = [*ground_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
@@ -85,7 +90,7 @@ class _Run:
         reason = self.poses.registration.navigation.status().reason
         return f"no camera pose could be made{': ' if reason else ''}{reason}"
 
-    def result(self, camera: Camera, given: Experiment) -> MethodResult:
+    def result(self, camera: Camera, given: Experiment, truth: Truth | None) -> MethodResult:
         """What it found."""
         plane, setup = self.poses.plane, self.setup
         assert plane is not None
@@ -106,6 +111,7 @@ class _Run:
             self.series.innovations(),
             {f"{source} {outcome}": number for (source, outcome), number in status.counts.items()},
             setup.parameters,
+            None if truth is None else self.series.body_errors(truth),
         )
 
 
@@ -131,8 +137,7 @@ class _Flight:
         series, method = MethodSeries(), setup.ekf.method
         instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
         try:
-            if method == "ekf_heading" and not self.recorded.has(_HEADING):
-                raise BagError(f"needed topic absent: {self._name(_HEADING)}")  # noqa: TRY301
+            self._check_essential(method)
             poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
         except BagError as error:
             self.missing[setup.method] = str(error)
@@ -142,6 +147,11 @@ class _Flight:
             self.notes.append(f"{setup.method}: {', '.join(absent)} absent: done without")
         return _Run(setup, poses, series)
 
+    def _check_essential(self, method: str) -> None:
+        topics = [name for name in _ESSENTIAL.get(method, ()) if not self.recorded.has(name)]
+        if topics:
+            raise BagError(f"needed topic absent: {', '.join(map(self._name, topics))}")
+
     def _name(self, topic: str) -> str:
         return resolved(topic, self._namespace)
 
@@ -149,12 +159,12 @@ class _Flight:
         """Take the flight through all methods; ``progress`` is told seconds of it."""
         self.recorded.read_all(progress)
 
-    def results(self) -> list[MethodResult]:
+    def results(self, truth: Truth | None) -> list[MethodResult]:
         """Of the methods that have poses; the others become missing."""
         self.missing |= {run.setup.method: run.fault for run in self._runs if run.fault}
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
-        return [run.result(self.recorded.camera, self._given) for run in runs]
+        return [run.result(self.recorded.camera, self._given, truth) for run in runs]
 
     def _check_any(self, runs: Sequence[_Run]) -> None:
         if not runs:

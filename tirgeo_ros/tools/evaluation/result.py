@@ -22,6 +22,7 @@ from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.evaluation.projection import Projection
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
+from tirgeo_ros.tools.recording import BodyErrors
 
 #: The highest rate of the poses and attitudes that are kept for plots.
 SERIES_HZ = 10.0
@@ -65,6 +66,12 @@ class LocatedPoint:
         """Whether the surveyed place lies in the ellipse of 95 %."""
         squared = self.error_en @ np.linalg.solve(self.covariance_en, self.error_en)
         return bool(squared <= CHI2_95)
+
+
+def ground_errors(located: Sequence[LocatedPoint]) -> GroundErrors:
+    """The horizontal errors of located points."""
+    errors_en = np.array([one.error_en for one in located]).reshape(-1, 2)
+    return GroundErrors([one.id for one in located], errors_en)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,14 +158,13 @@ class MethodResult:
     innovations: Sequence[Innovations]
     verdicts: Mapping[str, int]  # "source outcome" to number
     parameters: Mapping[str, Mapping[str, Value]]  # by node, by dotted name, as used
+    #: The body's own errors once the filter has settled; None without a truth.
+    against_truth: BodyErrors | None = None
 
     @cached_property
     def errors(self) -> GroundErrors:
         """The horizontal errors of what was located."""
-        return GroundErrors(
-            [one.id for one in self.located],
-            np.array([one.error_en for one in self.located]).reshape(-1, 2),
-        )
+        return ground_errors(self.located)
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,11 @@ from tirgeo_ros.tools.evaluation.result import (
     PoseTrack,
     Sensors,
 )
+from tirgeo_ros.tools.recording import BodyErrors, Truth, body_errors
 from tirgeo_ros.tools.registration import Registered, Sample
 
+#: The filter has settled so long after its start; from then on it is judged.
+SETTLED_S = 20.0
 _Q_OPTICAL_BODY = quat_conjugate(Q_BODY_OPTICAL)
 
 
@@ -73,6 +76,10 @@ class MethodSeries:
     def has_poses(self) -> bool:
         """Whether there was any pose of the camera."""
         return bool(self._cameras)
+
+    def body_errors(self, truth: Truth) -> BodyErrors:
+        """The body's errors against the truth, once the filter has settled."""
+        return body_errors([truth.plane.body_pose(s) for s in self._solutions], truth, SETTLED_S)
 
     def body(self, projection: Projection) -> PoseTrack:
         """The body's poses."""

@@ -15,7 +15,9 @@ from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.io.parameter_output import parameters_yaml
 from tirgeo_ros.io.whole_files import PathLike, write_files
 from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodResult
+from tirgeo_ros.tools.evaluation.series import SETTLED_S
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
+from tirgeo_ros.tools.recording import BodyErrors
 
 #: What the measures mean; it stands beside them wherever they are told.
 DEFINITIONS = {
@@ -24,6 +26,7 @@ DEFINITIONS = {
     "rmse_m": "root mean square of all horizontal errors",
     "ce90_m": "90th percentile of all horizontal errors, linear between the two nearest",
     "inside_95": "located points whose surveyed place lies in their predicted ellipse of 95 %",
+    "against_truth": f"rms of the body's errors later than {SETTLED_S:g} s; position in space",
     "p_value": "two-sided, of the paired t-test on point_rmse_m of the points that both have",
 }
 _OBSERVATION_COLUMNS = (
@@ -81,7 +84,16 @@ def _method(one: MethodResult) -> dict[str, object]:
         "state": one.state,
         "ground": one.ground_words,
         "verdicts": dict(one.verdicts),
+        "against_truth": None if one.against_truth is None else _truth(one.against_truth),
     }
+
+
+def _truth(errors: BodyErrors) -> dict[str, object]:
+    """None where the flight was too short to be judged."""
+    angles = {"roll": errors.roll_rad, "pitch": errors.pitch_rad, "heading": errors.heading_rad}
+    rms = {f"{name}_deg": math.degrees(angle) for name, angle in angles.items()}
+    rms["position_m"] = errors.position_m
+    return {name: value if math.isfinite(value) else None for name, value in rms.items()}
 
 
 def _points(found: Evaluation) -> dict[str, dict[str, object]]:
@@ -108,6 +120,7 @@ def _test(test: PairedTest) -> dict[str, object]:
         "points": test.points,
         "mean_difference_m": test.mean_difference_m,
         "t": test.t,
+        "against_truth": f"rms of the body's errors later than {SETTLED_S:g} s; position in space",
         "p_value": test.p_value,
         "note": test.note,
     }

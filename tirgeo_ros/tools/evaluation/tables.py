@@ -10,7 +10,8 @@ _WIDTH = 12
 
 def text_tables(numbers: Mapping[str, Any]) -> str:
     """Tables of what ``summary`` gives."""
-    return "\n".join([*_errors(numbers), "", *_p_values(numbers), "", *_words(numbers)])
+    parts = [_errors(numbers), _p_values(numbers), _against_truth(numbers), _words(numbers)]
+    return "\n\n".join("\n".join(part) for part in parts if part)
 
 
 def _errors(numbers: Mapping[str, Any]) -> list[str]:
@@ -20,10 +21,10 @@ def _errors(numbers: Mapping[str, Any]) -> list[str]:
         _line("point", [*methods, "seen"]),
     ]
     for name, point in numbers["points"].items():
-        errors = [_metres(point["rmse_m"][method]) for method in methods]
+        errors = [_number(point["rmse_m"][method]) for method in methods]
         lines.append(_line(name, [*errors, str(point["observations"])]))
     for title, key in (("mean", "mean_point_rmse_m"), ("rmse", "rmse_m"), ("CE90", "ce90_m")):
-        lines.append(_line(title, [_metres(one[key]) for one in methods.values()]))
+        lines.append(_line(title, [_number(one[key]) for one in methods.values()]))
     seen = sum(point["observations"] for point in numbers["points"].values())
     located = [str(one["located"]) for one in methods.values()]
     lines.append(_line("located", [*located, f"of {seen}"]))
@@ -49,6 +50,23 @@ def _p_values(numbers: Mapping[str, Any]) -> list[str]:
     return [*lines, *notes]
 
 
+def _against_truth(numbers: Mapping[str, Any]) -> list[str]:
+    """The body's own errors; [] without a truth."""
+    found = {name: one["against_truth"] for name, one in numbers["methods"].items()}
+    if None in found.values():
+        return []
+    rows = (("roll", "roll_deg"), ("pitch", "pitch_deg"), ("heading", "heading_deg"))
+    lines = [
+        "the aircraft's own " + numbers["definitions"]["against_truth"],
+        _line("", list(found)),
+    ]
+    for title, key in (*rows, ("position", "position_m")):
+        unit = key.rpartition("_")[2]
+        cells = [_number(one[key]) for one in found.values()]
+        lines.append(_line(f"{title}, {unit}", cells))
+    return lines
+
+
 def _words(numbers: Mapping[str, Any]) -> list[str]:
     lines = [
         f"plane: {numbers['projection']['name']}",
@@ -64,7 +82,7 @@ def _line(name: str, cells: Sequence[str]) -> str:
     return f"{name:<{_WIDTH}}" + "".join(f"{cell:>{_WIDTH}}" for cell in cells)
 
 
-def _metres(value: float | None) -> str:
+def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
