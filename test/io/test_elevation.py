@@ -306,6 +306,39 @@ def test_tiles_that_do_not_fit_are_named(rasterio, tmp_path):
         load_terrain(" , ")
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_tiles_that_meet_at_the_antimeridian(rasterio, tmp_path, turned):
+    step = 1e-3
+    paths = []
+    for west, low in ((180 - 20 * step, 0.0), (-180.0, 20.0)):
+        transform = rasterio.transform.from_origin(west, 40.0, step, step)
+        values = np.add.outer(np.zeros(9), low + np.arange(20.0)).astype(np.float32)
+        paths.append(written(rasterio, tmp_path / f"{low}.tif", values, transform, "EPSG:4326"))
+    terrain = load_terrain(",".join(map(str, paths[::-1] if turned else paths)))
+    assert terrain.heights_m.shape == (9, 40)
+    latitude = math.radians(40 - 4 * step)
+    for longitude in (180.0, -180.0):
+        found = terrain.height_m(latitude, math.radians(longitude))
+        assert found == pytest.approx(19.5, abs=1e-4)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4978", 'LOCAL_CS["site",UNIT["metre",1]]'])
+def test_a_system_that_is_none_of_the_earths_surface(rasterio, tmp_path, crs):
+    _, _, transform = grid_of_metres(rasterio)
+    flat = np.full((9, 9), 7.0, np.float32)
+    with pytest.raises(ElevationError, match=r"odd\.tif: its coordinate system .* is none of the"):
+        load_terrain(written(rasterio, tmp_path / "odd.tif", flat, transform, crs))
+
+
+def test_complex_numbers_and_addresses(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    path = written(rasterio, tmp_path / "c.tif", np.ones((9, 9), np.complex64), transform)
+    with pytest.raises(ElevationError, match=r"c\.tif: complex numbers are no heights"):
+        load_terrain(path)
+    with pytest.raises(ElevationError, match=r"^http://localhost:1/x\.tif: cannot be read"):
+        load_terrain("http://localhost:1/x.tif")  # as rasterio takes it
+
+
 def test_remarks_on_many_tiles_are_told_once(rasterio, tmp_path):
     paths = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)], units="ft")
     (note,) = load_terrain(",".join(map(str, paths))).notes

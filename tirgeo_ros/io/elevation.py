@@ -54,7 +54,7 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0) -> Terrain:
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
     read, has no coordinate system, or is too large for the disk.
     """
-    paths = [str(path) for path in named_files(os.fspath(dem))]
+    paths = named_files(os.fspath(dem))
     if not paths:
         raise ElevationError(f"{os.fspath(dem)!r}: names no elevation model")
     rasterio = _rasterio(paths[0])
@@ -102,6 +102,8 @@ def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple
     """An open file as a tile, and what to tell of it: (file, note)."""
     if source.crs is None or source.transform.is_identity:
         raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
+    if source.dtypes[0].startswith("complex"):
+        raise ElevationError(f"{path}: complex numbers are no heights")
     system = _system(path, source)
     unit_m, unit_note = _unit(source)
     notes = [_bands_note(source), unit_note, _datum_note(system, undulation_m)]
@@ -132,9 +134,15 @@ def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrai
 
 def _system(name: str, source: Any) -> pyproj.CRS:
     try:
-        return pyproj.CRS.from_user_input(source.crs.to_wkt())
+        system = pyproj.CRS.from_user_input(source.crs.to_wkt())
     except pyproj.exceptions.CRSError:
         raise ElevationError(f"{name}: its coordinate system is not known to PROJ") from None
+    if not (system.is_geographic or system.is_projected):
+        raise ElevationError(
+            f"{name}: its coordinate system {system.name!r} is none of the Earth's surface; give "
+            "it one (gdal_edit -a_srs)"
+        )
+    return system
 
 
 def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:

@@ -74,6 +74,8 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
     inverse = ~first.source.transform
     places = ((0, 0), (source.width, 0), (0, source.height))
     moves = [_from(_applied(inverse, _applied(source.transform, at)), at) for at in places]
+    turn = _turn(first.source, moves[0][0])
+    moves = [(across - turn, down) for across, down in moves]
     column, row = (round(each) for each in moves[0])
     if max(abs(x) for move in moves for x in _from(move, (column, row))) > _OFF_PIXELS:
         raise ElevationError(
@@ -81,6 +83,14 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
             "tiles (gdalwarp A.tif B.tif OUT.tif)"
         )
     return column, row
+
+
+def _turn(source: Any, columns: float) -> float:
+    """Of so many columns those that are whole turns of the Earth, where tiles meet at 180 deg."""
+    a, b = (float(x) for x in tuple(source.transform)[:2])
+    if not source.crs.is_geographic or b:
+        return 0.0
+    return round(columns * a / 360) * 360 / a
 
 
 def _applied(transform: Any, at: tuple[float, float]) -> tuple[float, float]:

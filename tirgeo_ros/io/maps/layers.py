@@ -38,7 +38,7 @@ def load_layers(map: str, style: str = "", label_field: str = "name") -> list[Ma
 
 
 def _sources(map_text: str, style: str) -> list[_Source]:
-    paths = named_files(map_text)
+    paths = [Path(name) for name in named_files(map_text)]
     if not style:
         return [_Source(path) for path in paths]
     entries = load_style_sheet(style)
@@ -83,7 +83,7 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
 
     Never raises: of a style sheet that cannot be read it is the sheet alone, beside the map.
     """
-    paths = named_files(map)
+    paths = [Path(name) for name in named_files(map)]
     if style:
         paths = [*paths, Path(style)]
         try:
