@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -71,6 +72,25 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """For every process of the session: one domain that is free."""
     folder = tmp_path_factory.mktemp("environment")
     return graph_environment(GraphSetup(folder, folder))
+
+
+@pytest.fixture(scope="session")
+def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., GraphSetup]:
+    """The whole graph on the sample flight, its queues so deep that no message is lost.
+
+    ``sample_graph(folder, serial=True)``: the folder takes the recording and the logs.
+    """
+    # ROS may be absent where the other tests run.
+    from graph_helpers import deep_queues  # noqa: PLC0415
+
+    def setup(folder: Path, **options: Any) -> GraphSetup:
+        params = folder / "params.yaml"
+        params.write_text((sample / "params.yaml").read_text() + deep_queues())
+        domain = {"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]}
+        bag, map_file = sample / "flight.mcap", sample / "map.geojson"
+        return GraphSetup(bag, folder, params, map_file, environment=domain, **options)
+
+    return setup
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import Stranger, deep_queues
+from graph_helpers import Stranger
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
 from sensor_msgs.msg import Image
 
@@ -61,18 +61,9 @@ class Watched:
 
 
 @pytest.fixture(scope="module")
-def flown(sample, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
+def flown(sample_graph, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
     """One run at rate 1, with a stranger on ``tirgeo/overlay/image``."""
-    folder = tmp_path_factory.mktemp("graph")
-    params = folder / "params.yaml"
-    params.write_text((sample / "params.yaml").read_text() + deep_queues())
-    setup = GraphSetup(
-        sample / "flight.mcap",
-        folder,
-        params,
-        sample / "map.geojson",
-        environment={"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]},
-    )
+    setup = sample_graph(tmp_path_factory.mktemp("graph"))
     watched, results = Watched(), []
     with pytest.MonkeyPatch.context() as patch:
         for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
