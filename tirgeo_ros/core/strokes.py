@@ -55,6 +55,8 @@ def mark_radius_px(image: Pixels) -> int:
 
 def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
     """An open diamond around each mark, a line of one point (2, V) in pixels."""
+    if not len(marks):
+        return marks
     corners = marks.points[:2, :, None] + radius_px * _DIAMOND[:, None, :]
     count = _DIAMOND.shape[1]
     starts = np.arange(len(marks) + 1) * count

@@ -162,9 +162,11 @@ class View:
         if not len(rings):
             return _NOTHING
         eye = self._eye(pose)
-        seen = rings.boxes.within(eye.normals, eye.offsets)
+        seen, whole = rings.boxes.seen(eye.normals, eye.offsets)
         if not len(seen):
             return _NOTHING
+        whole &= not self._reaches_past_lens
+        seen = np.concatenate([seen[whole], seen[~whole]])
         number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
@@ -175,10 +177,12 @@ class View:
         level[out] = len(details.count) - 1
         lines = details.lines(piece, level)
         lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
-        flat = _flat(cut_rings_to_planes(lines, self._normals_c[:-1], self._offsets[:-1]))
+        # What lies wholly in view ends where it begins, as in the map.
+        inner, outer = lines.parted(int(whole.sum()))
+        flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets[:-1]))
         if self._reaches_past_lens:
             flat = cut_rings_to_disc(flat, self.camera.max_radius)
-        return self._seen(closed(flat))
+        return self._seen(joined(_flat(inner), closed(flat)))
 
     def _eye(self, pose: CameraPose) -> _Eye:
         rotation_cn = matrix_from_quat(pose.q_nc).T
