@@ -81,8 +81,8 @@ class Terrain:
         """
         rows, columns = self.heights_m.shape
         inside = (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
-        i = np.where(inside, np.minimum(column, columns - 2), 0).astype(np.intp)
-        j = np.where(inside, np.minimum(row, rows - 2), 0).astype(np.intp)
+        i = np.fmin(np.fmax(column, 0.0), columns - 2).astype(np.intp)  # of nan the first
+        j = np.fmin(np.fmax(row, 0.0), rows - 2).astype(np.intp)
         return i, j, inside
 
     def corners(
@@ -91,10 +91,8 @@ class Terrain:
         """Heights at nodes (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1); i columns, j rows."""
         flat = self.heights_m.reshape(-1)
         columns = self.heights_m.shape[1]
-        first = j * columns + i
-        nw, ne, sw, se = (
-            flat[first + step].astype(float) for step in (0, 1, columns, columns + 1)
-        )
+        nodes = np.add.outer([0, 1, columns, columns + 1], j * columns + i)
+        nw, ne, sw, se = flat[nodes].astype(float)
         return nw, ne, sw, se
 
 
