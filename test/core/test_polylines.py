@@ -103,3 +103,13 @@ def test_runs_of_some_lines_are_the_lines_in_any_order(lengths):
         wanted = [rows[starts[i] : starts[i + 1]].tolist() for i in which]
         got = [run.tolist() for run in lines.runs_of(rows, which)]
         assert sorted(got) == sorted(wanted)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_parted_lines_are_the_first_and_the_others(count):
+    lines = Polylines(np.arange(14.0).reshape(2, 7), np.array([0, 2, 5, 7]), np.array([4, 2, 9]))
+    first, others = lines.parted(count)
+    assert (len(first), len(others)) == (count, 3 - count)
+    assert [*first.owner, *others.owner] == [4, 2, 9]
+    parts = [line.tolist() for line in (*first.split(), *others.split())]
+    assert parts == [line.tolist() for line in lines.split()]
