@@ -28,9 +28,6 @@ from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
 
 
-#: Imported, not run as a module: what it pickles must go by this module's name.
-_PROGRAM = "from tirgeo_ros.io.map_child import main; main()"
-
 
 @dataclass(frozen=True, slots=True)
 class MapContents:
@@ -110,8 +107,9 @@ class MapChild:
 
 
 def _started() -> subprocess.Popen[bytes]:
+    # Imported, not run as a module: what it pickles must go by this module's name.
     return subprocess.Popen(
-        [sys.executable, "-c", _PROGRAM],
+        [sys.executable, "-c", "from tirgeo_ros.io.map_child import main; main()"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
