@@ -28,7 +28,6 @@ from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
 
 
-
 @dataclass(frozen=True, slots=True)
 class MapContents:
     """What was read."""
