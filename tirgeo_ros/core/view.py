@@ -110,13 +110,11 @@ class View:
         distance_m = boxes.distance(eye.position_n)
         level, detail_px = self._levels(details, piece, distance_m)
         row = self._in_a_row(boxes, whole, eye, detail_px)
+        cut_off = ~whole
         if detail_px:
             keep = self._dots(vector_map, piece, boxes, distance_m, eye, 2 * detail_px)
-            whole, row = whole & keep, row & keep
-            outer = np.flatnonzero(keep & ~whole)
-        else:
-            outer = np.flatnonzero(~whole)
-        inner = np.flatnonzero(whole & ~row)
+            whole, row, cut_off = whole & keep, row & keep, cut_off & keep
+        inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(cut_off)
         some = np.concatenate([inner, outer])
         lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
         # Most pieces lie wholly in view, and cutting costs as much as all the rest.
