@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -447,3 +448,24 @@ def test_stamps_at_arrival_with_their_delay_are_stamps_of_measurement():
     for a, b in zip(timely, late, strict=True):
         assert (a.stamp_ns, a.height_m, a.latitude_rad) == (b.stamp_ns, b.height_m, b.latitude_rad)
         assert np.array_equal(a.q_nb, b.q_nb)
+
+
+def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
+    """Each fix comes before the IMU's sample of its time, so that its own answer says: held."""
+    flown = flight(duration_s=DURATION_S)
+    heard = []
+    navigation = Navigation(config_for(flown), heard.append)
+    samples = sorted(navigation_samples(flown), key=lambda s: s.stamp_ns - 10**7 * is_rtk(s))
+    answered = [navigation.process(sample).verdict for sample in samples]
+    counts = Counter((v.source.value, v.outcome.value) for v in heard)
+    told = dict(navigation.status().counts)
+    assert told.pop(("imu", "used")) > 0
+    assert counts == told
+    assert counts["rtk_position", "used"] > counts["rtk_position", "gated"] == 0
+    assert not any(v.used for v in answered if v.source is Source.RTK_POSITION)
+    fixes = [v for v in heard if v.used and v.source is Source.RTK_POSITION]
+    assert all(len(v.innovation) == 3 for v in fixes)
+
+
+def is_rtk(sample):
+    return isinstance(sample, PositionSample) and sample.source is Source.RTK_POSITION

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from tirgeo_ros.io.survey import (
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluation.evaluate import evaluate
 from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation
+from tirgeo_ros.tools.evaluation.tables import text_tables
 from tirgeo_ros.tools.simulate import simulate
 
 METHODS = ["raw", "rtk", "ekf", "ekf_heading"]
@@ -241,7 +243,8 @@ def test_without_a_ground_it_is_that_of_the_survey(sample, raw_flight):
 
 
 def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_path):
-    bag = cut(sample / "flight.mcap", tmp_path / "cut.mcap", without={"/rtk/heading", "/gps/fix"})
+    absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
+    bag = cut(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
     found = evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     assert [one.method for one in found.methods] == ["rtk", "ekf"]
     assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
@@ -298,19 +301,30 @@ def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     assert sum(point["observations"] for point in summary(found)["points"].values()) == 26
 
 
-def test_the_command(sample, tmp_path, capsys):
-    bag, survey, seen = files(sample)
+def test_the_tables(found):
+    lines = text_tables(summary(found)).splitlines()
+    assert lines[1].split() == ["point", *METHODS, "calibrated", "seen"]
+    located = next(line for line in lines if line.startswith("located"))
+    assert located.split() == ["located", "25", "25", "24", "24", "24", "of", "25"]
+    rmse = found.method("rtk").errors.point_rmse_m["P02"]
+    assert next(line for line in lines if line.startswith("P02")).split()[2] == f"{rmse:.3f}"
+    start = lines.index("paired t-test on these points, two-sided p-value")
+    table = [re.split(r"\s{2,}", line) for line in lines[start + 1 : start + 7]]
+    assert table[0][1:] == [row[0] for row in table[1:]] == [*METHODS, "calibrated"]
+    p_value = {(one.first, one.second): one.p_value for one in found.tests}["ekf", "ekf_heading"]
+    assert table[3][4] == table[4][3] == f"{p_value:.4f}" != "0.0000"
+    assert any(line.startswith("heading, deg") for line in lines)
+    assert "ekf: 1 x no trusted pose at that picture" in lines
+
+
+def test_the_command(sample, raw_flight, tmp_path, capsys):
+    bag, survey, seen = raw_flight
     words = ["evaluate", bag, "--survey", survey, "--observations", seen, "-o", tmp_path / "out"]
     words += ["--params", sample / "params.yaml", "--truth", sample / "truth.mcap"]
     assert main([str(word) for word in words]) == 0
     said, complaint = capsys.readouterr()
-    lines = said.splitlines()
-    assert lines[1].split() == ["point", *METHODS, "seen"]
-    assert "located               25          25          24          24       of 25" in lines
-    assert "paired t-test on these points, two-sided p-value" in lines
-    assert any(line.startswith("heading, deg") for line in lines)
-    assert "1 x no trusted pose at that picture" in said
-    assert complaint == ""
+    assert said.splitlines()[1].split() == ["point", "raw", "seen"]
+    assert "rtk is missing: needed topic absent: /rtk/fix" in complaint
     assert (tmp_path / "out" / "result.json").is_file()
 
 

@@ -51,10 +51,10 @@ def evaluate(
     """
     given = load_experiment(survey, observations, projection)
     setups = method_setups(params, boresight, dem, ground_height, namespace, given.heights_m)
-    flight = _Flight(BagReader(bag), setups, given, namespace)
     truly = None if truth is None else load_truth(Path(truth))
+    flight = _Flight(BagReader(bag), setups, given, namespace, truly)
     flight.read(progress)
-    methods = flight.results(truly)
+    methods = flight.results()
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
     checks = checks_of(given, sensors.image_stamps_ns)
     notes = [*ground_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
@@ -90,7 +90,7 @@ class _Run:
         reason = self.poses.registration.navigation.status().reason
         return f"no camera pose could be made{': ' if reason else ''}{reason}"
 
-    def result(self, camera: Camera, given: Experiment, truth: Truth | None) -> MethodResult:
+    def result(self, camera: Camera, given: Experiment) -> MethodResult:
         """What it found."""
         plane, setup = self.poses.plane, self.setup
         assert plane is not None
@@ -111,7 +111,7 @@ class _Run:
             self.series.innovations(),
             {f"{source} {outcome}": number for (source, outcome), number in status.counts.items()},
             setup.parameters,
-            None if truth is None else self.series.body_errors(truth),
+            self.series.body_errors(),
         )
 
 
@@ -119,7 +119,12 @@ class _Flight:
     """All methods over one bag. Raises CalibrationError where none can be run."""
 
     def __init__(
-        self, reader: BagReader, setups: Sequence[MethodSetup], given: Experiment, namespace: str
+        self,
+        reader: BagReader,
+        setups: Sequence[MethodSetup],
+        given: Experiment,
+        namespace: str,
+        truth: Truth | None,
     ) -> None:
         self.missing: dict[str, str] = {}
         self.notes: list[str] = []
@@ -128,19 +133,20 @@ class _Flight:
         self._reader = reader
         self._given = given
         self._namespace = namespace
+        self._truth = truth
         self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
         self.recorded.add(self.series)
         self._check_any(self._runs)
 
     def _begun(self, setup: MethodSetup) -> _Run | None:
         """A method that takes part, or None and a reason in ``missing``."""
-        series, method = MethodSeries(), setup.ekf.method
+        series, method = MethodSeries(self._truth), setup.ekf.method
         instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
         try:
             self._check_essential(method)
             poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
         except BagError as error:
-            self.missing[setup.method] = str(error)
+            self.missing[setup.method] = str(error).removeprefix(f"{self._reader.path}: ")
             return None
         absent = [self._name(topic) for topic in done_without(poses.topics, method)]
         if absent:
@@ -159,20 +165,18 @@ class _Flight:
         """Take the flight through all methods; ``progress`` is told seconds of it."""
         self.recorded.read_all(progress)
 
-    def results(self, truth: Truth | None) -> list[MethodResult]:
+    def results(self) -> list[MethodResult]:
         """Of the methods that have poses; the others become missing."""
         self.missing |= {run.setup.method: run.fault for run in self._runs if run.fault}
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
-        return [run.result(self.recorded.camera, self._given, truth) for run in runs]
+        return [run.result(self.recorded.camera, self._given) for run in runs]
 
     def _check_any(self, runs: Sequence[_Run]) -> None:
         if not runs:
             reasons: dict[str, list[str]] = {}
             for method, reason in self.missing.items():
-                reasons.setdefault(reason.removeprefix(f"{self._reader.path}: "), []).append(
-                    method
-                )
+                reasons.setdefault(reason, []).append(method)
             said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
             raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")
 

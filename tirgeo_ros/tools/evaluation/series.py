@@ -20,6 +20,7 @@ from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.samples import (
     Array,
+    BodyPose,
     CameraAttitudeSample,
     CameraPose,
     ImuSample,
@@ -48,9 +49,14 @@ _Q_OPTICAL_BODY = quat_conjugate(Q_BODY_OPTICAL)
 
 @final
 class MethodSeries:
-    """What a method makes of a flight over time (a Watcher)."""
+    """What a method makes of a flight over time (a Watcher).
 
-    def __init__(self) -> None:
+    With a truth, which only simulated flights have, every pose of the body is compared with it.
+    """
+
+    def __init__(self, truth: Truth | None = None) -> None:
+        self._truth = truth
+        self._bodies: list[BodyPose] = []  # in the truth's plane
         self._solutions: list[NavSolution] = []
         self._cameras: list[CameraPose] = []
         self._pending: list[Verdict] = []
@@ -67,19 +73,24 @@ class MethodSeries:
         for verdict in self._pending:
             self._verdicts[verdict.source].append((sample.stamp_ns, verdict))
         self._pending.clear()
-        solution = found.solution
-        if solution is not None and self._solution_rate.due(solution.stamp_ns):
-            self._solutions.append(solution)
+        if found.solution is not None:
+            self._keep(found.solution)
         self._cameras += [one for one in found.cameras if self._camera_rate.due(one.stamp_ns)]
+
+    def _keep(self, solution: NavSolution) -> None:
+        if self._solution_rate.due(solution.stamp_ns):
+            self._solutions.append(solution)
+        if self._truth is not None:
+            self._bodies.append(self._truth.plane.body_pose(solution))
 
     @property
     def has_poses(self) -> bool:
         """Whether there was any pose of the camera."""
         return bool(self._cameras)
 
-    def body_errors(self, truth: Truth) -> BodyErrors:
-        """The body's errors against the truth, once the filter has settled."""
-        return body_errors([truth.plane.body_pose(s) for s in self._solutions], truth, SETTLED_S)
+    def body_errors(self) -> BodyErrors | None:
+        """The body's errors once the filter has settled; None without a truth."""
+        return None if self._truth is None else body_errors(self._bodies, self._truth, SETTLED_S)
 
     def body(self, projection: Projection) -> PoseTrack:
         """The body's poses."""

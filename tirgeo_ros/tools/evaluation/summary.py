@@ -26,7 +26,7 @@ DEFINITIONS = {
     "rmse_m": "root mean square of all horizontal errors",
     "ce90_m": "90th percentile of all horizontal errors, linear between the two nearest",
     "inside_95": "located points whose surveyed place lies in their predicted ellipse of 95 %",
-    "against_truth": f"rms of the body's errors later than {SETTLED_S:g} s; position in space",
+    "against_truth": f"rms of the aircraft's own errors later than {SETTLED_S:g} s, by the truth",
     "p_value": "two-sided, of the paired t-test on point_rmse_m of the points that both have",
 }
 _OBSERVATION_COLUMNS = (
@@ -120,7 +120,6 @@ def _test(test: PairedTest) -> dict[str, object]:
         "points": test.points,
         "mean_difference_m": test.mean_difference_m,
         "t": test.t,
-        "against_truth": f"rms of the body's errors later than {SETTLED_S:g} s; position in space",
         "p_value": test.p_value,
         "note": test.note,
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-_WIDTH = 12
+_WIDTH = 13
 
 
 def text_tables(numbers: Mapping[str, Any]) -> str:
@@ -57,7 +57,7 @@ def _against_truth(numbers: Mapping[str, Any]) -> list[str]:
         return []
     rows = (("roll", "roll_deg"), ("pitch", "pitch_deg"), ("heading", "heading_deg"))
     lines = [
-        "the aircraft's own " + numbers["definitions"]["against_truth"],
+        numbers["definitions"]["against_truth"],
         _line("", list(found)),
     ]
     for title, key in (*rows, ("position", "position_m")):
