@@ -369,3 +369,22 @@ def test_boresight_of_the_parameters_is_applied():
         composer.add_body(body(10))
         found += composer.add_joints(JointSample(5 * MS, 0.1, 0.0, 0.0))
     assert heading(found[1]) - heading(found[0]) == pytest.approx(np.radians(3.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("computed", [False, True])
+def test_the_zero_of_the_yaw_encoder_is_taken_out_of_what_an_encoder_saw(computed):
+    def heading_of(zero_deg):
+        config = GimbalConfig(composition="encoders", yaw_zero_deg=zero_deg)
+        composer = GimbalComposer(config)
+        for stamp_ns in (0, 20_000_000):
+            composer.add_body(BodyPose(stamp_ns, np.zeros(3), np.eye(4)[0], np.eye(6) * 1e-4))
+        joints = JointSample(10_000_000, 0.3, 0.0, -0.5, computed=computed)
+        (pose,) = composer.add_joints(joints)
+        forward_n = matrix_from_quat(pose.q_nc)[:, 2]
+        assert composer.sees_joints is not computed
+        return np.degrees(np.arctan2(forward_n[1], forward_n[0]))
+
+    # the joint's axis is up, a heading turns about down: an angle sent 2 deg too large to the
+    # left stands for a camera 2 deg farther to the right
+    expected = 0.0 if computed else 2.0
+    assert heading_of(2.0) - heading_of(0.0) == pytest.approx(expected, abs=1e-9)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,7 @@ class GimbalComposer:
     def __init__(self, config: GimbalConfig) -> None:
         self._mount = Mount.from_config(config)
         self._choice = config.composition
+        self._yaw_zero_rad = config.yaw_zero_rad
         self._by_joints = config.composition == "encoders"
         self._computed = False  # the newest joints
         self._max_wait_ns = round(config.max_wait_s * 1e9)
@@ -93,6 +94,11 @@ class GimbalComposer:
     def composition(self) -> str:
         """The composition in use now: ``encoders`` or ``paper``."""
         return "encoders" if self._by_joints else "paper"
+
+    @property
+    def sees_joints(self) -> bool:
+        """Whether angles drive now that an encoder saw."""
+        return self._by_joints and not self._computed
 
     @property
     def counts(self) -> dict[str, int]:
@@ -156,11 +162,13 @@ class GimbalComposer:
         return self._resolve() if waits else []
 
     def add_joints(self, sample: JointSample) -> list[CameraPose]:
-        """Take the encoders' angles."""
+        """Take the encoders' angles; the zero of yaw is taken out of those that one saw."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         if not all(map(math.isfinite, angles)):
             self._counts["invalid"] += 1
             return []
+        if not sample.computed:
+            sample = replace(sample, yaw_rad=sample.yaw_rad - self._yaw_zero_rad)
         self._computed = sample.computed
         self._counts["joints_computed"] += sample.computed
         if self._choice == "auto":

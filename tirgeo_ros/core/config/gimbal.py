@@ -6,6 +6,7 @@ properties give them in the core's.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +107,13 @@ class GimbalConfig:
         low=-180,
         high=180,
     )
+    yaw_zero_deg: float = param(
+        0.0,
+        "yaw joint angle as gimbal/joint_states has it from an encoder, less the true one",
+        unit="deg",
+        low=-180,
+        high=180,
+    )
     encoder_sigma_deg: float = param(
         0.05, "standard deviation of a joint angle", unit="deg", low=0, high=90
     )
@@ -139,6 +147,11 @@ class GimbalConfig:
         high=2,
     )
     north: NorthConfig = group(NorthConfig)
+
+    @property
+    def yaw_zero_rad(self) -> float:
+        """The error of the yaw encoder's zero about body down, rad."""
+        return -math.radians(self.yaw_zero_deg)
 
     @property
     def lever_arm_b(self) -> Array:
