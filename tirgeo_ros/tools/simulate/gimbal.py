@@ -29,15 +29,22 @@ from tirgeo_ros.tools.simulate.sensors import Arrival, Autopilot, Epochs
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, local_axes
 
 _KNOT_S = 0.05
+_TILTING_S = 1.0  # a change of the commanded pitch takes so long
 
 
 class Gimbal:
-    """The true attitude and place of the camera as functions of time."""
+    """The true attitude and place of the camera as functions of time.
+
+    The camera looks past the gimbal's axes by the boresight, which neither encoders nor flight
+    controller see.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, trajectory: Trajectory) -> None:
         """Draw the wander of the camera and let its heading follow the flight's."""
         self._scenario = scenario.gimbal
         self._trajectory = trajectory
+        boresight = quat_from_euler(*scenario.gimbal.boresight_rpy_rad)
+        self._q_gc = quat_multiply(boresight, Q_BODY_OPTICAL)
         knots_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
         nose = trajectory.motion(knots_s).heading_rad
         self._heading = Spline(_lagging(nose, scenario.gimbal.lag_s)[:, None], _KNOT_S)
@@ -55,7 +62,7 @@ class Gimbal:
     def rotation_pg(self, t_s: Array) -> Array:
         """(N, 3, 3) true camera attitude in the plane of the site."""
         roll, pitch = self._wander(t_s).T
-        pitch = pitch + math.radians(self._scenario.pitch_deg)
+        pitch = pitch + commanded_pitch_rad(self._scenario, t_s)
         return matrix_from_euler(roll, pitch, self._heading(t_s)[:, 0])
 
     def camera(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
@@ -64,7 +71,7 @@ class Gimbal:
         motion = self._trajectory.motion(times)
         rotation = self.rotation_pg(times)
         pivot_p, _ = motion.at_arm(self._scenario.lever_arm_b)
-        q_pc = quat_multiply(quat_from_matrix(rotation), Q_BODY_OPTICAL)
+        q_pc = quat_multiply(quat_from_matrix(rotation), self._q_gc)
         return pivot_p + rotation @ self._scenario.camera_offset_g, q_pc
 
 
@@ -101,7 +108,13 @@ def _reported(
     camera = euler_from_matrix(rotation_pg)[:, 2]
     aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + encoder_noise_rad
     heading = nose + aside + north_bias_rad(scenario.gimbal, motion.t_s)
-    return quat_from_euler(0.0, math.radians(scenario.gimbal.pitch_deg), heading)
+    return quat_from_euler(0.0, commanded_pitch_rad(scenario.gimbal, motion.t_s), heading)
+
+
+def commanded_pitch_rad(gimbal: GimbalScenario, t_s: Array) -> Array:
+    """(N,) the camera's pitch that the gimbal is told to hold."""
+    changed = np.clip((t_s - gimbal.pitch_step_s) / _TILTING_S, 0.0, 1.0)
+    return np.radians(gimbal.pitch_deg + gimbal.pitch_step_deg * changed)
 
 
 def north_bias_rad(gimbal: GimbalScenario, t_s: Array) -> Array:

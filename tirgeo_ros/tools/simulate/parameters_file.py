@@ -1,4 +1,8 @@
-"""The parameters with which the nodes fit a simulated flight."""
+"""The parameters with which the nodes fit a simulated flight.
+
+They are what the integrator of such an aircraft knows. A boresight error of the scenario is not
+among them: ``tirgeo calibrate boresight`` finds it.
+"""
 
 from __future__ import annotations
 

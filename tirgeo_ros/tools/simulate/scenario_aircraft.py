@@ -143,6 +143,16 @@ class GimbalScenario:
 
     rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
     pitch_deg: float = param(-30.0, "commanded camera pitch", unit="deg", low=-90, high=30)
+    pitch_step_deg: float = param(
+        0.0,
+        "change of that pitch, within a second from pitch_step_s on",
+        unit="deg",
+        low=-90,
+        high=90,
+    )
+    pitch_step_s: float = param(
+        0.0, "when it changes, from the start of the flight", unit="s", low=0, high=7200
+    )
     lag_s: float = param(
         0.35, "time constant with which it follows the nose", unit="s", low=0.02, high=60
     )
@@ -181,6 +191,20 @@ class GimbalScenario:
         low=-100,
         high=100,
     )
+
+    boresight_rpy_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "true mounting error of the camera, not in params.yaml (roll, pitch, yaw about the "
+        "camera's forward, left, up)",
+        unit="deg",
+        low=-45,
+        high=45,
+    )
+
+    @property
+    def boresight_rpy_rad(self) -> Array:
+        """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
+        return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))
 
     @property
     def lever_arm_b(self) -> Array:
