@@ -1,0 +1,148 @@
+"""Boresight, latency and their like from a recorded flight: ``tirgeo calibrate boresight``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from tirgeo_ros.core.boresight import PARAMETERS
+from tirgeo_ros.core.boresight_doubts import UNASKED_SHARE, Doubt, check_numbers, doubt
+from tirgeo_ros.core.boresight_fit import Fit, fit, foreseen
+from tirgeo_ros.core.errors import CalibrationError
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.parameter_file import Files
+from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.tools.boresight_flight import Configs, ReadFlight, read_flight
+from tirgeo_ros.tools.boresight_result import parameter_text, summary
+from tirgeo_ros.tools.node_configs import node_configs
+from tirgeo_ros.tools.progress import Report, silent
+
+#: What is estimated where nothing is asked for, and what only if the flight can tell it.
+USUAL = ("roll", "pitch", "yaw", "latency")
+IF_TOLD = "gimbal_north"
+#: How well an operator hits a point in a thermal picture, px, one standard deviation per axis.
+CLICK_SIGMA_PX = 1.0
+_SEEN_SHARE = 4.0  # of LIMITS: beyond 2 deg of sigma a test of it means nothing
+_SURE_SIGMAS = 3.0  # three in a thousand flights by chance
+_FOLLOWED = (
+    "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
+    "nothing to find; leave it out"
+)
+
+
+def calibrate_boresight(
+    bag_in: PathLike,
+    survey: PathLike,
+    observations: PathLike,
+    output: PathLike,
+    *,
+    params: Files = None,
+    estimate: Sequence[str] | None = None,
+    hold: Collection[str] = (),
+    namespace: str = "",
+    click_sigma_px: float = CLICK_SIGMA_PX,
+    plot: PathLike | None = None,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Write the parameters that a flight over surveyed points shows; a summary.
+
+    ``estimate`` are names of ``core.boresight.PARAMETERS``; None: USUAL, and IF_TOLD where the
+    flight can tell it. Those in ``hold`` stay as ``params`` has them. ``plot`` is a PNG of the
+    residuals. Raises CalibrationError where the flight cannot tell what is asked for, BagError,
+    ConfigError, SurveyError.
+    """
+    _check_outputs((bag_in, survey, observations), [one for one in (output, plot) if one])
+    configs = Configs(*node_configs(params, namespace, None, None, None))
+    asked = (*USUAL, IF_TOLD) if estimate is None else estimate
+    wanted = [name for name in asked if name not in hold]
+    _check_ground(wanted, configs)
+    seen, points = load_observations(observations), load_survey(survey)
+    reader = BagReader(bag_in)
+    read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
+    try:
+        found, notes = _fitted(read, wanted, strict=estimate is not None)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+    result = summary(read, configs, found)
+    contents: dict[PathLike, str | bytes] = {output: parameter_text(bag_in, result)}
+    if plot is not None:
+        from tirgeo_ros.tools.boresight_plot import residual_plot  # noqa: PLC0415  matplotlib
+
+        contents[plot] = residual_plot(read.flight.camera, read.sightings, found)
+    write_files(contents, CalibrationError)
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in contents],
+        **result.as_dict(),
+        "unknown_ids": read.unknown,
+        "without_pose": read.lost,
+        "notes": read.notes + notes + result.notes,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> None:
+    places = [Path(one).resolve() for one in (*inputs, *outputs)]
+    for place, path in zip(places[len(inputs) :], outputs, strict=True):
+        if places.count(place) > 1:
+            raise CalibrationError(f"{os.fspath(path)}: is an input or another output too")
+
+
+def _check_ground(wanted: Sequence[str], configs: Configs) -> None:
+    if "ground_height" in wanted and configs.overlay.dem:
+        raise CalibrationError(
+            "ground_height: overlay_node takes the ground from its dem; take that out of the "
+            "parameters, or ground_height out of the list"
+        )
+
+
+def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, list[str]]:
+    """The fit, and notes on what was left out of it; ``strict``: nothing may be."""
+    check_numbers(read.sightings)
+    notes = []
+    why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
+    if why is not None:
+        wanted = [name for name in wanted if name != IF_TOLD]
+        notes.append(f"{IF_TOLD} held at its present value: {why}")
+    _refuse(doubt(read.flight, read.sightings, wanted, _foreseen(read, wanted)))
+    found = fit(read.flight, read.sightings, wanted)
+    _refuse(doubt(read.flight, read.sightings, wanted, found.covariance))
+    return found, notes
+
+
+def _foreseen(read: ReadFlight, wanted: Sequence[str]) -> Array:
+    return foreseen(read.flight, read.sightings, wanted)
+
+
+def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
+    """Why the gimbal's north is better held; None where it is told. Raises if ``strict``."""
+    if read.follows_north and strict:
+        raise CalibrationError(_FOLLOWED)
+    if read.follows_north:
+        return _FOLLOWED
+    if strict:
+        return None
+    covariance = _foreseen(read, wanted)
+    found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
+    if found is None or _is_off(read, wanted, covariance):
+        return None
+    if IF_TOLD not in found.names:
+        return "this flight leaves too much uncertain for it"
+    return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
+
+
+def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
+    """Whether the gimbal's north is seen, if not well, and is surely not as it is held."""
+    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is not None:
+        return False
+    trial = fit(read.flight, read.sightings, wanted)
+    change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
+    return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
+
+
+def _refuse(found: Doubt | None) -> None:
+    if found is not None:
+        raise CalibrationError(str(found))
