@@ -242,6 +242,32 @@ def test_without_a_ground_it_is_that_of_the_survey(sample, raw_flight):
     assert "the median of the survey's heights" in found.notes[0]
 
 
+def test_on_an_elevation_model(sample, raw_flight, tmp_path):
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    path = tmp_path / "dem.tif"
+    shape = {"height": 100, "width": 100, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    transform = rasterio.transform.from_origin(116.695, 39.855, 1e-4, 1e-4)
+    with rasterio.open(path, "w", driver="GTiff", transform=transform, **shape) as out:
+        out.write(np.full((1, 100, 100), 11.5, np.float32))
+    level = evaluate(*raw_flight, params=sample / "params.yaml")
+    raster = evaluate(*raw_flight, params=sample / "params.yaml", dem=path)
+    assert raster.method("raw").ground_words == f"elevation model {path}"
+    # parabolas along the ray are true to 0.1 mm in height, seen at 10 deg and more
+    apart = raster.method("raw").errors.error_en - level.method("raw").errors.error_en
+    assert np.abs(apart).max() < 1e-3
+
+
+def test_an_aircraft_in_a_namespace(raw_flight, tmp_path):
+    bag, survey, seen = raw_flight
+    with BagWriter(tmp_path / "uav1.mcap") as writer:
+        for item in BagReader(bag).messages():
+            writer.write(f"/uav1{item.topic}", item.typename, item.data, item.log_time_ns)
+    plain = evaluate(bag, survey, seen)
+    named = evaluate(tmp_path / "uav1.mcap", survey, seen, namespace="uav1")
+    expected = plain.method("raw").errors.error_en
+    np.testing.assert_array_equal(named.method("raw").errors.error_en, expected)
+
+
 def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_path):
     absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
     bag = cut(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
