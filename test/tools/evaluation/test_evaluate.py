@@ -88,6 +88,7 @@ def test_the_boresight_file_stands_before_the_parameters(found):
     assert turned.parameters["gimbal_node"]["boresight_rpy_deg"] == (0.0, 0.0, 5.0)
     assert plain.parameters["gimbal_node"]["boresight_rpy_deg"] == (0.0, 0.0, 0.0)
     assert turned.parameters["ekf_node"]["method"] == "ekf_heading"
+    assert "calibrated: a measure only on points that its boresight is not from" in found.notes
     i = np.searchsorted(plain.camera.stamp_ns, [one.stamp_ns for one in plain.located])
     cameras = np.stack([plain.camera.east_m, plain.camera.north_m], -1)[i]
     before, after = (

@@ -15,7 +15,7 @@ from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of
 from tirgeo_ros.tools.evaluation.ground import Experiment, load_experiment, locate_observations
 from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult
 from tirgeo_ros.tools.evaluation.series import MethodSeries, SensorSeries
-from tirgeo_ros.tools.evaluation.setups import MethodSetup, ground_notes, method_setups
+from tirgeo_ros.tools.evaluation.setups import MethodSetup, method_setups, setup_notes
 from tirgeo_ros.tools.evaluation.t_test import paired_tests
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.inputs import done_without, resolved
@@ -57,7 +57,7 @@ def evaluate(
     methods = flight.results()
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
     checks = checks_of(given, sensors.image_stamps_ns)
-    notes = [*ground_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
+    notes = [*setup_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
     return Evaluation(
         os.fspath(bag),
         os.fspath(survey),

@@ -91,8 +91,8 @@ def _setup(
     return MethodSetup(name, ekf, gimbal, overlay, ground, words)
 
 
-def ground_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
-    """How far the survey lies off level ground, and what the elevation models say."""
+def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
+    """How far the survey lies off level ground, what else to know of grounds and methods."""
     notes: list[str] = []
     for setup in setups:
         if isinstance(setup.ground, Terrain):
@@ -103,4 +103,6 @@ def ground_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float
                 f"ground {setup.ground_words}; the observed points' heights are "
                 f"{min(off):+.2f} to {max(off):+.2f} m from it"
             )
+    if any(setup.method == CALIBRATED for setup in setups):
+        notes.append(f"{CALIBRATED}: a measure only on points that its boresight is not from")
     return list(dict.fromkeys(notes))
