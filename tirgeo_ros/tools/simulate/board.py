@@ -1,0 +1,238 @@
+"""Pictures of a thermal checkerboard through a lens: foil that mirrors a cold sky on dark squares.
+
+Every pixel is divided, each part's ray is cut with the board's plane, and what it meets is
+blurred, averaged, put behind a vignette and given noise. Nothing of OpenCV's geometry is in it,
+so that a calibration can be held against the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.attitude import matrix_from_euler, rotation_z
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checkerboard import Checkerboard
+from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.samples import Array
+
+Picture = npt.NDArray[Any]  # uint8 or uint16
+Floats = npt.NDArray[np.float32]
+
+_MARGIN_SQUARES = 1.5  # of plain board around the outer squares
+_EDGE_PX = 8.0  # that corners keep from the picture's edge
+_TRIES = 2000
+
+
+@dataclass(frozen=True)
+class BoardLook:
+    """How a board appears; levels in grey values of 8 bits, of a 16-bit picture times ``gain``."""
+
+    board: float = 118.0  # the bare squares and the margin
+    foil: float = 92.0  # colder: copper mirrors the sky
+    wall: float = 105.0  # what is behind the board
+    unevenness: float = 4.0  # standard deviation from square to square
+    gradient: float = 6.0  # from one end of the board to the other
+    blur_px: float = 0.9  # standard deviation of the optics' point spread
+    motion_px: tuple[float, float] = (0.0, 0.0)  # of the picture while a frame is taken
+    noise: float = 1.5  # standard deviation of a pixel
+    vignetting: float = 0.12  # loss in the corners
+    bits: int = 8
+    gain: float = 40.0  # of 16 bits: about 40 mK a grey value
+    offset: float = 20000.0
+
+
+class BoardView(NamedTuple):
+    """A picture and the truth behind it."""
+
+    image: Picture  # (h, w) uint8 or uint16
+    rotation_cb: Array  # (3, 3) board to optical frame
+    position_c: Array  # (3,) m, the board's first corner
+    corners_px: Array  # (count, 2) the board's corners; nan where the lens model ends
+
+
+class BoardRenderer:
+    """Draws boards through a camera; ``parts`` x ``parts`` rays a pixel."""
+
+    def __init__(self, camera: Camera, board: Checkerboard, parts: int = 2) -> None:
+        """Compute the rays once."""
+        self.camera, self.board, self._parts = camera, board, parts
+        width, height = camera.width * parts, camera.height * parts
+        u = (np.arange(width) + 0.5) / parts - 0.5
+        v = (np.arange(height) + 0.5) / parts - 0.5
+        rays = camera.rays(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))
+        self._rays: Floats = rays.reshape(height, width, 3).astype(np.float32)
+        coarse = self._rays[parts // 2 :: parts, parts // 2 :: parts, :2]
+        off_axis = np.nan_to_num((coarse**2).sum(-1))
+        self._falloff: Floats = np.asarray(off_axis / off_axis.max(), np.float32)
+
+    def view(
+        self, rotation_cb: Array, position_c: Array, look: BoardLook, rng: np.random.Generator
+    ) -> BoardView:
+        """A picture of the board from a pose: (3, 3), (3,) m."""
+        levels = self._levels(look, rng)
+        column, row = self._met(rotation_cb, position_c)
+        drawn = _looked_up(levels, column, row, look)
+        image = self._sensed(drawn, look, rng)
+        points_c = self.board.points_m @ rotation_cb.T + position_c
+        return BoardView(image, rotation_cb, position_c, self.camera.project(points_c)[0])
+
+    def _met(self, rotation_cb: Array, position_c: Array) -> tuple[Floats, Floats]:
+        """Where every ray meets the board's plane, in squares from the first corner."""
+        plane = np.column_stack([rotation_cb[:, :2] * self.board.square_m, position_c])
+        to_board = np.linalg.inv(plane).astype(np.float32)
+        x, y, w = np.moveaxis(self._rays @ to_board.T, -1, 0)
+        ahead = w > 1e-6  # nan where the lens model ends
+        scale = np.where(ahead, w, np.float32(np.nan))
+        return x / scale, y / scale
+
+    def _levels(self, look: BoardLook, rng: np.random.Generator) -> Floats:
+        """(rows + 1, columns + 1) temperature of every square."""
+        shape = self.board.rows + 1, self.board.columns + 1
+        row, column = np.indices(shape)
+        levels = np.where((row + column) % 2 == 0, look.foil, look.board)
+        levels = levels + look.gradient * (column / shape[1] - 0.5)
+        return np.asarray(levels + rng.normal(0, look.unevenness, shape), np.float32)
+
+    def _sensed(self, drawn: Floats, look: BoardLook, rng: np.random.Generator) -> Picture:
+        parts = self._parts
+        blurred = cv2.GaussianBlur(drawn, (0, 0), look.blur_px * parts)
+        if any(look.motion_px):
+            blurred = _smeared(blurred, np.array(look.motion_px) * parts)
+        height, width = self._falloff.shape
+        mean = np.asarray(blurred).reshape(height, parts, width, parts).mean((1, 3))
+        seen = mean * (1 - look.vignetting * self._falloff)
+        seen = seen + rng.normal(0, look.noise, seen.shape)
+        if look.bits == 16:
+            raw = np.clip(np.rint(seen * look.gain + look.offset), 0, 65535)
+            return np.asarray(raw, np.uint16)
+        return np.asarray(np.clip(np.rint(seen), 0, 255), np.uint8)
+
+
+def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
+    """The level around places of the board's plane; square (0, 0) is before the first corner.
+
+    Each part of a pixel has the mean over its own footprint, so that edges which run along the
+    pixels' rows are not moved to the next part.
+    """
+    padded = np.pad(levels, 2, constant_values=np.float32(look.board))
+    size = np.array(levels.shape) - 1
+    beside = np.maximum(
+        np.maximum(-row, row - size[0] + 1), np.maximum(-column, column - size[1] + 1)
+    )
+    i, below = _edge(row, len(padded))
+    j, right = _edge(column, padded.shape[1])
+    upper = padded[i, j] * (1 - right) + padded[i, j + 1] * right
+    lower = padded[i + 1, j] * (1 - right) + padded[i + 1, j + 1] * right
+    drawn = upper * (1 - below) + lower * below
+    with np.errstate(invalid="ignore"):
+        on_board = beside < 1 + _MARGIN_SQUARES
+    return np.asarray(np.where(on_board, drawn, look.wall), np.float32)
+
+
+def _edge(place: Floats, count: int) -> tuple[npt.NDArray[np.intp], Floats]:
+    """The padded square before the nearest edge, and the share of a footprint beyond that edge."""
+    footprint = sum(np.abs(np.gradient(place, axis=axis)) for axis in (0, 1))
+    nearest = np.nan_to_num(np.rint(place))
+    with np.errstate(invalid="ignore"):
+        share = np.clip((place - nearest) / np.maximum(footprint, 1e-9) + 0.5, 0, 1)
+    before = np.clip(nearest + 2, 0, count - 2).astype(np.intp)
+    return before, np.nan_to_num(share).astype(np.float32)
+
+
+def _smeared(image: Any, motion: Array) -> Any:
+    """The mean over a straight motion (columns, rows) of the picture."""
+    steps = math.ceil(np.hypot(*motion)) + 1
+    half = math.ceil(np.abs(motion).max() / 2) + 1
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for share in np.linspace(-0.5, 0.5, steps):
+        column, row = np.rint(half + share * motion).astype(int)
+        kernel[row, column] += 1 / steps
+    return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def board_views(
+    camera: Camera,
+    board: Checkerboard,
+    count: int,
+    seed: int,
+    look: BoardLook | None = None,
+    *,
+    most_tilt_deg: float = 45.0,
+    parts: int = 2,
+) -> list[BoardView]:
+    """Views as one takes them to calibrate: all over the frame, tilted, near and far."""
+    renderer = BoardRenderer(camera, board, parts)
+    rng = np.random.default_rng(seed)
+    poses = calibration_poses(camera, board, count, rng, most_tilt_deg)
+    return [renderer.view(*pose, look or BoardLook(), rng) for pose in poses]
+
+
+def calibration_poses(
+    camera: Camera,
+    board: Checkerboard,
+    count: int,
+    rng: np.random.Generator,
+    most_tilt_deg: float = 45.0,
+) -> Iterator[tuple[Array, Array]]:
+    """Poses (rotation_cb, position_c) with all corners in the picture, one in four upside down.
+
+    Raises ValueError where the board does not fit into the picture.
+    """
+    found = 0
+    for _ in range(_TRIES * count):
+        if found == count:
+            return
+        pose = _pose(camera, board, rng, math.radians(most_tilt_deg), found % 4 == 3)
+        if _fits(camera, board, *pose):
+            found += 1
+            yield pose
+    if found < count:
+        raise ValueError("the board does not fit into the picture")
+
+
+def _pose(
+    camera: Camera,
+    board: Checkerboard,
+    rng: np.random.Generator,
+    most_tilt_rad: float,
+    upside_down: bool,
+) -> tuple[Array, Array]:
+    """A random pose whose middle is somewhere in the picture."""
+    turn = rng.normal(0, 0.25) + math.pi * upside_down
+    about, tilt = rng.uniform(0, 2 * math.pi), rng.uniform(0, most_tilt_rad)
+    rotation = np.asarray(cv2.Rodrigues(tilt * np.array([math.cos(about), math.sin(about), 0]))[0])
+    rotation = rotation @ rotation_z(turn)
+    long_m = max(board.columns, board.rows) * board.square_m
+    depth = long_m * camera.fx / (camera.width * rng.uniform(0.4, 0.85))
+    pixel = rng.uniform([0, 0], [camera.width, camera.height])
+    middle = camera.rays(pixel[None])[0] * depth
+    return rotation, middle - rotation @ board.points_m.mean(0)
+
+
+def _fits(camera: Camera, board: Checkerboard, rotation: Array, position: Array) -> bool:
+    corners, valid = camera.project(board.points_m @ rotation.T + position)
+    inside = (corners > _EDGE_PX) & (corners < [camera.width - _EDGE_PX, camera.height - _EDGE_PX])
+    return bool(valid.all() and inside.all())
+
+
+def gimbal_pose(
+    board: Checkerboard, angles_rad: Array, distance_m: float, followed: float = 0.0
+) -> tuple[Array, Array]:
+    """Pose (rotation_cb, position_c) of a board on a wall for a camera's roll, pitch, yaw (3,).
+
+    The angles are the camera's against the board's normal. It turns about its own place, straight
+    before the board's middle, or is carried about the board by the share ``followed`` of each
+    angle, so that the board stays in the picture.
+    """
+    rotation_gw = matrix_from_euler(*angles_rad).T
+    rotation_cb = BODY_OPTICAL.T @ rotation_gw @ BODY_OPTICAL
+    carried = matrix_from_euler(*(np.asarray(angles_rad) * [0.0, followed, followed]))
+    away = BODY_OPTICAL.T @ carried @ [distance_m, 0.0, 0.0]
+    return rotation_cb, rotation_cb @ (away - board.points_m.mean(0))
