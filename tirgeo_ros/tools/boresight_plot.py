@@ -20,7 +20,7 @@ _LONGEST_PX = 60.0
 def residual_plot(camera: Camera, sightings: Sequence[Sighting], found: Fit) -> bytes:
     """A PNG: at every observation an arrow to where its point was expected, left out ones too."""
     uv = np.array([one.uv for one in sightings])
-    made, axes = figure(10.0, 4.6, 1, 2, sharex=True, sharey=True)
+    made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)
     for panel, title, residuals in zip(
         axes, ("before", "after"), (found.before, found.after), strict=True
     ):
@@ -58,6 +58,4 @@ def _panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
             color=colour,
             width=0.003,
         )
-    panel.text(
-        0.01, 0.01, f"longest arrow {longest:.1f} px", transform=panel.transAxes, fontsize=8
-    )
+    panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)

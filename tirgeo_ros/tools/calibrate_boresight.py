@@ -109,7 +109,14 @@ def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, 
         notes.append(f"{IF_TOLD} held at its present value: {why}")
     _refuse(doubt(read.flight, read.sightings, wanted, _foreseen(read, wanted)))
     found = fit(read.flight, read.sightings, wanted)
-    _refuse(doubt(read.flight, read.sightings, wanted, found.covariance))
+    left = doubt(read.flight, read.sightings, wanted, found.covariance)
+    if left is not None and found.noise_factor > 1:
+        raise CalibrationError(
+            f"{', '.join(left.names)}: residuals {found.noise_factor:.1f} times as large as "
+            "clicks and poses are expected to be off leave too much open: are lens, survey, lever "
+            "arms and what is held right?"
+        )
+    _refuse(left)
     return found, notes
 
 
