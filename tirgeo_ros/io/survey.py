@@ -19,6 +19,7 @@ T = TypeVar("T")
 
 _SURVEY_COLUMNS = ("id", "lat", "lon", "h")
 _OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
+_MARK_COLUMNS = ("id", "column", "row")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,15 @@ class Observation:
     stamp_ns: int  # of the picture's header
     u: float  # column, px
     v: float  # row, px
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A ground point in one picture, an orthophoto say."""
+
+    id: str
+    column: float  # px
+    row: float  # px
 
 
 def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
@@ -64,6 +74,13 @@ def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> 
 def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
     """Observations of a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
     return _csv_rows(path, _text(path), _OBSERVATION_COLUMNS, _observation_of_row)
+
+
+def load_marks(path: str | os.PathLike[str]) -> list[Mark]:
+    """Marks of a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
+    marks = _csv_rows(path, _text(path), _MARK_COLUMNS, _mark_of_row)
+    _refuse_repeated(path, marks)
+    return marks
 
 
 def save_observations(path: str | os.PathLike[str], observations: Sequence[Observation]) -> None:
@@ -139,6 +156,13 @@ def _observation_of_row(row: dict[str, str]) -> Observation:
     return Observation(_name(row), int(row["stamp_ns"]), u, v)
 
 
+def _mark_of_row(row: dict[str, str]) -> Mark:
+    column, line = float(row["column"]), float(row["row"])
+    if not (math.isfinite(column) and math.isfinite(line)):
+        raise ValueError
+    return Mark(_name(row), column, line)
+
+
 def _name(row: dict[str, str]) -> str:
     name = (row["id"] or "").strip()
     if not name:
@@ -153,7 +177,9 @@ def _point(name: str, latitude_deg: float, longitude_deg: float, height_m: float
     return SurveyPoint(name, math.radians(latitude_deg), math.radians(longitude_deg), height_m)
 
 
-def _refuse_repeated(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> None:
+def _refuse_repeated(
+    path: str | os.PathLike[str], points: Sequence[SurveyPoint] | Sequence[Mark]
+) -> None:
     seen: set[str] = set()
     for point in points:
         if point.id in seen:
