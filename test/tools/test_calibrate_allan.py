@@ -15,9 +15,9 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.errors import BagError, CalibrationError
 from tirgeo_ros.io.bag import BagWriter
 from tirgeo_ros.io.parameter_file import ParameterFile
-from tirgeo_ros.tools.bench_allan import write_imu
 from tirgeo_ros.tools.calibrate_allan import calibrate_allan
 from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 RATE_HZ = 50
 STEP_NS = 1_000_000_000 // RATE_HZ

@@ -9,17 +9,11 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.static_imu import write_static
 
-from tirgeo_ros.core.sample_grid import Stamps
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
-
-_HOURS, _RATE_HZ = 5.0, 100.0
-_BLOCK = 1 << 14
-_TYPE = "sensor_msgs/msg/Imu"
-_WHITE = (1.7e-4, 1.3e-2)  # rad/sqrt(s), m/s/sqrt(s)
-_GRAVITY = 9.8
+_HOURS = 5.0
 _SCRIPT = """\
 import json, resource, sys
 from tirgeo_ros.tools.calibrate_allan import calibrate_allan
@@ -41,7 +35,7 @@ class AllanCost(NamedTuple):
 def allan_cost(work: Path, hours: float = _HOURS) -> AllanCost:
     """Write a bag of so many hours into ``work`` and calibrate from it."""
     bag = work / "still.mcap"
-    write_still(bag, round(hours * 3600 * _RATE_HZ))
+    write_static(bag, hours, Scenario(), seed=1)
     begun = time.perf_counter()
     run = subprocess.run(  # noqa: S603 this very Python
         [sys.executable, "-c", _SCRIPT, bag, work / "imu.yaml"],
@@ -52,55 +46,6 @@ def allan_cost(work: Path, hours: float = _HOURS) -> AllanCost:
     duration_s = time.perf_counter() - begun
     found = json.loads(run.stdout)
     return AllanCost(found["samples"], duration_s, _reading(bag), found["peak"] / 1024)
-
-
-def write_still(path: Path, samples: int, seed: int = 1) -> None:
-    """A bag of an IMU at rest: white noise alone, as its amount of work is that of any."""
-    rng = np.random.default_rng(seed)
-    step_ns = round(1e9 / _RATE_HZ)
-    with BagWriter(path) as bag:
-        for first in range(0, samples, _BLOCK):
-            number = min(_BLOCK, samples - first)
-            values = rng.standard_normal((number, 6)) * np.repeat(_WHITE, 3) * _RATE_HZ**0.5
-            values[:, 5] += _GRAVITY
-            write_imu(bag, np.arange(first + 1, first + number + 1) * step_ns, values)
-
-
-def write_imu(bag: BagWriter, stamps_ns: Stamps, values: Array, frame: str = "base_link") -> None:
-    """Messages of ``/imu/data``: stamps (n,), rates and specific forces (n, 6) FLU.
-
-    Logged as they come: at their stamps, but never before the one before.
-    """
-    template = _template(Cdr(), frame)
-    logs_ns = np.maximum.accumulate(stamps_ns).tolist()
-    for log_ns, stamp_ns, row in zip(logs_ns, stamps_ns.tolist(), values, strict=True):
-        bag.write("/imu/data", _TYPE, _message(template, stamp_ns, row), log_ns)
-
-
-def _template(cdr: Cdr, frame: str) -> bytes:
-    kinds = {
-        name: cdr.types(f"{package}/msg/{name}")
-        for package, name in (
-            ("std_msgs", "Header"),
-            ("builtin_interfaces", "Time"),
-            ("geometry_msgs", "Quaternion"),
-            ("geometry_msgs", "Vector3"),
-        )
-    }
-    header = kinds["Header"](kinds["Time"](0, 0), frame)
-    zero, covariance = kinds["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
-    turn = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)
-    parts = (header, turn, covariance, zero, covariance, zero, covariance)
-    return cdr.serialize(cdr.types(_TYPE)(*parts), _TYPE)
-
-
-def _message(template: bytes, stamp_ns: int, row: Array) -> bytes:
-    """The template with another stamp and other numbers, which stand before two covariances."""
-    made = bytearray(template)
-    made[4:12] = np.array(divmod(stamp_ns, 1_000_000_000), "<u4").tobytes()
-    values = row.astype("<f8").tobytes()
-    made[-192:-168], made[-96:-72] = values[:24], values[24:]
-    return bytes(made)
 
 
 def _reading(path: Path) -> float:

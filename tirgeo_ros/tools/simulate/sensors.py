@@ -82,6 +82,15 @@ def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
     return ImuBias(scenario.noise_scale * gyro, scenario.noise_scale * accel)
 
 
+def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Array]:
+    """White noise (count, 3) of rate (rad/s) and specific force (m/s2), FRD: Table 5's walks."""
+    # A random walk of N per root second is white noise of N / sqrt(dt) a sample.
+    scale = scenario.noise_scale * math.sqrt(scenario.rate_hz)
+    draws = scale * generator(seed, "imu white").standard_normal((2, count, 3))
+    walks = scenario.noise.angle_random_walk, scenario.noise.velocity_random_walk
+    return draws[0] * np.array(walks[0]), draws[1] * np.array(walks[1])
+
+
 class Autopilot:
     """The autopilot's own attitude: the truth with slow errors in heading, roll and pitch."""
 
@@ -117,12 +126,8 @@ def imu_samples(
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     motion = trajectory.motion(epochs.t_s)
     force, rate = trajectory.inertial(motion)
-    noise, rng = scenario.imu.noise, generator(seed, "imu white")
-    # A random walk of N per root second is white noise of N / sqrt(dt) a sample.
-    white = scenario.imu.noise_scale * math.sqrt(scenario.imu.rate_hz)
-    draws = white * rng.standard_normal((2, *force.shape))
-    rate = rate + bias.gyro_b + draws[0] * np.array(noise.angle_random_walk)
-    force = force + bias.accel_b + draws[1] * np.array(noise.velocity_random_walk)
+    white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
+    rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
     rotation_nb = _rotation_nb(trajectory, motion)
     q_nb = quat_from_euler(*pilot.euler_rad(motion, rotation_nb).T)
     return [

@@ -1,0 +1,135 @@
+"""A record of the simulated IMU at rest, for ``tirgeo calibrate allan``.
+
+``python -m tirgeo_ros.tools.simulate.static_imu -o static.mcap --hours 5``
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.geodesy import gravity_down
+from tirgeo_ros.core.sample_grid import Stamps
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.tools.progress import Progress, Report, silent
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
+from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
+
+_TOPIC, _TYPE = "/imu/data", "sensor_msgs/msg/Imu"
+_BLOCK = 1 << 14  # messages made at a time
+# Numbers of a message from its end: force, covariance (9); rate, covariance (9) before them.
+_FORCE_AT, _RATE_AT = -(3 + 9) * 8, -2 * (3 + 9) * 8
+
+
+def write_static(
+    path: Path, hours: float, scenario: Scenario, seed: int, progress: Report = silent
+) -> int:
+    """Write so many hours of an IMU that lies level; the number of messages.
+
+    The errors are those of the scenario's flights: white noise, a turn-on bias and Gauss-Markov
+    ones. The Earth's rate is left out: a constant, as the turn-on bias is. Raises BagError.
+    """
+    imu, site = scenario.imu, scenario.site
+    count = round(hours * 3600 * imu.rate_hz)
+    bias, white = imu_bias(imu, seed, count), imu_white(imu, seed, count)
+    gravity = gravity_down(np.radians(site.latitude_deg), site.ground_height_m)
+    rate_b, force_b = bias.gyro_b + white[0], bias.accel_b + white[1] - [0.0, 0.0, gravity]
+    with BagWriter(path) as bag:
+        for first in range(0, count, _BLOCK):
+            some = slice(first, min(first + _BLOCK, count))
+            steps = np.arange(some.start, some.stop)
+            stamps = scenario.start_ns + np.rint(steps * (1e9 / imu.rate_hz)).astype(np.int64)
+            values = np.hstack([flu_from_frd(rate_b[some]), flu_from_frd(force_b[some])])
+            write_imu(bag, stamps, values)
+            progress(some.stop / imu.rate_hz, count / imu.rate_hz)
+    return count
+
+
+def write_imu(bag: BagWriter, stamps_ns: Stamps, values: Array, frame: str = "base_link") -> None:
+    """Messages of ``/imu/data``: stamps (n,), rates and specific forces (n, 6) FLU.
+
+    Logged as they come: at their stamps, but never before the one before.
+    """
+    logs_ns = np.maximum.accumulate(stamps_ns).tolist()
+    for log_ns, message in zip(logs_ns, _messages(stamps_ns, values, frame), strict=True):
+        bag.write(_TOPIC, _TYPE, message, log_ns)
+
+
+def _messages(stamps_ns: Stamps, values: Array, frame: str) -> list[bytes]:
+    """One message in CDR, with the stamps and numbers of each put in its place."""
+    template = np.frombuffer(_template(Cdr(), frame), np.uint8)
+    rows = np.tile(template, (len(stamps_ns), 1))
+    seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
+    rows[:, 4:12] = seconds.astype("<u4").view(np.uint8)
+    numbers = np.ascontiguousarray(values, "<f8").view(np.uint8)
+    rows[:, _RATE_AT : _RATE_AT + 24] = numbers[:, :24]
+    rows[:, _FORCE_AT : _FORCE_AT + 24] = numbers[:, 24:]
+    return [row.tobytes() for row in rows]
+
+
+def _template(cdr: Cdr, frame: str) -> bytes:
+    kinds = {
+        name: cdr.types(f"{package}/msg/{name}")
+        for package, name in (
+            ("std_msgs", "Header"),
+            ("builtin_interfaces", "Time"),
+            ("geometry_msgs", "Quaternion"),
+            ("geometry_msgs", "Vector3"),
+        )
+    }
+    header = kinds["Header"](kinds["Time"](0, 0), frame)
+    zero, covariance = kinds["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
+    turn = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)
+    parts = (header, turn, covariance, zero, covariance, zero, covariance)
+    return cdr.serialize(cdr.types(_TYPE)(*parts), _TYPE)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = argparse.ArgumentParser(
+        prog="python -m tirgeo_ros.tools.simulate.static_imu",
+        description="Writes a bag of the simulated IMU at rest.",
+    )
+    made.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
+    made.add_argument("--hours", type=float, default=5.0, help="default: %(default)g")
+    made.add_argument(
+        "--scenario", type=Path, metavar="YAML", help="whose IMU (default: the paper's flight)"
+    )
+    made.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's")
+    return made
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Write the record."""
+    scenario = Scenario() if args.scenario is None else load_scenario(args.scenario)
+    seed = scenario.seed if args.seed is None else args.seed
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    with Progress("writing", unit="s") as bar:
+        count = write_static(args.output, args.hours, scenario, seed, bar)
+    return {"output": str(args.output), "messages": count, "hours": args.hours, "seed": seed}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write what the arguments say."""
+    command = parser()
+    args = command.parse_args(argv)
+    if not 0 < args.hours <= 1000 or (args.seed is not None and args.seed < 0):
+        command.error("--hours must be above 0 and at most 1000, --seed 0 or more")
+    try:
+        found = run(args)
+    except (TirgeoError, OSError) as error:
+        sys.stderr.write(f"static_imu: {error}\n")
+        return 1
+    sys.stdout.write(f"{found['messages']} messages: {found['output']}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
