@@ -6,6 +6,7 @@ import csv
 import json
 import math
 
+import cv2
 import numpy as np
 import pyproj
 import pytest
@@ -177,6 +178,29 @@ def test_refusals(tmp_path):
     with pytest.raises(MapError, match=r"px\.geojson: no GeoJSON FeatureCollection"):
         calibrate_map(**given)
     assert not (tmp_path / "map.geojson").exists()
+
+
+def test_the_picture_is_laid_too(tmp_path, capsys):
+    pytest.importorskip("rasterio")
+    given = files(tmp_path, NOISE_PX)
+    words = ["calibrate", "map", str(given["vectors"]), "--points", str(given["points"])]
+    words += ["--survey", str(given["survey"]), "-o", str(given["output"])]
+    size = (SIZE_PX / 8).astype(int)
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((size[1], size[0]), np.uint8))
+    assert command.main([*words, "--image", str(tmp_path / "small.png")]) == 1
+    assert "control points lie outside its 1000 x 750 pixels" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        command.main([*words, "--geotiff", "a.tif"])
+    (tmp_path / "s").mkdir()
+    small = files(tmp_path / "s", marks=MARKS)
+    small_marks = (tmp_path / "s/marks.csv").read_text().splitlines()
+    rows = [line.split(",") for line in small_marks[1:]]
+    lines = [f"{n},{float(c) / 8},{float(r) / 8}" for n, c, r in rows]
+    small["points"].write_text("\n".join([small_marks[0], *lines]) + "\n")
+    tif = tmp_path / "ortho.tif"
+    result = calibrate_map(**small, image=tmp_path / "small.png", geotiff=tif)
+    assert str(tif) in result["output"]
+    assert tif.stat().st_size > 1000
 
 
 def test_the_command(tmp_path, capsys):

@@ -18,6 +18,7 @@ from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.control_points import ControlPoints, load_control_points
 from tirgeo_ros.io.pixel_features import PixelFeatures
 from tirgeo_ros.io.planes import Plane
+from tirgeo_ros.io.warped_picture import write_warped
 from tirgeo_ros.io.whole_files import PathLike, write_files
 from tirgeo_ros.tools.map_residuals import residuals_png
 
@@ -36,14 +37,18 @@ def calibrate_map(
     crs: str | None = None,
     residuals_csv: PathLike | None = None,
     plot: PathLike | None = None,
+    image: PathLike | None = None,
+    geotiff: PathLike | None = None,
 ) -> dict[str, object]:
     """Lay features in pixels (GeoJSON) on the ground by control points; writes GeoJSON in WGS84.
 
-    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. All files or
-    none are written. Raises SurveyError, MapError, CalibrationError.
+    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. ``image`` is
+    written as ``geotiff`` first; of the rest all files are written or none. Raises SurveyError,
+    MapError, CalibrationError.
     """
-    named = [output, *(path for path in (residuals_csv, plot) if path is not None)]
-    _check_places([one for one in (vectors, points, survey) if one is not None], named)
+    named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
+    given = [path for path in (vectors, points, survey, image) if path is not None]
+    _check_places(given, named)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     found, residuals = _fitted(points, control, plane, order)
@@ -52,6 +57,8 @@ def calibrate_map(
     folded = found.folded(features.pixels)
     _check_folds(vectors, features, folded)
     degrees = plane.degrees(found(features.pixels))
+    if image is not None and geotiff is not None:
+        write_warped(image, geotiff, found, plane, _pixel_size(found, control))
     files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
     if residuals_csv is not None:
         files[residuals_csv] = _csv(control, residuals)
@@ -60,7 +67,7 @@ def calibrate_map(
     write_files(files, MapError)
     warnings = list(_warnings(control, found, residuals, features, outside))
     return {
-        "output": [os.fspath(path) for path in files],
+        "output": [os.fspath(path) for path in named],
         "order": order,
         "crs": plane.name,
         "points": len(control.names),

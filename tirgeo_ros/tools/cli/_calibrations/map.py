@@ -47,6 +47,12 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     )
     parser.add_argument("--residuals", type=Path, metavar="CSV", help="a line for each point")
     parser.add_argument("--plot", type=Path, metavar="PNG", help="residuals as arrows")
+    parser.add_argument(
+        "--image", type=Path, metavar="ORTHO", help="lay this picture too (needs rasterio)"
+    )
+    parser.add_argument(
+        "--geotiff", type=Path, metavar="TIF", help="where to (default: beside the GeoJSON)"
+    )
     return parser
 
 
@@ -56,6 +62,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.survey is not None and args.points_crs is not None:
         raise UsageError("--points-crs is for a .points file, which goes without --survey")
+    if args.geotiff is not None and args.image is None:
+        raise UsageError("--geotiff needs the picture: --image")
+    geotiff = args.geotiff or args.output.with_suffix(".tif")
     return calibrate_map(
         args.vectors,
         args.points,
@@ -66,6 +75,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         crs=args.crs,
         residuals_csv=args.residuals,
         plot=args.plot,
+        image=args.image,
+        geotiff=geotiff if args.image is not None else None,
     )
 
 
