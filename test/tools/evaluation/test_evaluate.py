@@ -29,7 +29,6 @@ from tirgeo_ros.tools.evaluation.tables import text_tables
 from tirgeo_ros.tools.simulate import simulate
 
 METHODS = ["raw", "rtk", "ekf", "ekf_heading"]
-BORESIGHT = "/**/gimbal_node:\n  ros__parameters: {boresight_rpy_deg: [0.0, 0.0, 5.0]}\n"
 LATER = "/**/overlay_node:\n  ros__parameters: {ground_height_m: 14.5}\n"
 
 
@@ -58,17 +57,6 @@ def raw_flight(sample, tmp_path_factory):
     pictures = {"/thermal/image_raw/compressed"}
     cut(sample / "flight.mcap", bag, without=RTK | pictures, seconds=16)
     return [bag, *files(sample)[1:]]
-
-
-@pytest.fixture(scope="module")
-def found(sample, tmp_path_factory):
-    """The sample flight, evaluated with a boresight file that turns the camera by 5 deg."""
-    boresight = tmp_path_factory.mktemp("boresight") / "boresight.yaml"
-    boresight.write_text(BORESIGHT)
-    params = sample / "params.yaml"
-    return evaluate(
-        *files(sample), params=params, boresight=boresight, truth=sample / "truth.mcap"
-    )
 
 
 def test_the_methods_come_in_the_order_of_table_6(found):

@@ -17,8 +17,9 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         description="The paper's experiment: locates every observed control point under the "
         "methods raw, rtk, ekf and ekf_heading, and calibrated (ekf_heading with the boresight "
         "file) where one is given. Prints each point's error, their means and the paired t-test "
-        "between the methods, and writes points.csv, observations.csv, result.json and each "
-        "method's parameters. A method that the bag has not the topics for is told as missing.",
+        "between the methods, and writes report.html with plots and stills, points.csv, "
+        "observations.csv, result.json and each method's parameters. A method that the bag has "
+        "not the topics for is told as missing.",
         epilog="example:\n  tirgeo evaluate bags/sample/flight.mcap "
         "--survey bags/sample/survey.geojson \\\n    --observations bags/sample/observations.csv "
         "--params bags/sample/params.yaml -o evaluation",
@@ -40,6 +41,9 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--boresight", type=Path, metavar="YAML", help="what calibrate boresight has written"
+    )
+    parser.add_argument(
+        "--map", type=Path, metavar="MAP", help="drawn on the stills; default: the parameters'"
     )
     parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
     parser.add_argument(
@@ -68,6 +72,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results."""
     from tirgeo_ros.tools.evaluation.evaluate import evaluate  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.evaluation.report import report_html  # noqa: PLC0415
     from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation  # noqa: PLC0415
 
     if args.dem is not None and args.ground_height is not None:
@@ -84,9 +89,11 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             namespace=args.namespace,
             projection=args.projection,
             truth=args.truth,
+            map_path=args.map,
             progress=bar,
         )
-    return summary(found) | {"output": write_evaluation(found, args.output)}
+    page = {"report.html": report_html(found)}
+    return summary(found) | {"output": write_evaluation(found, args.output, page)}
 
 
 def describe(result: dict[str, object]) -> str:

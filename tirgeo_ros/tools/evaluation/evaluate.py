@@ -9,13 +9,16 @@ from pathlib import Path
 
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import BagError, CalibrationError
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameter_file import Files, PathLike
 from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of
 from tirgeo_ros.tools.evaluation.ground import Experiment, load_experiment, locate_observations
-from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult
+from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult, Still
 from tirgeo_ros.tools.evaluation.series import MethodSeries, SensorSeries
 from tirgeo_ros.tools.evaluation.setups import MethodSetup, method_setups, setup_notes
+from tirgeo_ros.tools.evaluation.stills import StillSource, overlay_stills
 from tirgeo_ros.tools.evaluation.t_test import paired_tests
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.inputs import done_without, resolved
@@ -38,6 +41,7 @@ def evaluate(
     namespace: str = "",
     projection: str = "gauss-krueger",
     truth: PathLike | None = None,
+    map_path: PathLike | None = None,
     progress: Report = silent,
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
@@ -45,18 +49,23 @@ def evaluate(
     ``params`` are parameter files, of which the later stand before the earlier; ``boresight``,
     one more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) stands
     before them; without any ground it is level at the median of the observed points' heights.
-    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` the truth of a simulated flight. A
+    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` the truth of a simulated flight;
+    ``map_path`` stands before the parameters' map, which is drawn on the stills. A
     method that the bag has not the topics for is told as missing. Raises BagError, ConfigError,
     SurveyError, ElevationError, and CalibrationError where no method can be run.
     """
     given = load_experiment(survey, observations, projection)
     setups = method_setups(params, boresight, dem, ground_height, namespace, given.heights_m)
     truly = None if truth is None else load_truth(Path(truth))
+    drawn = setups[-1].overlay
+    map_text = drawn.map if map_path is None else os.fspath(map_path)
+    layers = load_layers(map_text, drawn.style, drawn.label_field) if map_text else []
     flight = _Flight(BagReader(bag), setups, given, namespace, truly)
     flight.read(progress)
     methods = flight.results()
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
     checks = checks_of(given, sensors.image_stamps_ns)
+    stills = flight.stills(layers)
     notes = [*setup_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
     return Evaluation(
         os.fspath(bag),
@@ -69,6 +78,7 @@ def evaluate(
         methods,
         flight.missing,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
+        stills,
         notes,
         flight.error(methods),
     )
@@ -171,6 +181,22 @@ class _Flight:
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
         return [run.result(self.recorded.camera, self._given) for run in runs]
+
+    def stills(self, layers: Sequence[MapLayer]) -> list[Still]:
+        """Pictures of the last method that has poses, with a map."""
+        run = [run for run in self._runs if not run.fault][-1]
+        assert run.poses.plane is not None
+        source = StillSource(
+            self._reader,
+            self._namespace,
+            self.recorded.camera,
+            run.poses.plane,
+            run.poses.cameras,
+            run.setup.overlay,
+            run.setup.ground,
+            layers,
+        )
+        return overlay_stills(source, self._given.control.values(), self._given.observations)
 
     def _check_any(self, runs: Sequence[_Run]) -> None:
         if not runs:

@@ -6,13 +6,12 @@ import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
 
 from tirgeo_ros import __version__
 from tirgeo_ros.tools.evaluation.flight_plots import flight_plots
 from tirgeo_ros.tools.evaluation.ground_plots import ground_plots
 from tirgeo_ros.tools.evaluation.plot import Plot
-from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult
+from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult, Still
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -38,14 +37,7 @@ pre { overflow-x: auto; font-size: .85rem; }
 """
 
 
-class Still(NamedTuple):
-    """A picture of the overlay."""
-
-    caption: str
-    jpeg: bytes
-
-
-def report_html(found: Evaluation, stills: Sequence[Still] = ()) -> str:
+def report_html(found: Evaluation) -> str:
     """The page."""
     parts = [
         f"<h1>Ground points of {escape(Path(found.bag).name)}</h1>",
@@ -58,7 +50,7 @@ def report_html(found: Evaluation, stills: Sequence[Still] = ()) -> str:
         "<h2>By control point</h2>",
         _points_table(found),
         *[_figure(plot) for plot in (*ground_plots(found), *flight_plots(found))],
-        *_stills(stills),
+        *_stills(found.stills),
         "<h2>Parameters as used</h2>",
         *[_parameters(method) for method in found.methods],
     ]

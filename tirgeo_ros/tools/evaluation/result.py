@@ -167,6 +167,14 @@ class MethodResult:
         return ground_errors(self.located)
 
 
+@dataclass(frozen=True, slots=True)
+class Still:
+    """A picture of the overlay."""
+
+    caption: str
+    jpeg: bytes
+
+
 @dataclass(frozen=True)
 class Checks:
     """What the observations and the survey say of each other and of the bag."""
@@ -194,6 +202,7 @@ class Evaluation:
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method to the reason why it could not
     tests: Sequence[PairedTest]  # each pair of ``methods`` once
+    stills: Sequence[Still]  # of the last method; none where the bag has no pictures
     notes: Sequence[str]
     error: str | None  # what makes it a failure although there is a result
 

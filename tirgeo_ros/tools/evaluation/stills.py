@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -25,9 +25,8 @@ from tirgeo_ros.core.thermal import Raw, Toner
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.io.cdr import header_stamp_ns
-from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.survey import Observation, SurveyPoint
-from tirgeo_ros.tools.evaluation.report import Still
+from tirgeo_ros.io.survey import Observation
+from tirgeo_ros.tools.evaluation.result import ControlPoint, Still
 from tirgeo_ros.tools.flight_poses import pose_at
 from tirgeo_ros.tools.inputs import PICTURES, resolved
 
@@ -51,13 +50,14 @@ class StillSource:
     poses: PoseHistory[CameraPose]
     overlay: OverlayConfig
     ground: Ground
+    layers: Sequence[MapLayer]
 
 
 def overlay_stills(
-    source: StillSource, survey: Sequence[SurveyPoint], observations: Sequence[Observation]
+    source: StillSource, control: Iterable[ControlPoint], observations: Sequence[Observation]
 ) -> list[Still]:
     """Pictures on which points were observed; none where the bag has no pictures."""
-    drawing = _drawing(source, survey)
+    drawing = _drawing(source, control)
     toner = Toner(source.overlay.picture, source.overlay.palette)
     stills = []
     for stamp_ns, pixels in _pictures(source, _chosen(observations)):
@@ -71,20 +71,19 @@ def overlay_stills(
     return stills
 
 
-def _drawing(source: StillSource, survey: Sequence[SurveyPoint]) -> MapDrawing:
-    config = source.overlay
-    layers = load_layers(config.map, config.style, config.label_field) if config.map else []
+def _drawing(source: StillSource, control: Iterable[ControlPoint]) -> MapDrawing:
     terrain = source.ground if isinstance(source.ground, Terrain) else None
-    drawing = MapDrawing(config, [*layers, _control_layer(survey)], terrain)
+    layers = [*source.layers, _control_layer(control)]
+    drawing = MapDrawing(source.overlay, layers, terrain)
     drawing.set_plane(source.plane)
     drawing.set_camera(source.camera)
     return drawing
 
 
-def _control_layer(survey: Sequence[SurveyPoint]) -> MapLayer:
+def _control_layer(control: Iterable[ControlPoint]) -> MapLayer:
     features = [
         GeoFeature(p.id, False, np.array([[p.latitude_rad, p.longitude_rad, p.height_m]]))
-        for p in survey
+        for p in control
     ]
     return MapLayer("control points", features, _CONTROL)
 
