@@ -11,7 +11,7 @@ from bad_boards import bad_boards
 
 from tirgeo_ros.core.attitude import rotation_z
 from tirgeo_ros.core.board_corners import Reason, Refused, Sighting, find_board
-from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.checkerboard import Checkerboard, board_of
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views
@@ -53,6 +53,14 @@ def test_a_hot_spot_does_not_hide_a_16_bit_board():
     image = view.image.copy()
     image[5:80, 5:80] = 60000
     assert off_px(find_board(image, BOARD), view.corners_px) < 0.1
+
+
+def test_a_large_picture_is_searched_in_small_and_fitted_as_it_is():
+    camera = Camera(1400, 1120, 1750.0, 1750.0, 705.0, 552.0)
+    view = board_views(camera, BOARD, 1, 7, parts=1)[0]
+    found = find_board(view.image, BOARD)
+    assert isinstance(found, Sighting), found
+    assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
 
 
 def test_colour_pictures_are_read_as_grey():

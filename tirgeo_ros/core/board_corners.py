@@ -72,6 +72,7 @@ class Sighting:
 _DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
 _STRETCH = 0.5, 99.5  # percent of the pixels that become black and white
 _LOCAL_SHARE = 0.08  # of the picture's width: what a local contrast is taken over
+_WIDEST_PX = 1300
 _CALM_PX = 1.2  # blur that quietens noise for the detector alone
 _LEAST_SIDE_PX = 8.0  # of a square: below it the blurs of two edges meet
 _MOST_BLUR = 0.22  # of a square's side
@@ -106,9 +107,22 @@ def grey_of(picture: Picture) -> Picture:
 
 def _candidates(grey: Picture, board: Checkerboard) -> Iterator[Array]:
     """Corners (count, 2) px as a detector gives them, form by form of the picture."""
-    for form in (stretched(grey), _local(grey)):
-        yield from _detected(form, board)
-        yield from _detected(np.asarray(cv2.GaussianBlur(form, (0, 0), _CALM_PX), np.uint8), board)
+    small, scale = _shrunk(grey)
+    for form in (stretched(small), _local(small)):
+        for calm_px in (0.0, _CALM_PX):
+            calm = cv2.GaussianBlur(form, (0, 0), calm_px) if calm_px else form
+            for corners in _detected(np.asarray(calm, np.uint8), board):
+                yield (corners + 0.5) * scale - 0.5
+
+
+def _shrunk(grey: Picture) -> tuple[Picture, int]:
+    """The picture as the detector gets it, and by how much it is smaller: time, and noise."""
+    scale = -(-grey.shape[1] // _WIDEST_PX)
+    if scale == 1:
+        return grey, 1
+    size = grey.shape[1] // scale, grey.shape[0] // scale
+    whole = grey[: size[1] * scale, : size[0] * scale]
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA)), scale
 
 
 def _detected(form: Grey, board: Checkerboard) -> Iterator[Array]:
@@ -302,7 +316,7 @@ def _name(board: Checkerboard) -> str:
 def _not_found(grey: Picture, board: Checkerboard) -> Refused:
     """Whether a part of a board is to be seen."""
     flags = _DETECTION | cv2.CALIB_CB_LARGER
-    form = stretched(grey)
+    form = stretched(_shrunk(grey)[0])
     found = cv2.findChessboardCornersSBWithMeta(form, (3, 3), flags)
     if not found[0]:
         return Refused(Reason.NO_BOARD, "none is seen")
