@@ -287,6 +287,21 @@ def test_both_norths_are_refused():
     assert "gimbal_north and heading_offset cannot be told apart: both turn" in str(found)
 
 
+def test_a_parameter_that_moves_nothing_is_said_to_be_idle():
+    found = doubt_of(Path(), seen_by(Path(), np.random.default_rng(9)), ("yaw", "heading_offset"))
+    assert found is not None
+    assert str(found).startswith("heading_offset cannot be found: nothing that this flight's")
+
+
+def test_an_error_of_ten_degrees_is_found_too():
+    # a fifth of the points is then expected beside the picture, some beyond the lens model
+    truth, rng = Path(rpy_deg=(6.0, -7.0, 10.0)), np.random.default_rng(12)
+    found = fit(flight_of(Path()), seen_by(truth, rng, latency_s=0.3), USUAL)
+    error = found.correction[:4] - [*np.radians([6.0, -7.0, 10.0]), 0.25]
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert found.used.sum() >= 59  # of 60
+
+
 def test_a_hover_that_does_not_turn_shows_no_latency():
     path = Path(turning=False, speed_m_s=0.0)
     found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)

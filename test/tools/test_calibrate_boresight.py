@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
@@ -9,10 +10,17 @@ import numpy as np
 import pytest
 import yaml
 
+from tirgeo_ros.core.boresight import PARAMETERS
 from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import CalibrationError, ConfigError
 from tirgeo_ros.io.parameter_file import load_config
-from tirgeo_ros.tools.calibrate_boresight import calibrate_boresight
+from tirgeo_ros.tools.calibrate_boresight import (
+    CLICK_SIGMA_PX,
+    IF_TOLD,
+    USUAL,
+    calibrate_boresight,
+)
+from tirgeo_ros.tools.cli._calibrations import boresight
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate.files import simulate
 
@@ -149,7 +157,7 @@ def test_wrong_and_unknown_observations_are_named(flown):
     rows += [f"X9,{stamp},300,300", f"{name},{int(stamp) + 10**12},300,300"]
     path = flown.folder / "wrong.csv"
     path.write_text("\n".join([head, *rows]) + "\n")
-    result = flown.calibrate(path, click_sigma_px=0.5, hold=["gimbal_north"])
+    result = flown.calibrate(path, hold=["gimbal_north"])
     (wrong,) = result["outliers"]
     assert (wrong["id"], wrong["stamp_ns"]) == (name, int(stamp))
     assert wrong["off_px"] == pytest.approx(60, abs=10)
@@ -188,6 +196,21 @@ def test_what_is_held_wrong_shows_in_the_residuals(flown):
         flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")
 
 
+def test_no_observations_are_refused(flown):
+    path = flown.folder / "none.csv"
+    path.write_text("id,stamp_ns,u,v\n")
+    with pytest.raises(CalibrationError, match="0 surveyed points in 0 pictures with a pose"):
+        flown.calibrate(path, hold=["gimbal_north"], out="none.yaml")
+
+
+def test_the_verb_knows_the_names_and_the_click():
+    assert boresight._NAMES == PARAMETERS  # spelled there to start quickly
+    assert boresight._NAMES[:5] == (*USUAL, IF_TOLD)
+    parser = argparse.ArgumentParser()
+    made = boresight.add_parser(parser.add_subparsers())
+    assert made.get_default("click_sigma") == CLICK_SIGMA_PX
+
+
 def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
     folder, source = flown.folder, flown.source
     args = [
@@ -199,13 +222,14 @@ def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
     ]
     args += ["--observations", source / "observations.csv", "-o", folder / "v.yaml"]
     args += ["--params", source / "params.yaml", folder / "now.yaml"]
+    args += ["--hold", "gimbal_north"]
     pytest.importorskip("matplotlib")
     assert main([*map(str, args), "--plot", str(folder / "v.png")]) == 0
     out = capsys.readouterr().out
     assert "parameter" in out
     assert "each point by the others alone" in out
     assert (folder / "v.png").read_bytes().startswith(b"\x89PNG")
-    assert main([*map(str, args), "--json", "--hold", "gimbal_north"]) == 0
+    assert main([*map(str, args), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["parameters"]["yaw"]["unit"] == "deg"
     assert np.array(result["correlation"]).shape == (4, 4)

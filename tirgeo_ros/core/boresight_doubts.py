@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.boresight import PARAMETERS, Flight, Sighting, corrected_pose
+from tirgeo_ros.core.boresight import PARAMETERS, Flight, Sighting, corrected_pose, sights
 from tirgeo_ros.core.boresight_fit import LIMITS
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
@@ -68,9 +68,20 @@ def doubt(
     relative = covariance / np.outer(limits, limits)
     if (np.diag(relative) <= 1).all():
         return None
+    idle = _idle(flight, sightings, names)
+    if idle:
+        reason = "nothing that this flight's poses are made of depends on it"
+        return Doubt(idle, reason, f"leave out {', '.join(idle)}")
     worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
     alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
     return Doubt(alike, *_explained(alike, flight, sightings))
+
+
+def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -> tuple[str, ...]:
+    """Turns about the vertical that turn nothing, as the offset of a heading that is not used."""
+    design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
+    turns = [name for name in _OF_NORTH if name in names]
+    return tuple(name for name in turns if not design[:, :, PARAMETERS.index(name)].any())
 
 
 def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sighting]) -> list[str]:
