@@ -237,7 +237,26 @@ def test_what_is_too_far_is_not_drawn():
     pose = pose_at(pitch=0.0)
     near, far = [[15_000, -50, 0], [15_000, 50, 0]], [[25_000, -50, 0], [25_000, 50, 0]]
     assert View(PINHOLE).lines(map_of(near, far), pose).owner.tolist() == [0]
-    assert len(View(PINHOLE, far_m=10_000).lines(map_of(near, far), pose)) == 0
+    assert len(View(PINHOLE).lines(map_of(near, far), pose, far_m=10_000)) == 0
+
+
+def test_points_that_are_too_far_are_not_drawn():
+    pose, points = pose_at(pitch=0.0), [[[9_000, 0, 0]], [[11_000, 0, 0]]]
+    marks = View(PINHOLE).marks(map_of(*points), pose, far_m=10_000)
+    assert marks.owner.tolist() == [0]
+
+
+def test_ground_ends_sixteen_rows_under_the_horizon():
+    """By what the camera itself projects: a point at the farthest, as high as the ground."""
+    view = View(XT2)
+    for height_m in (20.0, 100.0, 250.0):
+        far_m = view.farthest_m(height_m)
+        near_axis = Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+        uv, _ = near_axis.project(np.array([[0.0, height_m, far_m], [0.0, 0.0, far_m]]))
+        assert uv[0, 1] - uv[1, 1] == pytest.approx(16.0)
+    assert view.farthest_m(1000.0) == FAR_M
+    for unknown in (np.nan, 0.0, -3.0):
+        assert view.farthest_m(unknown) == FAR_M
 
 
 def test_a_crowd_is_drawn_with_few_vertices_and_the_same_ink():

@@ -121,6 +121,14 @@ def _height_m(
     if isinstance(ground, Terrain):
         points, _ = locate(camera, pose, uv[None], plane, ground)
         return float(points[0, 2] - pose.position_n[2])
+    return height_above_m(pose, plane, ground)
+
+
+def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground) -> float:
+    """Of the camera over the ground below it; nan where the elevation model has none there."""
+    if isinstance(ground, Terrain):
+        latitude, longitude, height = plane.geodetic_from_ned(pose.position_n)
+        return float(height - ground.height_m(latitude, longitude))
     # The earth falls away from the plane; its curvature differs by less than 1 % from place to
     # place: by 1 cm of height 4 km from the map's origin.
     north, east, down = pose.position_n.tolist()

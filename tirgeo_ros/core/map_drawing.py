@@ -17,6 +17,7 @@ from tirgeo_ros.core.decorations import (
     PlacedRose,
     camera_heading_rad,
     ground_sample_m,
+    height_above_m,
     place_rose,
     place_scale_bar,
 )
@@ -128,7 +129,8 @@ class MapDrawing:
             taken += placed.boxes
         painter = self._map_painter()
         scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
-        painter.paint(image, self.view, pose, rates, scale_m_px, taken)
+        far_m = self.view.farthest_m(height_above_m(*seen[1:]))
+        painter.paint(image, self.view, pose, rates, scale_m_px, far_m, taken)
         if placed:
             placed.paint(image, self._painter)
         for decoration in decorations:

@@ -51,17 +51,21 @@ class MapPainter:
         pose: CameraPose,
         rates: CameraRates | None,
         scale_m_px: float,
+        far_m: float,
         taken: Sequence[Box],
     ) -> None:
         """Paint into (h, w, 3) BGR, with labels off the boxes that are taken.
 
-        ``scale_m_px`` is what a pixel in the middle spans of the ground, nan for none; ``rates``
-        are the camera's at the pose, None where they are not known.
+        Lines and marks come up to ``far_m`` ahead. ``scale_m_px`` is what a pixel in the middle
+        spans of the ground, nan for none; ``rates`` are the camera's at the pose, None where they
+        are not known.
         """
-        areas, lines, marks = (
-            self._shown(found(self._map, pose), scale_m_px)
-            for found in (view.areas, view.lines, view.marks)
+        found = (
+            view.areas(self._map, pose),
+            view.lines(self._map, pose, far_m),
+            view.marks(self._map, pose, far_m),
         )
+        areas, lines, marks = (self._shown(seen, scale_m_px) for seen in found)
         of = self._map.layer
         frame = self._confidence.frame(view.camera, pose, rates)
         sigmas = each(self._sigmas, lines.owner)

@@ -27,9 +27,11 @@ from tirgeo_ros.core.vector_map import VectorMap
 
 #: How far a drawn chord may leave the curve into which the lens bends a straight line.
 CHORD_PX = 0.1
-#: Ground farther than this is not drawn. From 100 m up, 20 km and the horizon are 4 rows of the
-#: XT2's picture apart, less than the attitude is known to; a far map would be a solid bar there.
+#: Ground farther than this is never drawn.
 FAR_M = 20_000.0
+#: Nor is ground so few rows under the horizon. The 16 rows from 5 km on, seen from 100 m up, are
+#: a degree: what lies there is a solid bar, and half a degree of tilt moves it by kilometres.
+_HORIZON_ROWS = 16.0
 #: With fewer vertices in view than this, lines are drawn with all of theirs.
 _FEW_VERTICES = 4096
 #: How far a line at a coarser level of detail may leave its place: the first at which no more
@@ -66,13 +68,13 @@ _NOTHING = Seen(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), 
 class View:
     """A camera's field of view, computed once for a calibration."""
 
-    def __init__(self, camera: Camera, far_m: float = FAR_M) -> None:
+    def __init__(self, camera: Camera) -> None:
         self.camera = camera
         left, right, top, bottom = field_of_view(camera)
         self._normals_c = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
-        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -far_m])
+        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])  # and the farthest
         widest = math.hypot(max(-left, right), max(-top, bottom))
         self._reaches_past_lens = widest > camera.max_radius
         radius = min(widest, camera.max_radius)
@@ -98,13 +100,18 @@ class View:
         # The image's border is no rim: OpenCV takes what is beside it for full.
         return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
-    def lines(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
-        """The map's lines as they are drawn: (2, V) pixels, owned as in the map.
+    def farthest_m(self, height_m: float) -> float:
+        """How far ground is drawn from so high above it; nan where that is not known."""
+        rows_m = height_m * self.camera.fy / _HORIZON_ROWS
+        return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
+
+    def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
+        """The map's lines up to ``far_m`` ahead as they are drawn: (2, V) pixels.
 
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
-        A line may come in several parts that meet.
+        A line may come in several parts that meet; all are owned as in the map.
         """
-        details, eye = vector_map.details, self._eye(pose)
+        details, eye = vector_map.details, self._eye(pose, far_m)
         piece, whole = details.seen(eye.normals, eye.offsets)
         boxes = details.boxes.take(piece)
         distance_m = boxes.distance(eye.position_n)
@@ -118,7 +125,7 @@ class View:
         some = np.concatenate([inner, outer])
         lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
         # Most pieces lie wholly in view, and cutting costs as much as all the rest.
-        cut = clip_to_planes(cut, self._normals_c, self._offsets)
+        cut = clip_to_planes(cut, self._normals_c, np.append(self._offsets, -far_m))
         flat = _flat(joined(lines, cut))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
@@ -159,7 +166,7 @@ class View:
         rings, details = vector_map.rings, vector_map.details
         if not len(rings):
             return _NOTHING
-        eye = self._eye(pose)
+        eye = self._eye(pose, FAR_M)
         seen, whole = rings.boxes.seen(eye.normals, eye.offsets)
         if not len(seen):
             return _NOTHING
@@ -177,15 +184,15 @@ class View:
         lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
         # What lies wholly in view ends where it begins, as in the map.
         inner, outer = lines.parted(int(whole.sum()))
-        flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets[:-1]))
+        flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets))
         if self._reaches_past_lens:
             flat = cut_rings_to_disc(flat, self.camera.max_radius)
         return self._seen(joined(_flat(inner), closed(flat)))
 
-    def _eye(self, pose: CameraPose) -> _Eye:
+    def _eye(self, pose: CameraPose, far_m: float) -> _Eye:
         rotation_cn = matrix_from_quat(pose.q_nc).T
         normals = self._normals_c @ rotation_cn
-        offsets = self._offsets + normals @ pose.position_n
+        offsets = np.append(self._offsets, -far_m) + normals @ pose.position_n
         return _Eye(rotation_cn, pose.position_n, rotation_cn @ pose.position_n, normals, offsets)
 
     def _levels(
@@ -233,15 +240,15 @@ class View:
         uv = self.camera.pixels(*flat.points[:2])
         return Seen(uv, flat.starts, flat.owner, flat.points)
 
-    def marks(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
-        """The map's points that lie in the image: lines of one point (2, V), pixels."""
+    def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
+        """The map's points in the image, up to ``far_m`` ahead: lines of one point (2, V) px."""
         marks = vector_map.marks
         if not len(marks):
             return _NOTHING
         offset_n = marks.points.T - pose.position_n
         points_c = offset_n @ matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project(points_c)
-        valid[valid] = self.inside(uv[valid].T)
+        valid[valid] = self.inside(uv[valid].T) & (points_c[valid, 2] <= far_m)
         owner = marks.owner[valid]
         x, y, z = points_c[valid].T
         rays = np.stack([x / z, y / z, 1 / z])
