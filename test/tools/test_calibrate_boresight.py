@@ -196,6 +196,12 @@ def test_what_is_held_wrong_shows_in_the_residuals(flown):
         flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")
 
 
+def test_a_heading_that_the_method_does_not_take_is_said_to_be_idle(flown):
+    (flown.folder / "rtk.yaml").write_text("/**/ekf_node:\n  ros__parameters: {method: rtk}\n")
+    with pytest.raises(CalibrationError, match="heading_offset cannot be found: nothing that"):
+        flown.calibrate(None, "rtk.yaml", estimate=["yaw", "heading_offset"], out="idle.yaml")
+
+
 def test_no_observations_are_refused(flown):
     path = flown.folder / "none.csv"
     path.write_text("id,stamp_ns,u,v\n")
@@ -310,6 +316,14 @@ def test_two_tilts_tell_the_gimbals_north(tmp_path, seed):
     assert abs(error - 2.0) <= 3.5 * sigma
     assert sigma < 0.5
     assert all(abs(e) <= 3.5 * s for e, s in found.values())
+
+
+@pytest.mark.slow
+def test_a_hover_that_hardly_turns_shows_no_latency(tmp_path):
+    changes = {"route.shape": "hover", "route.yaw_rate_deg_s": 1.0, "survey.points": 4}
+    flown = planted(tmp_path, 1, "{composition: encoders}\n", **changes)
+    with pytest.raises(CalibrationError, match=r"latency cannot be found: .* --hold latency"):
+        flown.calibrate()
 
 
 @pytest.mark.slow

@@ -22,6 +22,9 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to what cannot be told apart with such a share of the largest part in it.
 _PART = 0.2
 
+#: A turn of 57 deg that moves nothing by more than a pixel is rounding.
+_IDLE_PX_RAD = 1.0
+
 _OF_NORTH = ("gimbal_north", "heading_offset")
 
 
@@ -81,7 +84,8 @@ def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -
     """Turns about the vertical that turn nothing, as the offset of a heading that is not used."""
     design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
     turns = [name for name in _OF_NORTH if name in names]
-    return tuple(name for name in turns if not design[:, :, PARAMETERS.index(name)].any())
+    moves = {name: np.abs(design[:, :, PARAMETERS.index(name)]).max() for name in turns}
+    return tuple(name for name, most in moves.items() if most < _IDLE_PX_RAD)
 
 
 def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sighting]) -> list[str]:

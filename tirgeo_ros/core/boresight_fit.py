@@ -41,6 +41,8 @@ _CAUCHY_SIGMAS = 2.4  # 95 % as good as least squares where no click is wrong
 #: A prior so wide (in LIMITS) that it keeps the normal equations solvable and says nothing.
 _PRIOR = 1e-6
 _MOST_STEPS = 30
+#: Steps from here on are halved: the slope by the latency is a mean, which may swing to and fro.
+_DAMPED_FROM = 8
 _SETTLED = 1e-3  # of LIMITS
 #: Beyond this from the present value the poses around a picture are not kept.
 _MOST_LATENCY_S = 0.8
@@ -161,12 +163,12 @@ def _scale(sigmas: Array) -> float:
 def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) -> Array:
     """(7,) the correction with Cauchy's weights."""
     correction = np.zeros(len(PARAMETERS))
-    for _ in range(_MOST_STEPS):
+    for k in range(_MOST_STEPS):
         sight = sights(flight, sightings, correction)
         sigmas = _sigmas(sight)
         ratio = sigmas / (_CAUCHY_SIGMAS * _scale(sigmas))
         weights = np.where(np.isnan(ratio), 0.0, 1 / (1 + ratio**2))
-        step = _normal(sight, chosen, weights).solved()
+        step = _normal(sight, chosen, weights).solved() * _share(k)
         correction[chosen] += step * LIMITS[chosen]
         _check_latency(flight, correction)
         if np.abs(step).max() < _SETTLED:
@@ -182,11 +184,11 @@ def _polished(
     """Least squares over the sightings that agree; which those are is settled on the way."""
     sight = sights(flight, sightings, correction)
     used = np.zeros(len(sightings), bool)
-    for _ in range(_MOST_STEPS):
+    for k in range(_MOST_STEPS):
         sigmas = _sigmas(sight)
         agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # not for nan
         _check_agreement(agree)
-        step = _normal(sight, chosen, agree.astype(float)).solved()
+        step = _normal(sight, chosen, agree.astype(float)).solved() * _share(k)
         correction = correction.copy()
         correction[chosen] += step * LIMITS[chosen]
         _check_latency(flight, correction)
@@ -196,6 +198,10 @@ def _polished(
         if settled:
             break
     return correction, sight, used
+
+
+def _share(steps_before: int) -> float:
+    return 1.0 if steps_before < _DAMPED_FROM else 0.5
 
 
 def _check_agreement(agree: BoolArray) -> None:

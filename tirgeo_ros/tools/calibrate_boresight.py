@@ -103,6 +103,9 @@ def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, 
     """The fit, and notes on what was left out of it; ``strict``: nothing may be."""
     check_numbers(read.sightings)
     notes = []
+    if not strict:  # the north can only add to what these leave open
+        usual = [name for name in wanted if name != IF_TOLD]
+        _refuse(doubt(read.flight, read.sightings, usual, _foreseen(read, usual)))
     why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
     if why is not None:
         wanted = [name for name in wanted if name != IF_TOLD]
