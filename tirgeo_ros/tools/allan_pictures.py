@@ -32,7 +32,7 @@ def curves_png(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> bytes:
     for row, three in zip(axes, (fits[:3], fits[3:]), strict=True):
         measured = np.sqrt(np.concatenate([fit.variances for fit in three]))
         row[0].set_ylim(0.5 * measured.min(), 2 * measured.max())
-    axes.flat[0].legend(loc="lower left", fontsize=8)
+    axes.flat[0].legend(loc="upper right", fontsize=8)
     return png(made)
 
 
