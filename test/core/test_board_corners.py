@@ -10,7 +10,8 @@ import pytest
 from bad_boards import bad_boards
 
 from tirgeo_ros.core.attitude import rotation_z
-from tirgeo_ros.core.board_corners import Reason, Refused, Sighting, find_board
+from tirgeo_ros.core.board_corners import find_board
+from tirgeo_ros.core.board_sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.checkerboard import Checkerboard, board_of
 from tirgeo_ros.core.errors import CalibrationError

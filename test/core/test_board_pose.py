@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.board_corners import Sighting
 from tirgeo_ros.core.board_pose import BoardTracker, board_poses, camera_angles
+from tirgeo_ros.core.board_sighting import Sighting
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.tools.simulate.board import gimbal_pose

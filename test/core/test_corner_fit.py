@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.board_corners import steps_of
+from tirgeo_ros.core.board_sighting import steps_of
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.corner_fit import fit_corners

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.board_corners import Reason, Sighting
+from tirgeo_ros.core.board_sighting import Reason, Sighting
 from tirgeo_ros.core.board_views import doubtful_views, most_distinct
 from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.checkerboard import Checkerboard

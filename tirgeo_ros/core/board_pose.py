@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.attitude import euler_from_matrix
-from tirgeo_ros.core.board_corners import Sighting
+from tirgeo_ros.core.board_sighting import Sighting
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checkerboard import Checkerboard, rotation_of
 from tirgeo_ros.core.frames import BODY_OPTICAL

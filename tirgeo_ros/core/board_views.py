@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tirgeo_ros.core.board_corners import Reason, Refused, Sighting
+from tirgeo_ros.core.board_sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.samples import Array
 
 #: Views whose corners are nearer than this, root mean square, are one. Of a picture of 640 px it

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.board_corners import Reason, Refused, Sighting
+from tirgeo_ros.core.board_sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checkerboard import Checkerboard, rotation_of
 from tirgeo_ros.core.errors import CalibrationError, CameraError

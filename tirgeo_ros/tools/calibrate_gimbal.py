@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.board_corners import Reason, Refused, Sighting, find_board
+from tirgeo_ros.core.board_corners import find_board
 from tirgeo_ros.core.board_pose import BoardTracker, camera_angles
+from tirgeo_ros.core.board_sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.errors import CalibrationError

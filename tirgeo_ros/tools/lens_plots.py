@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.board_corners import Sighting
+from tirgeo_ros.core.board_sighting import Sighting
 from tirgeo_ros.core.lens_fit import LensFit
 from tirgeo_ros.tools.plots import COLOURS, figure, png
 
