@@ -55,6 +55,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Make the budget."""
+    from tirgeo_ros.io.camera_file import load_camera  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.budget_files import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
@@ -64,6 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             bag=args.bag,
             output=args.output,
             params=args.params,
+            camera=None if args.camera is None else load_camera(args.camera),
             namespace=args.namespace,
             progress=bar,
         )
