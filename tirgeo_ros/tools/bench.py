@@ -19,6 +19,7 @@ import yaml
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.tools.bench_allan import allan_cost
 from tirgeo_ros.tools.bench_clicks import click_speeds
 from tirgeo_ros.tools.bench_dds import DdsTimes, dds_times
 from tirgeo_ros.tools.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
@@ -54,6 +55,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from _overlay_cost()
     yield from _click_speed()
     yield from _dji_speed()
+    yield from _allan_cost(work)
     if graph:
         yield from _graph_cost(folder, work)
         yield from _serial_cost(folder, work)
@@ -128,6 +130,17 @@ def _dji_speed() -> list[Figure]:
         Figure(f"DJI: frames alone, reads of {PORT_READ} B", found.framed_port, "MB/s"),
         Figure("DJI: bare zlib.crc32 and struct", found.bare, "MB/s"),
         Figure("DJI: decoded over the line of 1 Mbaud", found.decoded / LINE_MB_S, "x", ">= 20"),
+    ]
+
+
+def _allan_cost(work: Path) -> list[Figure]:
+    """Of five hours at 100 Hz, beside reading that bag and no more."""
+    found = allan_cost(work)
+    return [
+        Figure("calibrate allan, 5 h at 100 Hz", found.duration_s, "s", "<= 90"),
+        Figure("calibrate allan: reading alone", found.reading_s, "s"),
+        Figure("calibrate allan: whole over reading", found.duration_s / found.reading_s, "ratio"),
+        Figure("calibrate allan: memory", found.peak_mib, "MiB", "<= 1000"),
     ]
 
 
