@@ -1,0 +1,138 @@
+"""Pictures and a video of a thermal checkerboard, for ``tirgeo calibrate lens`` and ``gimbal``.
+
+``python -m tirgeo_ros.tools.simulate.boards -o boards`` writes ``lens/``, pictures as one takes
+them to calibrate a lens; ``wall.mcap``, a video of a board on a wall while the aircraft is turned
+to and fro (Ren et al. 2022, section 5.2); and ``wall.csv``, the camera's true angles in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.checkerboard import Checkerboard
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.tools.progress import Progress, Report, silent
+from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views, gimbal_pose
+from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
+from tirgeo_ros.tools.simulate.scenario import Scenario
+
+BOARD = Checkerboard(9, 6, 0.1)
+RATE_HZ = 10.0  # of the video's pictures: what the paper took from its own
+#: The camera follows the airframe, turned to and fro by hand: Table 8's standard deviation.
+YAW_STD_DEG, YAW_PERIOD_S = 13.8857, 6.0
+_DISTANCE_M, _FOLLOWED = 2.2, 0.7  # the board stays in the picture
+_START_NS = Scenario().start_ns
+
+
+def write_lens(folder: Path, count: int, seed: int) -> None:
+    """Write ``count`` views of the board, all over the picture, as PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, view in enumerate(board_views(XT2, BOARD, count, seed), 1):
+        _, data = cv2.imencode(".png", view.image)
+        (folder / f"view_{number:02d}.png").write_bytes(data.tobytes())
+
+
+def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
+    """(n, 3) the camera's roll, pitch, yaw against the wall, rad.
+
+    Roll and pitch wander as the camera of a simulated flight does (Table 8); yaw swings.
+    """
+    gimbal = Scenario().gimbal
+    wander = scaled_noise(
+        generator(seed, "gimbal"),
+        duration_s,
+        gimbal.error_time_s,
+        np.radians(gimbal.error_rms_deg),
+    )
+    swing = math.sqrt(2) * math.radians(YAW_STD_DEG)
+    yaw = swing * np.sin(2 * np.pi * times_s / YAW_PERIOD_S)
+    return np.column_stack([wander(times_s), yaw])
+
+
+def write_wall(path: Path, duration_s: float, seed: int, progress: Report = silent) -> Array:
+    """Write the video; the true angles (n, 3) of its pictures. Raises BagError."""
+    times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
+    angles = camera_angles(times_s, duration_s, seed)
+    messages, draw = Messages(Cdr().types), BoardRenderer(XT2, BOARD)
+    with BagWriter(path) as bag:
+        for number, rpy in enumerate(angles):
+            progress(number / RATE_HZ, duration_s)
+            stamp_ns = _START_NS + round(number * 1e9 / RATE_HZ)
+            pose = gimbal_pose(BOARD, rpy, _DISTANCE_M, _FOLLOWED)
+            view = draw.view(*pose, BoardLook(), generator(seed, f"picture {number}"))
+            for topic, message in (
+                ("thermal/camera_info", messages.camera_info(XT2, stamp_ns)),
+                ("thermal/image_raw", messages.image(stamp_ns, view.image)),
+            ):
+                bag.write(f"/{topic}", TOPIC_TYPES[topic], message, stamp_ns)
+    return angles
+
+
+def _write_angles(path: Path, angles: Array) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["time_s", "roll_deg", "pitch_deg", "yaw_deg"])
+        for number, rpy in enumerate(np.degrees(angles).tolist()):
+            rows.writerow([f"{number / RATE_HZ:.3f}", *(f"{angle:.5f}" for angle in rpy)])
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    made = argparse.ArgumentParser(
+        prog="python -m tirgeo_ros.tools.simulate.boards",
+        description="Writes rendered pictures and a video of a thermal checkerboard, "
+        f"{BOARD.columns}x{BOARD.rows} corners {BOARD.square_m:g} m apart, by the XT2's lens.",
+    )
+    made.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
+    made.add_argument("--views", type=int, default=40, metavar="N", help="default: %(default)s")
+    made.add_argument(
+        "--seconds", type=float, default=30.0, metavar="S", help="of video (default: %(default)g)"
+    )
+    made.add_argument("--seed", type=int, default=2205, metavar="N", help="default: %(default)s")
+    return made
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Write all; ``angles_std_deg`` is the truth that the video holds."""
+    folder: Path = args.output
+    write_lens(folder / "lens", args.views, args.seed)
+    with Progress("rendering", unit="s") as bar:
+        angles = write_wall(folder / "wall.mcap", args.seconds, args.seed, bar)
+    _write_angles(folder / "wall.csv", angles)
+    std = np.degrees(angles.std(0, ddof=1)).tolist()
+    return {
+        "output": [str(folder / name) for name in ("lens", "wall.mcap", "wall.csv")],
+        "views": args.views,
+        "angles_std_deg": dict(zip(("roll", "pitch", "yaw"), std, strict=True)),
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write what the arguments say."""
+    command = parser()
+    args = command.parse_args(argv)
+    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
+        command.error("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
+    try:
+        found = run(args)
+    except (TirgeoError, OSError) as error:
+        sys.stderr.write(f"boards: {error}\n")
+        return 1
+    sys.stdout.write("\n".join([*found["output"], ""]))  # type: ignore[misc]
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
