@@ -227,7 +227,7 @@ def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
         source / "survey.geojson",
     ]
     args += ["--observations", source / "observations.csv", "-o", folder / "v.yaml"]
-    args += ["--params", source / "params.yaml", folder / "now.yaml"]
+    args += ["--params", source / "params.yaml", "--params", folder / "now.yaml"]
     args += ["--hold", "gimbal_north"]
     pytest.importorskip("matplotlib")
     assert main([*map(str, args), "--plot", str(folder / "v.png")]) == 0

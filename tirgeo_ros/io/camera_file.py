@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import CameraError, ConfigError
 from tirgeo_ros.io.messages.pictures import camera as camera_of
 from tirgeo_ros.io.parameter_file import load_yaml
@@ -72,6 +73,11 @@ def load_camera(path: PathLike) -> Camera:
         distortion_model=tree.get("distortion_model", ""),
     )
     return camera_of(message, str(path))
+
+
+def given_camera(config: OverlayConfig) -> Camera | None:
+    """The camera that parameters give, None where the topic does. Raises CameraError."""
+    return load_camera(config.camera) if config.camera else None
 
 
 def _number(path: PathLike, tree: Mapping[Any, Any], key: str) -> int:

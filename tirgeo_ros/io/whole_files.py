@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tirgeo_ros.core.errors import TirgeoError
 
 PathLike = str | os.PathLike[str]
+
+
+def check_outputs(
+    inputs: Iterable[PathLike], outputs: Iterable[PathLike], error: type[TirgeoError]
+) -> None:
+    """Raise ``error`` for an output that would take the place of an input or another output."""
+    taken = {Path(path).resolve() for path in inputs}
+    for path in outputs:
+        if Path(path).resolve() in taken:
+            raise error(f"{os.fspath(path)}: is an input or another output too")
+        taken.add(Path(path).resolve())
 
 
 def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:

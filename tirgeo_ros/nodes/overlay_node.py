@@ -13,6 +13,7 @@ from rclpy.node import Node
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
@@ -52,6 +53,9 @@ class OverlayNode(Node):
             self.get_logger().warning("no map: set the parameter map to its file")
         layers = None if self._config.map else ()
         self._overlay = Overlay(self._config, layers, self._load_terrain())
+        self._camera = given_camera(self._config)
+        if self._camera is not None:
+            self._overlay.set_camera(self._camera)
         self._told: tuple[str, ...] = ()  # notes on the map as it lies
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
@@ -80,14 +84,15 @@ class OverlayNode(Node):
         for topic, take, qos in (
             ("thermal/image_raw", partial(self._take_frame, image_pixels), frames),
             ("thermal/image_raw/compressed", partial(self._take_frame, compressed_pixels), frames),
-            ("thermal/camera_info", self._take_camera_info, info),
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
             ("/diagnostics", self._take_diagnostics, output()),
         ):
             subscribe(self, topic, take, qos, self._monitor)
-        for topic in ("thermal/camera_info", "tirgeo/camera_pose"):
-            self._monitor.expects(topic)
+        self._monitor.expects("tirgeo/camera_pose")
+        if self._camera is None:
+            subscribe(self, "thermal/camera_info", self._take_camera_info, info, self._monitor)
+            self._monitor.expects("thermal/camera_info")
 
     def _take_frame(self, pixels_of: Any, message: Any) -> None:
         stamp = stamp_ns(message)

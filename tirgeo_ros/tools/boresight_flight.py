@@ -13,25 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tirgeo_ros.core.boresight import Flight, Sighting, Stepped
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.node_configs import NodeConfigs
 from tirgeo_ros.tools.progress import Report
 
 _STEP_DEG = 1.0
-
-
-@dataclass(frozen=True)
-class Configs:
-    """Of the nodes that make the overlay."""
-
-    ekf: EkfConfig
-    gimbal: GimbalConfig
-    overlay: OverlayConfig
 
 
 @dataclass(frozen=True)
@@ -61,7 +54,7 @@ class ReadFlight:
 def read_flight(
     reader: BagReader,
     namespace: str,
-    configs: Configs,
+    configs: NodeConfigs,
     wanted: Sequence[str],
     seen: Sequence[Observation],
     survey: Sequence[SurveyPoint],
@@ -69,7 +62,7 @@ def read_flight(
     progress: Report,
 ) -> ReadFlight:
     """Read a bag once. Raises BagError, and CalibrationError where the filter makes no pose."""
-    recorded = RecordedFlight(reader, namespace)
+    recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
     passes = _passes(recorded, configs, wanted, seen)
     recorded.read_all(progress)
     usual = passes.pop("")
@@ -93,7 +86,7 @@ def read_flight(
 
 def _passes(
     recorded: RecordedFlight,
-    configs: Configs,
+    configs: NodeConfigs,
     wanted: Sequence[str],
     seen: Sequence[Observation],
 ) -> dict[str, FlightPoses]:

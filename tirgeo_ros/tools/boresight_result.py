@@ -18,7 +18,8 @@ from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.parameter_output import Value, parameters_yaml
 from tirgeo_ros.io.whole_files import PathLike
-from tirgeo_ros.tools.boresight_flight import Configs, ReadFlight
+from tirgeo_ros.tools.boresight_flight import ReadFlight
+from tirgeo_ros.tools.node_configs import NodeConfigs
 
 #: Residuals larger than expected by this are worth a word.
 _MUCH = 2.0
@@ -38,7 +39,7 @@ _PLACES = {
 class Parameters:
     """Where each of PARAMETERS stands among the nodes', and what it was in this flight."""
 
-    def __init__(self, configs: Configs, read: ReadFlight) -> None:
+    def __init__(self, configs: NodeConfigs, read: ReadFlight) -> None:
         north = "yaw_zero_deg" if read.by_encoders else "north.bias_deg"
         self._places = _PLACES | {"gimbal_north": ("gimbal_node", north)}
         self._ground_m = read.ground_m
@@ -146,7 +147,7 @@ class Result:
         }
 
 
-def summary(read: ReadFlight, configs: Configs, found: Fit) -> Result:
+def summary(read: ReadFlight, configs: NodeConfigs, found: Fit) -> Result:
     """The result of a fit. Raises ConfigError where a parameter would be out of its range."""
     used = [one for one, is_used in zip(read.sightings, found.used, strict=True) if is_used]
     names = {one.id for one in used}

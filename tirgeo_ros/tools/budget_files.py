@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.parameter_file import Files
 from tirgeo_ros.io.whole_files import PathLike, write_files
 from tirgeo_ros.tools.budget import STEP_PX, Budget, Setting, Sigmas, budget, budget_csv
@@ -38,23 +38,24 @@ def make_budget(
     bag: PathLike | None = None,
     output: PathLike | None = None,
     params: Files = None,
-    camera: Camera | None = None,
+    camera: PathLike | None = None,
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
     """The budget; of a flight's own errors, view and camera where there is a bag.
 
-    ``given`` and ``camera`` stand before what the bag tells. Writes budget.csv and the maps to
-    the folder ``output`` where there is one. Raises BagError, ConfigError, CalibrationError.
+    ``given`` and ``camera``, a calibration file, stand before what the bag tells. Writes
+    budget.csv and the maps to the folder ``output`` where there is one. Raises BagError,
+    CameraError, ConfigError, CalibrationError.
     """
-    ekf, gimbal, overlay = node_configs(params, namespace, None, None, None)
+    ekf, gimbal, overlay = node_configs(params, namespace, camera=camera)
     setting = Setting(confidence=overlay.confidence)
-    flight = None
+    known, flight = given_camera(overlay), None
     if bag is not None:
-        flight = measured_flight(bag, ekf, gimbal, namespace, progress)
+        flight = measured_flight(bag, ekf, gimbal, namespace, progress, camera=known)
         setting = _of_flight(setting, flight, overlay.ground_height_m, given, bag)
-    if camera is not None:
-        setting = dataclasses.replace(setting, camera=camera)
+    if known is not None:
+        setting = dataclasses.replace(setting, camera=known)
     setting = _with(setting, given)
     made = budget(setting)
     result: dict[str, object] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Sequence
-from pathlib import Path
 
 from tirgeo_ros.core.boresight import PARAMETERS
 from tirgeo_ros.core.boresight_doubts import UNASKED_SHARE, Doubt, check_numbers, doubt
@@ -14,10 +13,10 @@ from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_file import Files
 from tirgeo_ros.io.survey import load_observations, load_survey
-from tirgeo_ros.io.whole_files import PathLike, write_files
-from tirgeo_ros.tools.boresight_flight import Configs, ReadFlight, read_flight
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.tools.boresight_flight import ReadFlight, read_flight
 from tirgeo_ros.tools.boresight_result import parameter_text, summary
-from tirgeo_ros.tools.node_configs import node_configs
+from tirgeo_ros.tools.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.progress import Report, silent
 
 #: What is estimated where nothing is asked for, and what only if the flight can tell it.
@@ -45,6 +44,7 @@ def calibrate_boresight(
     namespace: str = "",
     click_sigma_px: float = CLICK_SIGMA_PX,
     plot: PathLike | None = None,
+    camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Write the parameters that a flight over surveyed points shows; a summary.
@@ -54,8 +54,9 @@ def calibrate_boresight(
     residuals. Raises CalibrationError where the flight cannot tell what is asked for, BagError,
     ConfigError, SurveyError.
     """
-    _check_outputs((bag_in, survey, observations), [one for one in (output, plot) if one])
-    configs = Configs(*node_configs(params, namespace, None, None, None))
+    outputs = [one for one in (output, plot) if one]
+    check_outputs((bag_in, survey, observations), outputs, CalibrationError)
+    configs = node_configs(params, namespace, camera=camera)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
     _check_ground(wanted, configs)
@@ -84,14 +85,7 @@ def calibrate_boresight(
     }
 
 
-def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> None:
-    places = [Path(one).resolve() for one in (*inputs, *outputs)]
-    for place, path in zip(places[len(inputs) :], outputs, strict=True):
-        if places.count(place) > 1:
-            raise CalibrationError(f"{os.fspath(path)}: is an input or another output too")
-
-
-def _check_ground(wanted: Sequence[str], configs: Configs) -> None:
+def _check_ground(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "ground_height" in wanted and configs.overlay.dem:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; take that out of the "

@@ -57,10 +57,18 @@ class RecordedFlight:
 
     ``read`` counts the messages that were decoded, ``refused`` those that could not be used;
     ``picture_stamps_ns`` are the stamps of the pictures, where ``pictures`` are asked for.
+    A ``camera`` that is given stands in place of the bag's.
     """
 
-    def __init__(self, reader: BagReader, namespace: str = "", *, pictures: bool = False) -> None:
-        self._camera: Camera | None = None
+    def __init__(
+        self,
+        reader: BagReader,
+        namespace: str = "",
+        *,
+        pictures: bool = False,
+        camera: Camera | None = None,
+    ) -> None:
+        self._given_camera = self._camera = camera
         self.read = self.refused = 0
         self.picture_stamps_ns: list[int] = []
         self._reader = reader
@@ -118,7 +126,7 @@ class RecordedFlight:
 
     def _topics(self) -> dict[str, str]:
         """Resolved name to contract topic of what is read."""
-        if not self.has(_CAMERA_INFO):
+        if self._given_camera is None and not self.has(_CAMERA_INFO):
             hint = "" if self._namespace else "; is there a --namespace?"
             name = resolved(_CAMERA_INFO, self._namespace)
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
@@ -132,7 +140,7 @@ class RecordedFlight:
         decoded = self._cdr.deserialize(message.data, message.typename)
         self.read += 1
         if topic == _CAMERA_INFO:
-            self._camera = convert.camera(decoded)
+            self._camera = self._given_camera or convert.camera(decoded)
             return
         sample = self._arrivals.stamped(topic, SAMPLES[topic](decoded), message.log_time_ns)
         for taker in self._takers[topic]:

@@ -30,9 +30,17 @@ def resolved(topic: str, namespace: str) -> str:
 
 
 def inputs_of(
-    reader: BagReader, method: str, composition: str, namespace: str, *, pictures: bool
+    reader: BagReader,
+    method: str,
+    composition: str,
+    namespace: str,
+    *,
+    pictures: bool,
+    camera: bool = True,
 ) -> dict[str, str]:
     """Resolved name to contract topic of what a run reads from a bag.
+
+    Of ``pictures`` the camera's calibration too, if ``camera`` says that it is asked for.
 
     Raises BagError naming every needed topic that is absent, or one that has another type.
     """
@@ -42,8 +50,8 @@ def inputs_of(
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
     needed = [("imu/data",), positions, _GIMBAL[composition]]
     if pictures:
-        needed += [PICTURES, ("thermal/camera_info",)]
-        wanted += ["thermal/camera_info", "tirgeo/locate/pixel"]
+        needed += [PICTURES, *([("thermal/camera_info",)] if camera else ())]
+        wanted += ["tirgeo/locate/pixel", *(["thermal/camera_info"] if camera else ())]
         wanted += [name for name in PICTURES if name in there][:1]
     _check_present(reader, needed, there, namespace)
     found = {resolved(name, namespace): name for name in wanted if name in there}

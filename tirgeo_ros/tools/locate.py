@@ -9,7 +9,6 @@ import dataclasses
 import os
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 
 from tirgeo_ros.core.camera import Camera
@@ -19,10 +18,12 @@ from tirgeo_ros.core.located import Located, Refusal, place
 from tirgeo_ros.core.locating import Ground, Reason
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml
+from tirgeo_ros.io.parameter_file import Files
 from tirgeo_ros.io.survey import Observation, load_observations
-from tirgeo_ros.io.whole_files import write_files
+from tirgeo_ros.io.whole_files import check_outputs, write_files
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.progress import Report, silent
@@ -33,24 +34,28 @@ def locate_pixels(
     pixels: PathLike,
     output: PathLike,
     *,
-    params: PathLike | None = None,
+    params: Files = None,
     dem: PathLike | None = None,
     ground_height: float | None = None,
     method: str | None = None,
     kml_out: PathLike | None = None,
     cot_out: PathLike | None = None,
     namespace: str = "",
+    camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; a summary.
 
     Writes GeoJSON, and KML and Cursor-on-Target where asked: all of them or none. ``dem`` or
-    ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground. A pixel
-    that cannot be located is written with its reason. Raises BagError, ConfigError, SurveyError,
-    ElevationError.
+    ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground,
+    ``camera``, a calibration file, before the bag's. A pixel that cannot be located is written
+    with its reason. Raises BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
-    ekf, gimbal, overlay = node_configs(params, namespace, method, dem, ground_height)
-    _check_outputs((bag_in, pixels), [one for one in (output, kml_out, cot_out) if one])
+    ekf, gimbal, overlay = node_configs(
+        params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
+    )
+    outputs = [one for one in (output, kml_out, cot_out) if one]
+    check_outputs((bag_in, pixels), outputs, SurveyError)
     seen = load_observations(pixels)
     ground = ground_of(overlay)
     if ground is None:
@@ -58,11 +63,12 @@ def locate_pixels(
     reader = BagReader(bag_in)
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
-    recorded = RecordedFlight(reader, namespace)
+    recorded = RecordedFlight(reader, namespace, camera=given_camera(overlay))
     flight = recorded.registered(ekf, gimbal, instants_ns)
     recorded.read_all(progress)
-    camera = recorded.camera
-    answers = [Answered(one.id, _answer(camera, flight, one, ground, overlay)) for one in seen]
+    answers = [
+        Answered(one.id, _answer(recorded.camera, flight, one, ground, overlay)) for one in seen
+    ]
     forms = {output: geojson, kml_out: kml, cot_out: cot}
     write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
     summary = _summary(answers, ground)
@@ -78,13 +84,6 @@ def locate_pixels(
         "messages": recorded.read,
         "messages_refused": recorded.refused,
     } | summary
-
-
-def _check_outputs(inputs: Sequence[PathLike], outputs: Sequence[PathLike]) -> None:
-    places = [Path(one).resolve() for one in (*inputs, *outputs)]
-    for place_, path in zip(places[len(inputs) :], outputs, strict=True):
-        if places.count(place_) > 1:
-            raise SurveyError(f"{os.fspath(path)}: is an input or another output too")
 
 
 def _answer(

@@ -1,10 +1,11 @@
-"""The nodes' parameters as a command takes them: from a file, with its options before them."""
+"""The nodes' parameters as a command takes them: from files, with its options before them."""
 
 from __future__ import annotations
 
 import math
 import os
 from dataclasses import replace
+from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.parameter import config_from, values_of
@@ -13,17 +14,27 @@ from tirgeo_ros.io.parameter_file import Files, ParameterFile
 PathLike = str | os.PathLike[str]
 
 
+class NodeConfigs(NamedTuple):
+    """Of the nodes that make the overlay."""
+
+    ekf: EkfConfig
+    gimbal: GimbalConfig
+    overlay: OverlayConfig
+
+
 def node_configs(
     params: Files,
-    namespace: str,
-    method: str | None,
-    dem: PathLike | None,
-    ground_height: float | None,
-) -> tuple[EkfConfig, GimbalConfig, OverlayConfig]:
+    namespace: str = "",
+    *,
+    method: str | None = None,
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
+    camera: PathLike | None = None,
+) -> NodeConfigs:
     """Of ekf_node, gimbal_node and overlay_node, from parameter files (None: the defaults).
 
     What is not None stands before the files: ``method``; ``dem``, which unsets the ground's
-    height; ``ground_height`` (ellipsoidal m). Raises ConfigError.
+    height; ``ground_height`` (ellipsoidal m); ``camera``, its calibration. Raises ConfigError.
     """
     given = ParameterFile(params)
     ekf = given.config("ekf_node", EkfConfig, namespace)
@@ -37,4 +48,6 @@ def node_configs(
         overlay = config_from(
             OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
         )
-    return ekf, gimbal, overlay
+    if camera is not None:
+        overlay = replace(overlay, camera=os.fspath(camera))
+    return NodeConfigs(ekf, gimbal, overlay)

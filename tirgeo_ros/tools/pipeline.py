@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.draping import Ground
 from tirgeo_ros.core.errors import TirgeoError
@@ -46,6 +47,7 @@ class Settings:
     overlay: OverlayConfig
     layers: Sequence[MapLayer] | None = None  # None: no overlay
     ground: Ground | None = None  # under the map, where the parameters name one
+    camera: Camera | None = None  # in place of thermal/camera_info
     raw_images: bool = False
 
 
@@ -74,6 +76,8 @@ class Pipeline:
         if settings.layers is not None:
             ground = settings.ground if isinstance(settings.ground, Terrain) else None
             self.overlay = Overlay(settings.overlay, settings.layers, ground)
+            if settings.camera is not None:
+                self.overlay.set_camera(settings.camera)
         self.unreadable: Counter[str] = Counter()
         self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()

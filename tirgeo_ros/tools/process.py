@@ -22,9 +22,11 @@ import numpy.typing as npt
 from tirgeo_ros.core.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.parameter_file import Files
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
@@ -41,7 +43,7 @@ def process(
     bag_in: PathLike,
     bag_out: PathLike,
     *,
-    params: PathLike | None = None,
+    params: Files = None,
     map: PathLike | None = None,  # noqa: A002 the option's name
     method: str | None = None,
     dem: PathLike | None = None,
@@ -50,26 +52,38 @@ def process(
     raw_images: bool = False,
     video: PathLike | None = None,
     namespace: str = "",
+    camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Process a bag and return a summary.
 
     In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed;
     ``notes`` tell what of the map is not drawn.
-    ``params`` is a ROS 2 parameter YAML of the nodes; ``map``, and ``dem`` or ``ground_height``
-    (ellipsoidal m), stand before those in it. ``progress`` is told seconds of the flight. Nothing
-    is written under its name before it is whole. Raises BagError (no bag, a needed topic absent,
-    nothing readable), ConfigError, MapError, ElevationError, VideoError.
+    ``params`` are ROS 2 parameter files of the nodes; ``map``, ``dem`` or ``ground_height``
+    (ellipsoidal m) and ``camera``, a calibration file, stand before those in them. ``progress``
+    is told seconds of the flight. Nothing is written under its name before it is whole. Raises
+    BagError (no bag, a needed topic absent, nothing readable), CameraError, ConfigError,
+    MapError, ElevationError, VideoError.
     """
-    ekf, gimbal, overlay = node_configs(params, namespace, method, dem, ground_height)
+    ekf, gimbal, overlay = node_configs(
+        params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
+    )
     map_path = (overlay.map if map is None else os.fspath(map)) if images else ""
     _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
     reader = BagReader(bag_in)
-    topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, pictures=bool(map_path))
+    known = given_camera(overlay)
+    topics = inputs_of(
+        reader,
+        ekf.method,
+        gimbal.composition,
+        namespace,
+        pictures=bool(map_path),
+        camera=known is None,
+    )
     settings = Settings(ekf, gimbal, overlay, raw_images=raw_images)
     if map_path:
         layers = load_layers(map_path, overlay.style, overlay.label_field)
-        settings = replace(settings, layers=layers, ground=ground_of(overlay))
+        settings = replace(settings, layers=layers, ground=ground_of(overlay), camera=known)
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None

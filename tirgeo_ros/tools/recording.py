@@ -39,12 +39,19 @@ class Recording:
     camera: Camera
 
 
-def load_recording(path: Path, namespace: str = "", progress: Report = silent) -> Recording:
+def load_recording(
+    path: Path,
+    namespace: str = "",
+    progress: Report = silent,
+    *,
+    camera: Camera | None = None,
+) -> Recording:
     """Read a bag without its images; ``progress`` is told seconds of it.
 
+    A ``camera`` that is given stands in place of the bag's.
     Raises BagError without thermal/camera_info.
     """
-    cdr, samples, camera = Cdr(), [], None
+    cdr, samples = Cdr(), []
     arrivals = Arrivals()
     reader = BagReader(path)
     first_ns, last_ns = reader.span_ns

@@ -81,9 +81,11 @@ def measured_flight(
     gimbal: GimbalConfig,
     namespace: str = "",
     progress: Report = silent,
+    *,
+    camera: Camera | None = None,
 ) -> MeasuredFlight:
     """Equation 22 over a bag, and the camera's way. Raises BagError."""
-    recording = load_recording(Path(bag), namespace, progress)
+    recording = load_recording(Path(bag), namespace, progress, camera=camera)
     samples = recording.samples
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})
     registration = Registration(ekf, gimbal)

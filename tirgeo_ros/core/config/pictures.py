@@ -96,7 +96,9 @@ class OverlayConfig:
         low=-500,
         high=9000,
     )
-    dem: str = param("", "elevation model of the ground (GeoTIFF); empty = a plane")
+    dem: str = param(
+        "", "elevation model of the ground (GeoTIFF); tiles of one with commas; empty = a plane"
+    )
     dem_undulation_m: float = param(
         0.0,
         "height of the DEM's zero above the ellipsoid: 0 for ellipsoidal heights, the geoid's for "
@@ -104,6 +106,11 @@ class OverlayConfig:
         unit="m",
         low=-120,
         high=100,
+    )
+    camera: str = param(
+        "",
+        "the camera's calibration (YAML of camera_calibration), in place of thermal/camera_info; "
+        "empty = that topic",
     )
     video_latency_s: float = param(0.05, "image stamp minus exposure", unit="s", low=-1, high=5)
     max_pose_wait_s: float = param(

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from tirgeo_ros.tools.cli._arguments import add_parameters
 from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.progress import Progress
 
@@ -39,23 +40,14 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     )
     parser.add_argument("bag", nargs="?", type=Path, metavar="IN.mcap", help="a flight")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="for CSV and maps (PNG)")
-    parser.add_argument(
-        "--params",
-        action="append",
-        type=Path,
-        metavar="YAML",
-        help="ROS 2 parameter file; of several the later stand before the earlier",
-    )
-    parser.add_argument("--camera", type=Path, metavar="YAML", help="its calibration")
+    add_parameters(parser)
     for option, name, unit, what in _VALUES:
         parser.add_argument(option, dest=name, type=float, metavar=unit, help=what)
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Make the budget."""
-    from tirgeo_ros.io.camera_file import load_camera  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.budget_files import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
@@ -65,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             bag=args.bag,
             output=args.output,
             params=args.params,
-            camera=None if args.camera is None else load_camera(args.camera),
+            camera=args.camera,
             namespace=args.namespace,
             progress=bar,
         )

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.cli._arguments import (
+    add_flight,
+    add_ground,
+    add_parameters,
+    add_survey,
+    check_ground,
+)
+from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.progress import Progress
 
 
@@ -24,35 +31,17 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "--survey bags/sample/survey.geojson \\\n    --observations bags/sample/observations.csv "
         "--params bags/sample/params.yaml -o evaluation",
     )
-    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
-    parser.add_argument(
-        "--survey", type=Path, metavar="GCPS", required=True, help="GeoJSON, or CSV id,lat,lon,h"
-    )
-    parser.add_argument(
-        "--observations", type=Path, metavar="CSV", required=True, help="id,stamp_ns,u,v"
-    )
+    add_flight(parser)
+    add_survey(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
-    parser.add_argument(
-        "--params",
-        type=Path,
-        metavar="YAML",
-        action="append",
-        help="ROS 2 parameter file; of several the later stand before the earlier",
-    )
+    add_parameters(parser)
     parser.add_argument(
         "--boresight", type=Path, metavar="YAML", help="what calibrate boresight has written"
     )
     parser.add_argument(
         "--map", type=Path, metavar="MAP", help="drawn on the stills; default: the parameters'"
     )
-    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
-    parser.add_argument(
-        "--ground-height",
-        type=float,
-        metavar="M",
-        help="ellipsoidal height of the ground, m; default: the parameters', else the median of "
-        "the observed points' heights",
-    )
+    add_ground(parser, "the parameters', else the median of the observed points' heights")
     parser.add_argument(
         "--projection",
         choices=("gauss-krueger", "utm"),
@@ -65,7 +54,6 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         metavar="BAG",
         help="truth.mcap of a simulated flight: the aircraft's own errors are told too",
     )
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
 
@@ -75,8 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.evaluation.report import report_html  # noqa: PLC0415
     from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation  # noqa: PLC0415
 
-    if args.dem is not None and args.ground_height is not None:
-        raise UsageError("--dem and --ground-height are two grounds: give one")
+    check_ground(args)
     with Progress("evaluating", unit="s") as bar:
         found = evaluate(
             args.bag,
@@ -84,6 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             args.observations,
             params=args.params,
             boresight=args.boresight,
+            camera=args.camera,
             dem=args.dem,
             ground_height=args.ground_height,
             namespace=args.namespace,

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.cli._arguments import (
+    add_flight,
+    add_ground,
+    add_method,
+    add_parameters,
+    check_ground,
+)
+from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.progress import Progress
 
 
@@ -21,7 +28,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "--pixels bags/sample/observations.csv -o points.geojson "
         "--params bags/sample/params.yaml --kml points.kml",
     )
-    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+    add_flight(parser)
     parser.add_argument(
         "--pixels",
         type=Path,
@@ -32,19 +39,11 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="GEOJSON", required=True, help="points and ellipses"
     )
-    parser.add_argument("--params", type=Path, metavar="YAML", help="ROS 2 parameter file")
-    parser.add_argument(
-        "--dem", metavar="TIF", help="elevation model of the ground; tiles of one with commas"
-    )
-    parser.add_argument(
-        "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
-    )
-    parser.add_argument(
-        "--method", metavar="M", choices=("raw", "rtk", "ekf", "ekf_heading"), help="%(choices)s"
-    )
+    add_parameters(parser)
+    add_method(parser)
+    add_ground(parser)
     parser.add_argument("--kml", type=Path, metavar="KML", help="the points as KML too")
     parser.add_argument("--cot", type=Path, metavar="XML", help="and as Cursor-on-Target")
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
 
@@ -52,8 +51,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Locate the pixels."""
     from tirgeo_ros.tools.locate import locate_pixels  # noqa: PLC0415 heavy
 
-    if args.dem is not None and args.ground_height is not None:
-        raise UsageError("--dem and --ground-height are two grounds: give one")
+    check_ground(args)
     with Progress("locating", unit="s") as bar:
         return locate_pixels(
             args.bag,
@@ -63,6 +61,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             dem=args.dem,
             ground_height=args.ground_height,
             method=args.method,
+            camera=args.camera,
             kml_out=args.kml,
             cot_out=args.cot,
             namespace=args.namespace,

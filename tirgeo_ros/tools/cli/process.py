@@ -5,6 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from tirgeo_ros.tools.cli._arguments import (
+    add_flight,
+    add_ground,
+    add_method,
+    add_parameters,
+    check_ground,
+)
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -20,21 +27,15 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         epilog="example:\n  tirgeo process bags/sample/flight.mcap -o out.mcap "
         "--params bags/sample/params.yaml --map bags/sample/map.geojson --video out.mp4",
     )
-    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+    add_flight(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
-    parser.add_argument("--params", type=Path, metavar="YAML", help="ROS 2 parameter file")
+    add_parameters(parser)
+    add_method(parser)
+    add_ground(parser)
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map; without it no overlay")
-    parser.add_argument(
-        "--method", metavar="M", choices=("raw", "rtk", "ekf", "ekf_heading"), help="%(choices)s"
-    )
-    parser.add_argument(
-        "--ground-height", type=float, metavar="M", help="ellipsoidal height of the ground, m"
-    )
-    parser.add_argument("--dem", type=Path, metavar="TIF", help="elevation model of the ground")
     parser.add_argument("--no-images", action="store_true", help="poses only, no overlay")
     parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
     parser.add_argument("--video", type=Path, metavar="OUT.mp4", help="the overlay as a video")
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
 
@@ -44,8 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images goes with neither --video nor --raw-images")
-    if args.dem is not None and args.ground_height is not None:
-        raise UsageError("--dem and --ground-height are two grounds: give one")
+    check_ground(args)
     with Progress("processing", unit="s") as bar:
         return process(
             args.bag,
@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             params=args.params,
             map=args.map,
             method=args.method,
+            camera=args.camera,
             dem=args.dem,
             ground_height=args.ground_height,
             images=not args.no_images,

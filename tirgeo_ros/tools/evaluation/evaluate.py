@@ -11,6 +11,7 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import BagError, CalibrationError
 from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameter_file import Files, PathLike
 from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of
@@ -42,6 +43,7 @@ def evaluate(
     projection: str = "gauss-krueger",
     truth: PathLike | None = None,
     map_path: PathLike | None = None,
+    camera: PathLike | None = None,
     progress: Report = silent,
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
@@ -50,12 +52,15 @@ def evaluate(
     one more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) stands
     before them; without any ground it is level at the median of the observed points' heights.
     ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` the truth of a simulated flight;
-    ``map_path`` stands before the parameters' map, which is drawn on the stills. A
-    method that the bag has not the topics for is told as missing. Raises BagError, ConfigError,
-    SurveyError, ElevationError, and CalibrationError where no method can be run.
+    ``map_path`` stands before the parameters' map, which is drawn on the stills; ``camera``, a
+    calibration file, before the bag's. A method that the bag has not the topics for is told as
+    missing. Raises BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
+    CalibrationError where no method can be run.
     """
     given = load_experiment(survey, observations, projection)
-    setups = method_setups(params, boresight, dem, ground_height, namespace, given.heights_m)
+    setups = method_setups(
+        params, boresight, dem, ground_height, namespace, given.heights_m, camera
+    )
     truly = None if truth is None else load_truth(Path(truth))
     drawn = setups[-1].overlay
     map_text = drawn.map if map_path is None else os.fspath(map_path)
@@ -138,7 +143,9 @@ class _Flight:
     ) -> None:
         self.missing: dict[str, str] = {}
         self.notes: list[str] = []
-        self.recorded = RecordedFlight(reader, namespace, pictures=True)
+        self.recorded = RecordedFlight(
+            reader, namespace, pictures=True, camera=given_camera(setups[-1].overlay)
+        )
         self.series = SensorSeries()
         self._reader = reader
         self._given = given

@@ -51,10 +51,12 @@ def method_setups(
     ground_height: float | None,
     namespace: str,
     survey_heights_m: Sequence[float],
+    camera: PathLike | None = None,
 ) -> list[MethodSetup]:
     """The four methods of the paper, and ``calibrated`` with a boresight file.
 
-    ``boresight`` stands before ``params``, ``dem`` or ``ground_height`` before both. Without any
+    ``boresight`` stands before ``params``, ``dem`` or ``ground_height``, and
+    ``camera``, before both. Without any
     ground it is level at the median of the survey's heights. Raises ConfigError, ElevationError.
     """
     files = paths_of(params)
@@ -64,7 +66,14 @@ def method_setups(
     grounds: dict[object, Ground | None] = {}
     setups = []
     for name, method, given in asked:
-        ekf, gimbal, overlay = node_configs(given, namespace, method, dem, ground_height)
+        ekf, gimbal, overlay = node_configs(
+            given,
+            namespace,
+            method=method,
+            dem=dem,
+            ground_height=ground_height,
+            camera=camera,
+        )
         key = (str(overlay.ground_height_m), overlay.dem, overlay.dem_undulation_m)
         if key not in grounds:  # an elevation model is large
             grounds[key] = ground_of(overlay)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from tirgeo_ros.tools.cli._arguments import add_flight, add_parameters, add_survey
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -25,21 +26,10 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "--survey bags/sample/survey.geojson \\\n    --observations bags/sample/observations.csv "
         "--params bags/sample/params.yaml -o boresight.yaml",
     )
-    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
-    parser.add_argument(
-        "--survey", type=Path, metavar="GCPS", required=True, help="points with id"
-    )
-    parser.add_argument(
-        "--observations", type=Path, metavar="CSV", required=True, help="id,stamp_ns,u,v"
-    )
+    add_flight(parser)
+    add_survey(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="YAML", required=True)
-    parser.add_argument(
-        "--params",
-        type=Path,
-        nargs="+",
-        metavar="YAML",
-        help="ROS 2 parameter files; the later stand before the earlier",
-    )
+    add_parameters(parser)
     parser.add_argument(
         "--estimate",
         type=_names,
@@ -58,7 +48,6 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         help="how well a point was hit, one standard deviation per axis (%(default)s)",
     )
     parser.add_argument("--plot", type=Path, metavar="PNG", help="residuals before and after")
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
     return parser
 
 
@@ -93,6 +82,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             args.observations,
             args.output,
             params=args.params,
+            camera=args.camera,
             estimate=args.estimate,
             hold=args.hold,
             namespace=args.namespace,

@@ -1,0 +1,72 @@
+"""Arguments that several verbs have."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tirgeo_ros.tools.cli._verb import UsageError
+
+METHODS = ("raw", "rtk", "ekf", "ekf_heading")
+
+
+def add_flight(parser: argparse.ArgumentParser) -> None:
+    """The recorded flight."""
+    parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
+
+
+def add_survey(parser: argparse.ArgumentParser) -> None:
+    """Surveyed points and where they were seen."""
+    parser.add_argument(
+        "--survey", type=Path, metavar="GCPS", required=True, help="GeoJSON, or CSV id,lat,lon,h"
+    )
+    parser.add_argument(
+        "--observations",
+        type=Path,
+        metavar="CSV",
+        required=True,
+        help="id,stamp_ns,u,v: the picture's header stamp, column, row",
+    )
+
+
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """What the nodes would be given, and where their topics are."""
+    parser.add_argument(
+        "--params",
+        action="append",
+        type=Path,
+        metavar="YAML",
+        help="ROS 2 parameter file; may be repeated: a later one stands before an earlier",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="YAML",
+        help="its calibration, in place of the bag's thermal/camera_info",
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """How the aircraft's pose is found."""
+    parser.add_argument("--method", metavar="M", choices=METHODS, help="%(choices)s")
+
+
+def add_ground(parser: argparse.ArgumentParser, otherwise: str = "") -> None:
+    """What lies under the map; ``otherwise`` says what does where nothing is given."""
+    parser.add_argument(
+        "--dem", metavar="TIF", help="elevation model of the ground; tiles of one with commas"
+    )
+    default = f"; default: {otherwise}" if otherwise else ""
+    parser.add_argument(
+        "--ground-height",
+        type=float,
+        metavar="M",
+        help=f"ellipsoidal height of the ground, m{default}",
+    )
+
+
+def check_ground(args: argparse.Namespace) -> None:
+    """Raise UsageError for two grounds."""
+    if args.dem is not None and args.ground_height is not None:
+        raise UsageError("--dem and --ground-height are two grounds: give one")
