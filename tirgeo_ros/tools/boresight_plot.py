@@ -31,9 +31,7 @@ def residual_plot(camera: Camera, sightings: Sequence[Sighting], found: Fit) -> 
         panel.set_xlabel("column, px")
     axes[0].set(xlim=(0, camera.width), ylim=(camera.height, 0), ylabel="row, px", aspect="equal")
     axes[1].set_aspect("equal")
-    handles, labels = axes[1].get_legend_handles_labels()
-    if labels:
-        made.legend(handles, labels, loc="outside lower center", ncols=2)
+    axes[1].legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)  # under the picture
     return png(made)
 
 
