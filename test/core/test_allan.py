@@ -220,6 +220,17 @@ def test_quantisation_is_told_from_the_random_walk():
     assert fit.white.value == pytest.approx(2e-4, rel=0.06)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_curve_without_any_of_the_lasting_terms_divides_by_nothing():
+    """A swing falls with the square of time beyond its period, and no white noise is left."""
+    swing = np.sin(np.arange(60_000) / 40) + 1e-3 * np.random.default_rng(9).standard_normal(
+        60_000
+    )
+    fit = AllanAnalysis(curve_of(swing), STEP_S).fit(0)
+    assert fit.flicker.value is None
+    assert fit.walk.value is None
+
+
 def test_a_drift_is_taken_out():
     rng = np.random.default_rng(12)
     record = noise(rng, 200_000, 1e-3, 1e-3, 0.0, 0.05)

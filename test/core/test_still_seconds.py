@@ -14,6 +14,7 @@ from tirgeo_ros.core.still_seconds import (
     drifts,
     longest_stillness,
     movements,
+    settlings,
 )
 
 RATE_HZ = 100
@@ -95,7 +96,30 @@ def test_few_random_walks_pass_for_a_drift():
     assert steady < 0.2 * 360
 
 
+@pytest.mark.parametrize("time_s", [60.0, 200.0, 600.0])
+def test_a_sensor_that_warms_up_is_told_with_its_change(time_s):
+    values = rest(8)
+    t = np.arange(SIZE) / RATE_HZ
+    values[:, 2] -= 2e-3 * (1 - np.exp(-t / time_s))
+    change, settles = settlings(seconds_of(values))
+    assert settles.tolist() == [False, False, True, False, False, False]
+    # The time constants that are tried are up to 2^0.125 off: 10 % of the change at most.
+    assert change[2] == pytest.approx(-2e-3 * (1 - np.exp(-1200 / time_s)), rel=0.1)
+
+
+def test_noise_and_few_random_walks_pass_for_warming_up():
+    """Of pure random walks one in twenty; of white noise none."""
+    rng = np.random.default_rng(9)
+    assert not any(settlings(seconds_of(rest(seed)))[1].any() for seed in range(3))
+    found = 0
+    for _ in range(60):
+        means = np.stack([walk(rng, 1200, 1.0, 1.0) for _ in range(6)], axis=1)
+        found += settlings(Seconds(np.arange(1200.0), means, means))[1].sum()
+    assert found < 0.1 * 360
+
+
 def test_too_short_a_record_has_no_drift():
+    assert not settlings(seconds_of(rest(5, 3000)))[1].any()
     slopes, steady = drifts(seconds_of(rest(5, 3000)))
     assert not slopes.any()
     assert not steady.any()

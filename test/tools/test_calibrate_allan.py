@@ -159,6 +159,13 @@ def test_motors_run_and_the_imu_warms_up(tmp_path):
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
 
 
+def test_a_warm_up_that_ends_is_warned_of(tmp_path):
+    values = record(5)
+    values[:, 1] += 2e-3 * (1 - np.exp(-np.arange(SIZE) / (0.25 * SIZE)))
+    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
+    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settled", result["warning"])
+
+
 def test_a_topic_faster_than_its_sensor(tmp_path):
     values = np.repeat(record(6, SIZE // 2), 2, axis=0)
     result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")

@@ -172,7 +172,8 @@ class AllanAnalysis:
             noise = columns[:, :3] @ powers[:3]
             model = np.maximum(columns @ powers, 1e-9 * variances)
             spread = covariance(powers[:3], self._products).diagonal()
-            degrees = 2 * noise**2 / np.maximum(spread, 1e-30 * noise**2)
+            floor = np.maximum(spread, 1e-30 * noise**2)
+            degrees = np.divide(2 * noise**2, floor, out=degrees.copy(), where=noise > 0)
         return powers
 
 

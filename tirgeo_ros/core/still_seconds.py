@@ -1,4 +1,4 @@
-"""Whether a record of an IMU at rest was one: movement and steady drift, second by second."""
+"""Whether a record of an IMU at rest was one: movement, drift and settling, second by second."""
 
 from __future__ import annotations
 
@@ -7,19 +7,24 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.sample_blocks import SampleBlocks
 from tirgeo_ros.core.sample_grid import Piece
 from tirgeo_ros.core.samples import Array
+
+BoolArray = npt.NDArray[np.bool_]
 
 #: Moved is what exceeds so many usual scatters and what hands or wind do at least.
 _SCATTERS = 8.0
 _LEAST = np.array([0.005] * 3 + [0.05] * 3)  # 0.3 deg/s; 0.3 deg of tilt
 _SHAKEN = 3.0  # times the usual scatter within a second
 _FEWEST = 20  # seconds that tell what is usual
+_FEWEST_OF_DRIFT = 120
 _JOIN_S = 5.0  # moved seconds no farther apart make one interval
 _SURE = 5.0  # standard deviations of a slope of white noise
-_STEADY = 0.9  # share of a series' variance that its slope explains
+_STEADY = 0.9  # share of a series' variance that its slope or its settling explains
+_SETTLED_IN = 2.0 ** np.arange(-5, -0.75, 0.25)  # time constants, as shares of the record
 
 
 class Interval(NamedTuple):
@@ -86,23 +91,53 @@ def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> 
     return max(rests, key=lambda rest: rest.to_s - rest.from_s)
 
 
-def drifts(seconds: Seconds) -> tuple[Array, Array]:
+def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
     """Slope (6,), unit/s, and whether the record drifts steadily along it (6,).
 
-    A warming sensor does. So does one random walk in six; the two look alike in one record.
+    A warming sensor does. So does one random walk in twenty; the two look alike in one record.
     """
     t = seconds.starts_s - seconds.starts_s.mean() if len(seconds.starts_s) else np.zeros(0)
-    if len(t) < 120:
+    if len(t) < _FEWEST_OF_DRIFT:
         return np.zeros(6), np.zeros(6, bool)
-    slopes = t @ seconds.means / (t @ t)
-    minutes = max(len(t) // 60, 1)
-    part = len(t) // minutes * minutes
-    series = seconds.means[:part].reshape(minutes, -1, 6).mean(axis=1)
-    line = slopes * t[:part].reshape(minutes, -1).mean(axis=1)[:, None]
-    explained = line.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
-    rest = (seconds.means - t[:, None] * slopes).std(axis=0)
-    sure = np.abs(slopes) * math.sqrt(float(t @ t)) > _SURE * rest
+    slopes, explained, sure = _along(seconds, t)
     return slopes, (explained > _STEADY) & sure
+
+
+def settlings(seconds: Seconds) -> tuple[Array, BoolArray]:
+    """Change (6,) from first to last second, unit, of what settles, and whether it does (6,).
+
+    A sensor that was switched on settles so: exponentially from the start. Pure random walks do
+    no oftener than they drift steadily, flicker noise does not.
+    """
+    change, settles, best = np.zeros(6), np.zeros(6, bool), np.zeros(6)
+    if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
+        return change, settles
+    t = seconds.starts_s - seconds.starts_s[0]
+    for part in _SETTLED_IN.tolist():
+        shape = -np.exp(-t / (part * t[-1]))
+        shape -= shape.mean()
+        factors, explained, sure = _along(seconds, shape)
+        better = factors**2 * (shape @ shape) > best
+        best = np.where(better, factors**2 * (shape @ shape), best)
+        change = np.where(better, factors * (shape[-1] - shape[0]), change)
+        settles = np.where(better, (explained > _STEADY) & sure, settles)
+    return change, settles
+
+
+def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
+    """Factors (6,) of a shape (n,) of mean zero, and what they are worth.
+
+    That is the share of the minutes' variance that they explain (6,), and whether they are beyond
+    the scatter of the seconds (6,).
+    """
+    factors = shape @ seconds.means / (shape @ shape)
+    minutes = max(len(shape) // 60, 1)
+    part = len(shape) // minutes * minutes
+    series = seconds.means[:part].reshape(minutes, -1, 6).mean(axis=1)
+    line = factors * shape[:part].reshape(minutes, -1).mean(axis=1)[:, None]
+    explained = line.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
+    rest = (seconds.means - shape[:, None] * factors).std(axis=0)
+    return factors, explained, np.abs(factors) * math.sqrt(float(shape @ shape)) > _SURE * rest
 
 
 def _intervals(starts_s: Array) -> list[Interval]:

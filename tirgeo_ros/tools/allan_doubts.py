@@ -8,7 +8,13 @@ from collections.abc import Iterator, Sequence
 
 from tirgeo_ros.core.allan_fit import AllanAnalysis, NoiseFit
 from tirgeo_ros.core.spectral_lines import Line
-from tirgeo_ros.core.still_seconds import Interval, Seconds, longest_stillness, movements
+from tirgeo_ros.core.still_seconds import (
+    Interval,
+    Seconds,
+    longest_stillness,
+    movements,
+    settlings,
+)
 from tirgeo_ros.tools.allan_table import UNITS
 from tirgeo_ros.tools.imu_record import CHANNELS, ImuRecord
 
@@ -32,6 +38,7 @@ def doubts(
         *_movement(movements(seconds), seconds, record.from_s),
         *_vibration(lines),
         *_drift(ramps),
+        *_settling(seconds, ramps),
         *_length(analysis, fits),
         *_stamps(record),
         *_fit(fits),
@@ -78,6 +85,20 @@ def _drift(ramps: Sequence[float]) -> Iterator[str]:
         yield (
             f"steady drift of {', '.join(named)}, by temperature perhaps: it is taken out of the "
             "fit; warm the IMU up for half an hour first"
+        )
+
+
+def _settling(seconds: Seconds, ramps: Sequence[float]) -> Iterator[str]:
+    changes, settles = settlings(seconds)
+    named = [
+        f"{name} by {change:.2g} {UNITS[name.split()[0]]}"
+        for name, change, found, ramp in zip(CHANNELS, changes, settles, ramps, strict=True)
+        if found and not ramp
+    ]
+    if named:
+        yield (
+            f"{', '.join(named)}: settled in the course of the record, warming up perhaps: it is "
+            "in B, K and the bias; leave the start out (--from), or warm the IMU up first"
         )
 
 
