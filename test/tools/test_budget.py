@@ -90,6 +90,23 @@ def test_the_horizon_in_the_picture(tmp_path):
     assert (tmp_path / "height.png").stat().st_size > 1000
 
 
+def test_a_middle_over_the_horizon_has_no_number(capsys, tmp_path):
+    camera = Camera(640, 512, 800.0, 800.0, 319.5, 300.0)
+    save_camera(tmp_path / "camera.yaml", camera)
+    arguments = ["budget", "--tilt", "1", "--camera", str(tmp_path / "camera.yaml")]
+    assert command.main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    # 800 px * tan(1 deg) = 13.96 px above row 300 is the horizon: of rows 0, 4 ... 284 of 508.
+    assert any(line.startswith("56% of the picture lies over the horizon") for line in lines)
+    assert next(line for line in lines if line.startswith("all  ")).split()[2] == "-"
+    table = [line for line in lines if " general " in line or " closed " in line]
+    assert {len(line.split()) for line in table} == {7, 8, 9}  # no two numbers run together
+    assert command.main([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert row(told["rows"], "all")["middle_m"] is None
+    assert told["ground_share"] == pytest.approx(56 / 128)
+
+
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CalibrationError, match=r"file/out: cannot be made: Not a directory"):

@@ -129,8 +129,16 @@ class Budget:
     closed: dict[str, Array]
     general: dict[str, Array]
 
+    @property
+    def ground_share(self) -> float:
+        """What part of the picture lies below the horizon; the rows are of that part."""
+        return float(np.isfinite(self.general["pose"]).mean())
+
     def rows(self) -> list[dict[str, object]]:
-        """One line a factor and form: in the middle, mean, median, 95 % and largest, m."""
+        """One line a factor and form: in the middle, mean, median, 95 % and largest, m.
+
+        The middle is None where it lies over the horizon.
+        """
         forms = {"closed": self.closed, "general": self.general}
         return [
             {"factor": factor, "form": form} | _summary(picture)
@@ -147,7 +155,7 @@ def _summary(picture: Array) -> dict[str, object]:
     if not len(seen):
         raise CalibrationError("the camera sees no ground: look further down")
     return {
-        "middle_m": at_middle,
+        "middle_m": at_middle if math.isfinite(at_middle) else None,
         "mean_m": float(seen.mean()),
         "median_m": float(np.median(seen)),
         "percentile_95_m": float(np.percentile(seen, 95)),

@@ -61,6 +61,7 @@ def make_budget(
     result: dict[str, object] = {
         "height_m": setting.height_m,
         "depression_deg": setting.depression_deg,
+        "ground_share": made.ground_share,
         "errors": dataclasses.asdict(setting.sigmas),
         "rows": made.rows(),
     }

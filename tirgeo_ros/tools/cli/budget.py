@@ -71,6 +71,12 @@ def describe(result: dict[str, Any]) -> str:
         told = "\n".join(f"{name:<20}{value:.4g}" for name, value in result["flight"].items())
         parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{told}")
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
+    sky = 1 - result["ground_share"]
+    if sky > 0:
+        parts.append(
+            f"{sky:.0%} of the picture lies over the horizon and is left out; just below it "
+            "errors grow without bound: take the median"
+        )
     if "rows_of_the_filter" in result:
         parts.append(f"by the filter's own covariance, m\n{_table(result['rows_of_the_filter'])}")
     if "output" in result:
@@ -78,6 +84,7 @@ def describe(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
+_WIDE = 1e6  # m: what does not fit the columns with its millimetres
 _COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 
@@ -87,6 +94,12 @@ def _table(rows: list[dict[str, Any]]) -> str:
         numbers = [row[f"{name.replace(' ', '_')}_m"] for name in _COLUMNS]
         lines.append(
             f"{row['factor']:<16}{row['form']:<9}"
-            + "".join(f"{value:>14.3f}" for value in numbers)
+            + "".join(f"{_number(value):>14}" for value in numbers)
         )
     return "\n".join(lines)
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3f}" if value < _WIDE else f"{value:.4g}"
