@@ -149,6 +149,12 @@ def test_what_lies_outside_the_points_is_told(tmp_path):
     assert "m (one sigma) by the points' own errors alone" in warning
 
 
+def test_rounding_is_no_mistake(tmp_path):
+    noise = np.zeros_like(NOISE_PX)
+    noise[9] += [0.09, 0.0]
+    assert "do not fit" not in (calibrate_map(**files(tmp_path, noise))["warning"] or "")
+
+
 def test_a_mistaken_point_is_named(tmp_path):
     noise = NOISE_PX.copy()
     noise[9] += [150.0, 0.0]

@@ -83,22 +83,25 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
     comments = [line for line in lines if line.startswith("#")]
     named = [line.partition(":")[2].strip() for line in comments if line.startswith("#CRS:")]
     crs = points_crs or (named[0] if named else "")
+    if points_crs and named and not _same(points_crs, named[0]):
+        raise SurveyError(
+            f"{path}: is in {_short(named[0])}, as it says itself: leave --points-crs out"
+        )
     rows = _rows(path, [line for line in lines if not line.startswith("#")])
     if not crs:
         raise SurveyError(
             f"{path}: names no coordinate reference system; give --points-crs (EPSG code)"
         )
-    values = np.array(rows, float).reshape(-1, 4)
+    values = np.array(list(rows.values()), float).reshape(-1, 4)
     flat = np.column_stack([values[:, :2], np.zeros(len(values))])
     degrees, _ = to_wgs84(flat, crs, str(path))
     if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
         raise SurveyError(f"{path}: a point is no place in {_short(crs)}")
-    names = [str(number) for number in range(1, len(values) + 1)]
-    return ControlPoints(names, downward(values[:, 2:]), degrees[:, :2])
+    return ControlPoints(list(rows), downward(values[:, 2:]), degrees[:, :2])
 
 
-def _rows(path: PathLike, lines: Sequence[str]) -> list[tuple[float, ...]]:
-    """Easting, northing, column, row of the points that are enabled."""
+def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Easting, northing, column, row of the enabled points, by their places in the file."""
     reader = csv.DictReader(lines)
     header = reader.fieldnames or ()
     pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
@@ -107,7 +110,7 @@ def _rows(path: PathLike, lines: Sequence[str]) -> list[tuple[float, ...]]:
             f"{path}: no .points file of QGIS (mapX,mapY,sourceX,sourceY); "
             "with a CSV id,column,row give --survey too"
         )
-    found = []
+    found: dict[str, tuple[float, ...]] = {}
     for number, row in enumerate(reader, 1):
         try:
             values = tuple(float(row[name]) for name in (_QGIS_X, _QGIS_Y, *pixels))
@@ -116,8 +119,16 @@ def _rows(path: PathLike, lines: Sequence[str]) -> list[tuple[float, ...]]:
         if not all(map(math.isfinite, values)):
             raise SurveyError(f"{path}: point {number} is not four numbers")
         if (row.get("enable") or "1").strip() != "0":
-            found.append(values)
+            found[str(number)] = values
     return found
+
+
+def _same(one: str, other: str) -> bool:
+    try:
+        first, second = map(pyproj.CRS.from_user_input, (one, other))
+    except pyproj.exceptions.CRSError:
+        return True  # that it is none is told where it is used
+    return bool(first.equals(second, ignore_axis_order=True)) or first.name == second.name
 
 
 def _lines(path: PathLike) -> list[str]:

@@ -23,6 +23,7 @@ from tirgeo_ros.io.whole_files import PathLike, write_files
 from tirgeo_ros.tools.map_residuals import residuals_png
 
 _GROSS = 4.0  # times the usual residual: of noise alone one point in 60000 is as far
+_LEAST_GROSS_PX = 0.1  # nobody hits a point better: smaller is rounding
 _NAMED = 5
 
 
@@ -161,7 +162,8 @@ def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
         return []
     # A residual by the scatter that it ought to have: near the rim a point pulls the fit to it.
     fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
-    chosen = [int(k) for k in np.argsort(-fair) if fair[k] > _GROSS * np.median(fair)][:_NAMED]
+    far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
+    chosen = [int(k) for k in np.argsort(-fair) if far[k]][:_NAMED]
     return [f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)" for k in chosen]
 
 
