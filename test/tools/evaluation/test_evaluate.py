@@ -17,6 +17,7 @@ from tirgeo_ros.io.bag import BagReader, BagWriter
 from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.io.survey import (
     Observation,
+    SurveyPoint,
     load_observations,
     load_survey,
     save_observations,
@@ -314,6 +315,22 @@ def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     assert "1 of 27 observations are of points that the survey has not, and left out: Q7" in notes
     assert "1 of 27 observations have a stamp that is no picture's: up to 0.004 s" in notes
     assert sum(point["observations"] for point in summary(found)["points"].values()) == 26
+
+
+def test_the_survey_of_another_place_is_told(sample, raw_flight, tmp_path):
+    survey = [
+        SurveyPoint(one.id, one.latitude_rad + math.radians(0.1), one.longitude_rad, one.height_m)
+        for one in load_survey(raw_flight[1])
+    ]
+    save_survey(tmp_path / "survey.csv", survey)
+    away = evaluate(
+        raw_flight[0],
+        tmp_path / "survey.csv",
+        raw_flight[2],
+        params=sample / "params.yaml",
+    )
+    # a tenth of a degree of the meridian at 40 deg is 11.10 km
+    assert any("points lie 11.1 km from where the survey" in note for note in away.notes)
 
 
 def test_the_tables(found):

@@ -163,6 +163,14 @@ def test_a_survey_of_other_points_is_told(tmp_path):
         load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
 
 
+def test_a_list_without_observations_is_told(tmp_path):
+    survey, _ = flown(*some_points(2))
+    save_survey(tmp_path / "survey.csv", survey)
+    save_observations(tmp_path / "seen.csv", [])
+    with pytest.raises(SurveyError, match=r"seen\.csv: has no observations$"):
+        load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
+
+
 def test_the_heights_are_those_of_observed_points_each_once():
     survey = [
         SurveyPoint(name, 0.7, 2.0, height)

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.tools.evaluation.ground import Experiment
-from tirgeo_ros.tools.evaluation.result import Checks, Stamps
+from tirgeo_ros.tools.evaluation.result import Checks, MethodResult, Stamps
 
 _NAMED = 5  # ids in a note, at the most
+_ELSEWHERE_M = 500.0  # the usual error of every method: no drone's camera is so far off
 
 
 def checks_of(given: Experiment, image_stamps_ns: Stamps) -> Checks:
@@ -62,6 +63,19 @@ def check_notes(checks: Checks) -> list[str]:
             f"picture's: up to {checks.off_pictures_most_s:.3g} s from the nearest one"
         )
     return notes
+
+
+def place_notes(methods: Sequence[MethodResult]) -> list[str]:
+    """Whether the survey is that of another place, as it seems."""
+    errors_m = [[one.distance_m for one in method.located] for method in methods]
+    usual_m = min((float(np.median(some)) for some in errors_m if some), default=0.0)
+    if usual_m < _ELSEWHERE_M:
+        return []
+    note = (
+        f"the observed points lie {usual_m / 1000:.3g} km from where the survey has them: are "
+        "these the survey and the observations of this flight, in WGS84?"
+    )
+    return [note]
 
 
 def _some(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameter_file import Files, PathLike
-from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of
+from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of, place_notes
 from tirgeo_ros.tools.evaluation.ground import Experiment, load_experiment, locate_observations
 from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult, Still
 from tirgeo_ros.tools.evaluation.series import MethodSeries, SensorSeries
@@ -71,7 +71,12 @@ def evaluate(
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
     checks = checks_of(given, sensors.image_stamps_ns)
     stills = flight.stills(layers)
-    notes = [*setup_notes(setups, given.heights_m), *flight.notes, *check_notes(checks)]
+    notes = [
+        *setup_notes(setups, given.heights_m),
+        *flight.notes,
+        *check_notes(checks),
+        *place_notes(methods),
+    ]
     return Evaluation(
         os.fspath(bag),
         os.fspath(survey),

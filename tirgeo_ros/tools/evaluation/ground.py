@@ -45,6 +45,8 @@ def load_experiment(survey: PathLike, observations: PathLike, projection: str) -
     """
     points, seen = load_survey(survey), load_observations(observations)
     names = {point.id for point in points}
+    if not seen:
+        raise SurveyError(f"{os.fspath(observations)}: has no observations")
     if not any(one.id in names for one in seen):
         raise SurveyError(
             f"{os.fspath(observations)}: none of its {len(seen)} observations is of a point of "
