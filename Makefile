@@ -17,7 +17,7 @@ $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
 	$(if $(filter $(CURDIR),$(shell cat $(stamp))),,$(shell rm -f $(stamp)))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-floor lint types bench fuzz consistency states clean
+.PHONY: help setup demo test test-floor lint types bench fuzz consistency states reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -54,6 +54,9 @@ consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulat
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m tirgeo_ros.tools.states bags/sample test/data/sample_states.csv
+
+reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tirgeo_ros.tools.reproduction
 
 clean:  ## remove what the above made, but for demo/
 	rm -rf $(VENV) $(FLOOR) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,1 @@
+"""``docs/reproduction.md``: the paper's tables beside what the commands give in the simulator."""
