@@ -61,7 +61,7 @@ setup(
         "pyserial>=3.5",
         "cryptography>=41",
         "pyshp>=2.3",
-        # Of the commands alone: plots, statistics and least squares.
+        # Of the commands alone: plots and statistics.
         "matplotlib>=3.6",
         "scipy>=1.11",
     ],
