@@ -12,6 +12,7 @@ import pytest
 
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import CalibrationError
+from tirgeo_ros.io.bag import BagReader, BagWriter
 from tirgeo_ros.io.camera_file import save_camera
 from tirgeo_ros.tools.budget import Setting, budget
 from tirgeo_ros.tools.budget_files import make_budget
@@ -131,6 +132,19 @@ def test_of_a_flight(sample, tmp_path):
     assert result["depression_deg"] == pytest.approx(30.0, abs=0.5)
     assert row(result["rows_of_the_filter"], "pose")["mean_m"] < 0.5
     assert row(result["rows"], "pose")["mean_m"] > 3.0
+
+
+def test_a_flight_without_gps_says_whose_errors_it_takes(sample, tmp_path, capsys):
+    reader = BagReader(sample / "flight.mcap")
+    with BagWriter(tmp_path / "nogps.mcap") as writer:
+        for item in reader.messages():
+            if not item.topic.startswith(("/gps/", "/thermal/image")):
+                writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    arguments = [str(tmp_path / "nogps.mcap"), "--params", str(sample / "params.yaml")]
+    assert command.main(["budget", *arguments]) == 0
+    told = capsys.readouterr().out
+    assert "nan" not in told
+    assert told.count("not recorded; that of the paper is taken") == 3  # east, north, height
 
 
 def test_a_flight_over_unknown_ground(sample):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def describe(result: dict[str, Any]) -> str:
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
     if "flight" in result:
-        told = "\n".join(f"{name:<20}{value:.4g}" for name, value in result["flight"].items())
+        told = "\n".join(f"{name:<20}{_told(value)}" for name, value in result["flight"].items())
         parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{told}")
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
     sky = 1 - result["ground_share"]
@@ -97,6 +98,10 @@ def _table(rows: list[dict[str, Any]]) -> str:
             + "".join(f"{_number(value):>14}" for value in numbers)
         )
     return "\n".join(lines)
+
+
+def _told(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "not recorded; that of the paper is taken"
 
 
 def _number(value: float | None) -> str:
