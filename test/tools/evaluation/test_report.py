@@ -89,6 +89,14 @@ def test_the_tables_hold_the_numbers(found, page):
     assert set(found.control) <= set(page.text)
 
 
+def test_points_that_nobody_clicked_are_not_counted_as_observed(found, page):
+    seen = {one.id for one in found.method("raw").located}
+    assert 0 < len(seen) < len(found.control)
+    assert f"; {len(seen)} of {len(found.control)} surveyed points observed; " in "".join(
+        page.text
+    )
+
+
 def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
     stills = [
         cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)

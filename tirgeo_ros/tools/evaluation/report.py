@@ -67,9 +67,11 @@ def report_html(found: Evaluation) -> str:
 def _lead(found: Evaluation) -> str:
     """What was compared with what, and where."""
     checks = found.checks
+    seen = sum(name not in checks.unobserved_ids for name in found.control)
     ground = found.methods[0].ground_words if found.methods else ""
     words = [
-        f"{checks.observations} observations of {len(found.control)} control points",
+        f"{checks.observations} observations",
+        f"{seen} of {len(found.control)} surveyed points observed",
         f"survey {found.survey_path}",
         f"observations {found.observations_path}",
         f"errors in {found.projection.name}",
