@@ -191,6 +191,31 @@ def test_a_gauss_markov_bias_is_found_as_the_filter_models_it():
     assert fit.bias.time_factor < 2
 
 
+@pytest.mark.parametrize(("b", "k"), [(3e-4, 0.0), (1e-4, 3e-6), (5e-5, 0.0)])
+def test_flicker_is_modelled_by_its_own_b(b, k):
+    """What the parameters call bias instability is B, as everywhere else."""
+    size = 360_000  # 5 h at 20 Hz
+    record = noise(np.random.default_rng(1), size, 2e-4, b, k, 0.05)
+    analysis = AllanAnalysis(curve_of(record), 0.05)
+    fit = analysis.fit(0)
+    assert fit.flicker.value == pytest.approx(b, rel=0.15)  # as B is asked for
+    assert fit.bias.sigma == fit.flicker.value
+    # No such process is flicker noise over all of a record, but it crosses the curve.
+    seen = fit.variances > 2 * fit.white.value**2 / analysis.tau_s
+    assert (fit.bias_model > fit.variances)[seen].any()
+    assert (fit.bias_model < fit.variances)[seen].any()
+
+
+def test_a_bias_that_walks_is_more_than_b():
+    size = 360_000
+    record = noise(np.random.default_rng(1), size, 2e-4, 1e-4, 2e-5, 0.05)
+    fit = AllanAnalysis(curve_of(record), 0.05).fit(0)
+    assert fit.bias.sigma > 2 * fit.flicker.value
+    # what it drives a bias with is what drives the walk: K, to a half of it
+    driven = fit.bias.sigma * math.sqrt(2 / fit.bias.time_s)
+    assert driven == pytest.approx(2e-5, rel=0.6)
+
+
 def test_gauss_markov_variances_against_theory():
     tau_s = np.geomspace(1e-4, 1e6, 200)
     found = gauss_markov_variances(tau_s, 10.0)

@@ -180,7 +180,7 @@ def test_refusals(still, tmp_path):
         calibrate_allan(still, out, from_s=1e6)
     with pytest.raises(CalibrationError, match="40 s in one piece tell nothing"):
         calibrate_allan(still, out, to_s=40.0)
-    with pytest.raises(CalibrationError, match="is the input or another output too"):
+    with pytest.raises(CalibrationError, match="is an input or another output too"):
         calibrate_allan(still, out, plot=out)
     with pytest.raises(CalibrationError, match=r"absent/imu\.yaml: cannot be written: No such"):
         calibrate_allan(still, tmp_path / "absent/imu.yaml")

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.allan import AllanCurve
-from tirgeo_ros.core.allan_bias import GaussMarkov, fit_bias
+from tirgeo_ros.core.allan_bias import GaussMarkov, Instability, fit_bias
 from tirgeo_ros.core.allan_covariance import covariance, products, shapes
 from tirgeo_ros.core.samples import Array
 
@@ -91,7 +91,6 @@ class AllanAnalysis:
         sigmas, misfit = _sigmas(variances, columns, model, spread, start)
         without = self._without(variances, columns, powers, start)
         white = powers[0] * columns[:, 0]
-        bias = fit_bias(self.tau_s, variances - white, model, spread, slice(start, None))
         at = _minimum(variances, degrees)
         lowest = math.sqrt(variances[at])
         sigmas *= max(misfit, 1.0)
@@ -99,9 +98,12 @@ class AllanAnalysis:
             _term(*one)
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
         ]
+        flicker, part = terms[1], slice(start, None)
+        told = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
+        bias = fit_bias(self.tau_s, variances - white, model, spread, part, told)
         return NoiseFit(
             white=terms[0],
-            flicker=terms[1],
+            flicker=flicker,
             walk=terms[2],
             quantisation=terms[3],
             minimum=lowest,

@@ -16,7 +16,7 @@ from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.still_seconds import Seconds, drifts
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_output import Value, parameters_yaml
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.tools.allan_doubts import doubts
 from tirgeo_ros.tools.allan_pictures import curves_csv, curves_png
 from tirgeo_ros.tools.allan_table import axis_of, table
@@ -28,9 +28,10 @@ _HEAD = """\
 Noise of the IMU in {name}: {hours:.2f} h at {rate:.2f} Hz, by tirgeo calibrate allan.
 
 The random walks are N. The filter models each bias as a first-order Gauss-Markov process:
-*_bias_instability is its standard deviation and *_bias_time_s its correlation time, such that
-it and the white noise together come nearest to the measured Allan deviation. B and the time of
-the minimum are other things and stand here:
+*_bias_instability is its standard deviation and *_bias_time_s its correlation time. The first is
+B, the floor of the Allan deviation over 0.664, with the time that comes nearest to the measured
+curve; where no process of B is near it (a bias that walks), it is that of the nearest process.
+B, the plain minimum and all else that was found:
 
 """
 
@@ -53,7 +54,8 @@ def calibrate_allan(
     asked, the curves as CSV: all of them or none. Raises BagError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
-    _check_places(bag, [output, picture, *([] if csv is None else [csv])])
+    outputs = [output, picture, *([] if csv is None else [csv])]
+    check_outputs([bag], outputs, CalibrationError)
     reader = BagReader(bag)
     record = read_record(reader, topic, namespace, from_s, to_s, progress)
     analysis = _analysis(reader, record)
@@ -101,13 +103,6 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
         found[f"imu.{sensor}_bias_instability"] = [fit.bias.sigma for fit in three]
         found[f"imu.{sensor}_bias_time_s"] = [fit.bias.time_s for fit in three]
     return found
-
-
-def _check_places(bag: PathLike, outputs: Sequence[PathLike]) -> None:
-    places = [Path(one).resolve() for one in (bag, *outputs)]
-    for path in outputs:
-        if places.count(Path(path).resolve()) > 1:
-            raise CalibrationError(f"{os.fspath(path)}: is the input or another output too")
 
 
 def _analysis(reader: BagReader, record: ImuRecord) -> AllanAnalysis:
