@@ -184,9 +184,8 @@ def test_twenty_bad_pictures_do_no_harm(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("look", [BoardLook(), BoardLook(noise=3.0, blur_px=1.4)])
-def test_sigmas_hold_over_many_boards(tmp_path, look):
-    z = []
+def test_sigmas_hold_over_many_boards(tmp_path):
+    look, z = BoardLook(noise=3.0, blur_px=1.4), []
     for seed in range(20, 30):
         images = {f"{n}": v.image for n, v in enumerate(board_views(XT2, BOARD, 20, seed, look))}
         folder = write(tmp_path / f"{seed}", images)
