@@ -352,3 +352,15 @@ def test_a_ground_height_is_found_if_asked_for(tmp_path):
     assert one["before"] == pytest.approx(13.0, abs=0.03)  # 11.5 m and 1.5, surveyed to 2 cm
     assert abs(one["found"] - 11.5) <= 4 * one["sigma"]
     assert one["sigma"] < 0.2
+
+
+@pytest.mark.slow
+def test_a_second_tilt_does_not_cost_the_boresight(tmp_path):
+    """The north could be told at two tilts, but roll would be known half as well for it."""
+    tilts = {"gimbal.pitch_step_deg": -35.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(tmp_path, 1, "{composition: encoders}\n", **tilts)
+    result = flown.calibrate(click_sigma_px=0.5)
+    assert "gimbal_north" not in result["parameters"]
+    for name, (error, _) in flown.errors(result).items():
+        assert abs(error) <= (10.0 if name == "latency" else 0.1)
+    assert any("much less certain" in note for note in result["notes"])

@@ -25,6 +25,7 @@ IF_TOLD = "gimbal_north"
 #: How well an operator hits a point in a thermal picture, px, one standard deviation per axis.
 CLICK_SIGMA_PX = 1.0
 _SEEN_SHARE = 4.0  # of LIMITS: beyond 2 deg of sigma a test of it means nothing
+_MOST_COST = 1.5  # times as uncertain as without a parameter that nobody asked for
 _SURE_SIGMAS = 3.0  # three in a thousand flights by chance
 _FOLLOWED = (
     "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
@@ -131,11 +132,21 @@ def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> 
         return None
     covariance = _foreseen(read, wanted)
     found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
-    if found is None or _is_off(read, wanted, covariance):
+    is_told = found is None and not _costs_the_others(read, wanted, covariance)
+    if is_told or _is_off(read, wanted, covariance):
         return None
+    if found is None:
+        return "beside it the others would be much less certain"
     if IF_TOLD not in found.names:
         return "this flight leaves too much uncertain for it"
     return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
+
+
+def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
+    """Whether taking in the gimbal's north makes another parameter much less known."""
+    others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
+    alone = _foreseen(read, [wanted[k] for k in others]).diagonal()
+    return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
 
 
 def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
