@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from map_readers import reader_of
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ConfigError, MapError
@@ -42,19 +43,6 @@ def child():
     made = MapChild()
     yield made
     made.stop()
-
-
-def pid_of(child: MapChild) -> int:
-    """Of the only child process of this one that reads maps."""
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            words = (path / "cmdline").read_text()
-        except OSError:
-            continue
-        if parent == os.getpid() and "tirgeo_ros.io.map_child" in words:
-            return int(path.name)
-    raise AssertionError(f"{child} has no process")
 
 
 def test_the_map_is_the_one_that_this_process_would_lay(child, config):
@@ -111,7 +99,7 @@ def test_what_the_reading_raises_is_raised_here(child, config):
 
 def test_a_reader_that_dies_is_an_error_that_names_the_map(child, config):
     child.read(config)
-    os.kill(pid_of(child), signal.SIGKILL)
+    os.kill(reader_of(os.getpid()), signal.SIGKILL)
     with pytest.raises(MapError, match=r"map\.geojson: its reader ended \(exit code -9\)"):
         child.lay(PLANE)
     assert child.read(config).features == 1  # the next one is none the worse

@@ -8,10 +8,10 @@ import math
 import os
 import signal
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from map_readers import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
@@ -129,19 +129,6 @@ def flight(overlay, take_off):
     return take_off(), *overlay
 
 
-def reader_of(node) -> int:
-    """The process that has read the node's map."""
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            words = (path / "cmdline").read_text()
-        except OSError:
-            continue
-        if parent == node.pid and "map_child" in words:
-            return int(path.name)
-    raise AssertionError("no process reads the map")
-
-
 def has_lines(picture: Image) -> bool:
     ink = ink_on(image_pixels(picture))
     return (ink[:, 1] > 150).sum() > 100  # a notice stands above
@@ -206,7 +193,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
 
 def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
     node, _ = overlay
-    reader = reader_of(node)
+    reader = reader_of(node.pid)
     os.kill(reader, signal.SIGSTOP)  # as long as a map of a whole county may take
     try:
         flown = take_off()
@@ -223,7 +210,7 @@ def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
 
 def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overlay, take_off):
     node, path = overlay
-    os.kill(reader_of(node), signal.SIGKILL)
+    os.kill(reader_of(node.pid), signal.SIGKILL)
     flown = take_off()
     flown.until(lambda: "its reader ended (exit code -9)" in flown.diagnostics().get("", ""))
     assert str(path) in flown.diagnostics()[""]

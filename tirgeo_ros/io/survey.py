@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 import os
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.errors import SurveyError
-from tirgeo_ros.io.whole_files import write_files
+from tirgeo_ros.io.whole_files import csv_text, write_files
 
 T = TypeVar("T")
 
@@ -86,7 +85,7 @@ def load_marks(path: str | os.PathLike[str]) -> list[Mark]:
 def save_observations(path: str | os.PathLike[str], observations: Sequence[Observation]) -> None:
     """Write observations as CSV, pixels to a thousandth."""
     rows = [(o.id, str(o.stamp_ns), f"{o.u:.3f}", f"{o.v:.3f}") for o in observations]
-    write_files({path: _csv([_OBSERVATION_COLUMNS, *rows])}, SurveyError)
+    write_files({path: csv_text([_OBSERVATION_COLUMNS, *rows])}, SurveyError)
 
 
 def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint]:
@@ -192,7 +191,7 @@ def _survey_csv(points: Sequence[SurveyPoint]) -> str:
         (p.id, _degrees(p.latitude_rad), _degrees(p.longitude_rad), f"{p.height_m:.4f}")
         for p in points
     ]
-    return _csv([_SURVEY_COLUMNS, *rows])
+    return csv_text([_SURVEY_COLUMNS, *rows])
 
 
 def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
@@ -217,12 +216,6 @@ def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
 def _degrees(angle_rad: float) -> str:
     """Ten decimals: a hundredth of a millimetre on the ground."""
     return f"{math.degrees(angle_rad):.10f}"
-
-
-def _csv(rows: Sequence[tuple[str, ...]]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(rows)
-    return out.getvalue()
 
 
 def _text(path: str | os.PathLike[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,6 +22,23 @@ def check_outputs(
         if Path(path).resolve() in taken:
             raise error(f"{os.fspath(path)}: is an input or another output too")
         taken.add(Path(path).resolve())
+
+
+def made_folder(path: PathLike, error: type[TirgeoError]) -> Path:
+    """The folder, made where it is not there. Raises ``error`` naming it."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise error(f"{folder}: cannot be made: {fault.strerror or fault}") from None
+    return folder
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Rows as CSV, the first of them the header."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
 
 
 def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.allan_fit import FLICKER_FLOOR, AllanAnalysis, NoiseFit, deviation_band
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.whole_files import csv_text
 from tirgeo_ros.tools.allan_table import UNITS
 from tirgeo_ros.tools.imu_record import CHANNELS
 from tirgeo_ros.tools.plots import COLOURS, figure, png
@@ -70,8 +69,5 @@ def curves_csv(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> str:
         columns += [np.sqrt(fit.variances), low, high, np.sqrt(fit.model), fit.degrees]
         stem = name.replace(" ", "_")
         header += [f"{stem}_{part}" for part in ("deviation", "low", "high", "fit", "degrees")]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([f"{x:.6g}" for x in row] for row in zip(*columns, strict=True))
-    return out.getvalue()
+    rows = ([f"{x:.6g}" for x in row] for row in zip(*columns, strict=True))
+    return csv_text([header, *rows])

@@ -13,7 +13,7 @@ from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.parameter_file import Files
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, made_folder, write_files
 from tirgeo_ros.tools.budget import STEP_PX, Budget, Setting, Sigmas, budget, budget_csv
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.plots import figure, png
@@ -125,10 +125,7 @@ def _written(folder: Path, made: Budget) -> list[str]:
     files: dict[PathLike, str | bytes] = {folder / "budget.csv": budget_csv(made)}
     for name, (picture, error) in maps.items():
         files[folder / f"{name}.png"] = error_map(picture, _TITLES[name].format(error))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise CalibrationError(f"{folder}: cannot be made: {fault.strerror}") from None
+    made_folder(folder, CalibrationError)
     write_files(files, CalibrationError)
     return [os.fspath(path) for path in files]
 

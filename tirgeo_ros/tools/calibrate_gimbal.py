@@ -5,8 +5,6 @@ The work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, Table 8).
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,7 +20,7 @@ from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.camera_file import load_camera
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, csv_text, write_files
 from tirgeo_ros.tools.board_pictures import (
     BoardVideo,
     Taken,
@@ -207,16 +205,14 @@ def _warning(found: Attitudes, lost: BoardSightings, total: int) -> str | None:
 
 def attitudes_csv(found: Attitudes) -> str:
     """One line a picture: time, angles and their standard deviations in degrees, error in px."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
-    writer.writerow(["picture", "time_s", *names, "rms_px"])
+    rows = [["picture", "time_s", *names, "rms_px"]]
     numbers = np.degrees(np.hstack([found.angles_rad, found.sigmas_rad]))
     for name, time_s, row, rms in zip(
         found.names, found.times_s, numbers, found.rms_px, strict=True
     ):
-        writer.writerow([name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"])
-    return out.getvalue()
+        rows.append([name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"])
+    return csv_text(rows)
 
 
 def attitudes_png(found: Attitudes) -> bytes:

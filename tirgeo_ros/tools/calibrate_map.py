@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +16,7 @@ from tirgeo_ros.io.control_points import ControlPoints, load_control_points
 from tirgeo_ros.io.pixel_features import PixelFeatures
 from tirgeo_ros.io.planes import Plane
 from tirgeo_ros.io.warped_picture import write_warped
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.tools.map_residuals import residuals_png
 
 _GROSS = 4.0  # times the usual residual: of noise alone one point in 60000 is as far
@@ -49,7 +46,7 @@ def calibrate_map(
     """
     named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
     given = [path for path in (vectors, points, survey, image) if path is not None]
-    _check_places(given, named)
+    check_outputs(given, named, MapError)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     found, residuals = _fitted(points, control, plane, order)
@@ -85,13 +82,6 @@ def calibrate_map(
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
     }
-
-
-def _check_places(inputs: list[PathLike], outputs: list[PathLike]) -> None:
-    places = [Path(one).resolve() for one in (*inputs, *outputs)]
-    for path in outputs:
-        if places.count(Path(path).resolve()) > 1:
-            raise MapError(f"{os.fspath(path)}: is an input or another output too")
 
 
 def _fitted(
@@ -197,9 +187,5 @@ def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, object
 
 def _csv(control: ControlPoints, residuals: Residuals) -> str:
     rows = _rows(control, residuals)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(rows[0])
-    for row in rows:
-        writer.writerow([x if isinstance(x, str) else f"{x:.4f}" for x in row.values()])
-    return out.getvalue()
+    lines = [[x if isinstance(x, str) else f"{x:.4f}" for x in row.values()] for row in rows]
+    return csv_text([rows[0], *lines])

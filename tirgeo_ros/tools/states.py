@@ -25,6 +25,7 @@ from tirgeo_ros.core.navigation import Navigation
 from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.samples import NavSolution
 from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.io.whole_files import csv_text
 from tirgeo_ros.tools.recording import load_recording
 from tirgeo_ros.tools.registration import navigated
 
@@ -64,11 +65,7 @@ _TURN_DEG = 360.0
 
 def states_text(bag: Path, params: Path) -> str:
     """The table of a bag under the parameters of a file. Raises BagError, ConfigError."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(_rows(bag, params))
-    return out.getvalue()
+    return csv_text([HEADER, *_rows(bag, params)])
 
 
 def _rows(bag: Path, params: Path) -> Iterator[list[str]]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.io.parameter_output import parameters_yaml
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, csv_text, made_folder, write_files
 from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodResult
 from tirgeo_ros.tools.evaluation.series import SETTLED_S
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
@@ -149,10 +147,7 @@ def write_evaluation(
     for one in found.methods:
         contents[place / f"params_{one.method}.yaml"] = _parameters(found, one)
     contents |= {place / name: content for name, content in (more or {}).items()}
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CalibrationError(f"{place}: cannot be made: {error.strerror or error}") from None
+    made_folder(place, CalibrationError)
     write_files(contents, CalibrationError)
     return [str(path) for path in contents]
 
@@ -177,7 +172,7 @@ def _points_csv(found: Evaluation) -> str:
     for name, point in _points(found).items():
         errors = [_metres(columns[method].get(name)) for method in methods]
         rows.append([name, *errors, point["observations"]])
-    return _csv(rows)
+    return csv_text(rows)
 
 
 def _observations_csv(found: Evaluation) -> str:
@@ -188,7 +183,7 @@ def _observations_csv(found: Evaluation) -> str:
             [point.id, point.stamp_ns, *_pixel(point.uv), one.method, *[""] * 11, point.reason]
             for point in one.refused
         ]
-    return _csv(rows)
+    return csv_text(rows)
 
 
 def _located_row(method: str, point: LocatedPoint) -> list[object]:
@@ -212,9 +207,3 @@ def _pixel(uv: tuple[float, float]) -> list[str]:
 def _metres(value: float | None) -> str:
     """To a tenth of a millimetre; empty where there is none."""
     return "" if value is None else f"{value:.4f}"
-
-
-def _csv(rows: Iterable[Iterable[object]]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(rows)
-    return out.getvalue()
