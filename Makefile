@@ -4,9 +4,11 @@ VENV := .venv
 FLOOR := .venv-floor
 BIN := $(VENV)/bin
 PYTEST := -m pytest -q
+# A worker more than there are processors: those of the graph mostly wait. A file is one worker's.
+WORKERS = --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile
 
 # What the environment is made from, and for which ROS; a change of either makes it again.
-SOURCES := setup.py setup.cfg scripts/setup.sh scripts/find_python.sh
+SOURCES := setup.py setup.cfg $(addprefix scripts/,setup.sh find_python.sh pip_install.sh slim.py)
 READY := $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
@@ -16,8 +18,14 @@ BENCH_READY := $(READY)-bench
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
 	$(if $(filter $(CURDIR),$(shell cat $(stamp))),,$(shell rm -f $(stamp)))))
 
+# Each of some hundred processes of the tests would compile all anew.
+unexport PYTHONDONTWRITEBYTECODE
+# As the nodes and the command set it themselves: idle threads of the matrix library spin, and
+# threads add in another order each time.
+export OPENBLAS_NUM_THREADS := 1
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-floor lint types bench fuzz consistency states reproduction clean
+.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz soak consistency real-flights states reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -29,11 +37,16 @@ setup: $(READY)  ## ROS 2 Jazzy and tirgeo in .venv; then .venv/bin/tirgeo works
 demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in demo/
 	$(BIN)/tirgeo demo
 
-test: $(READY)  ## all tests, those of the running graph included
-	$(BIN)/python $(PYTEST)
+test: $(READY)  ## the tests, those of the running graph included: some minutes
+	$(BIN)/python $(PYTEST) $(WORKERS) -m "not slow"
+
+test-slow: $(READY)  ## the rest: accuracy over many flights, large sets of pictures, recordings
+	$(BIN)/python $(PYTEST) $(WORKERS) -m slow
+
+test-all: test test-slow  ## both
 
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
-	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) --ignore=test/nodes -m "not graph and not slow" --hypothesis-profile=brief
+	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) $(WORKERS) --ignore=test/nodes -m "not graph and not slow" --hypothesis-profile=brief
 
 lint: $(LINT_READY)  ## ruff: rules and format
 	$(BIN)/ruff check .
@@ -42,24 +55,35 @@ lint: $(LINT_READY)  ## ruff: rules and format
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
-# As the nodes and the command set it themselves: idle threads of the matrix library spin.
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tirgeo_ros.tools.bench
+	$(BIN)/python -m tirgeo_ros.tools.bench
 
 fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
 	$(BIN)/python -m tirgeo_ros.tools.fuzz
 
+MINUTES := 10
+
+soak: $(READY)  ## the graph with kills, stops and jumps of the clock, ten minutes or MINUTES=60
+	$(BIN)/python -m tirgeo_ros.tools.soak --minutes $(MINUTES)
+
 consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
 	$(BIN)/python -m tirgeo_ros.tools.consistency
+
+FLIGHTS := ../shared/real_flights
+
+real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of bags
+	@if [ -d "$(FLIGHTS)" ]; then \
+		$(BIN)/python -m tirgeo_ros.tools.real_flights_table "$(FLIGHTS)"; \
+	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m tirgeo_ros.tools.states bags/sample test/data/sample_states.csv
 
 reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tirgeo_ros.tools.reproduction
+	$(BIN)/python -m tirgeo_ros.tools.reproduction
 
 clean:  ## remove what the above made, but for demo/
-	rm -rf $(VENV) $(FLOOR) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(VENV).old $(FLOOR) $(FLOOR).old build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): $(SOURCES)
@@ -71,11 +95,9 @@ $(FLOOR_READY): $(SOURCES)
 	@echo $(CURDIR) > $@
 
 $(LINT_READY): $(READY)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		--constraint $(VENV)/constraints.txt --editable ".[lint]"
+	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
 	@touch $@
 
 $(BENCH_READY): $(READY)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		--constraint $(VENV)/constraints.txt --editable ".[bench]" && touch $@ \
+	@scripts/pip_install.sh $(VENV) --editable ".[bench]" && touch $@ \
 		|| echo "pyins could not be installed: the bench goes without it" >&2

@@ -3,7 +3,7 @@
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
 ``dji:=false`` says that other drivers give its topics;
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson bag:=flight.mcap`` plays a flight in sim
-time and ends when it ends.
+time and ends when it ends; only this machine reaches that graph (docs/security.md).
 """
 
 from __future__ import annotations
@@ -12,19 +12,28 @@ import os
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
+from launch.action import Action
+from launch.actions import (
+    DeclareLaunchArgument,
+    OpaqueFunction,
+    SetEnvironmentVariable,
+    Shutdown,
+    UnsetEnvironmentVariable,
+)
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from tirgeo_ros.tools.localhost import localhost_environment, video_environment
+
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree
-PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 ARGUMENTS = {
     "params_file": (str(SHARE / "config" / "m600_xt2.yaml"), "parameters of all nodes (YAML)"),
     "map": ("", "the map to draw; empty = as params_file says"),
     "bag": ("", "MCAP file to play instead of a live aircraft; the graph ends with it"),
     "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),
     "namespace": ("", "namespace of the aircraft, as uav1; empty = none"),
+    "localhost_only": ("", "whether only this machine reaches the graph; empty = with a bag"),
 }
 
 
@@ -34,18 +43,20 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=default, description=description)
         for name, (default, description) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*declared, *video_profile(), OpaqueFunction(function=graph)])
+    return LaunchDescription([*declared, OpaqueFunction(function=graph)])
 
 
-def video_profile() -> list[SetEnvironmentVariable]:
-    """Shared memory that holds whole frames, unless the user has a profile already."""
-    if any(name in os.environ for name in PROFILES):
-        return []
-    return [SetEnvironmentVariable(PROFILES[0], str(SHARE / "config" / "fastdds.xml"))]
+def environment(*, local: bool) -> list[Action]:
+    """What the nodes' environment has otherwise than ours: DDS for video, and who reaches it."""
+    ours = dict(os.environ)
+    theirs = (localhost_environment if local else video_environment)(ours, SHARE / "config")
+    changed = {name: value for name, value in theirs.items() if ours.get(name) != value}
+    gone = [UnsetEnvironmentVariable(name) for name in sorted(ours.keys() - theirs.keys())]
+    return [*gone, *(SetEnvironmentVariable(name, value) for name, value in changed.items())]
 
 
-def graph(context: LaunchContext) -> list[Node]:
-    """The nodes, from the arguments as given."""
+def graph(context: LaunchContext) -> list[Action]:
+    """The nodes in their environment, from the arguments as given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     params = [absolute(given["params_file"])] if given["params_file"] else []
     common = [*params, {"use_sim_time": True}] if given["bag"] else params
@@ -61,7 +72,8 @@ def graph(context: LaunchContext) -> list[Node]:
         nodes.append(node("bag_player", given["namespace"], played, on_exit=end))
     elif is_true("dji", given["dji"]):
         nodes.append(node("dji_node", given["namespace"], common))
-    return nodes
+    local = is_true("localhost_only", given["localhost_only"] or str(bool(given["bag"])))
+    return [*environment(local=local), *nodes]
 
 
 def is_true(name: str, value: str) -> bool:
@@ -81,6 +93,7 @@ def node(name: str, namespace: str, parameters: list[object], **more: object) ->
         namespace=namespace,
         parameters=parameters,
         output="screen",
+        ros_arguments=["--enclave", f"/tirgeo/{name}"],  # whose keys it has, under SROS 2
         **more,
     )
 

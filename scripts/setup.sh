@@ -37,10 +37,26 @@ else
         "install ROS 2 Jazzy, source it and run make again"
 fi
 
-python=$("$(dirname "$0")/find_python.sh" "$newest")
+here=$(dirname "$0")
+python=$("$here/find_python.sh" "$newest")
+# The environment of before is kept until the new one is whole: without a network it would be lost.
+old=$venv.old
+put_back() {
+    rm -rf "$venv"
+    if [ -d "$old" ]; then mv "$old" "$venv"; fi
+}
+if [ -d "$old" ]; then put_back; fi # a run that was killed left it
+if [ -d "$venv" ]; then mv "$venv" "$old"; fi
+trap put_back EXIT
+trap 'exit 130' HUP INT TERM
+
 echo "tirgeo: setting up $venv with $python (once, a minute or two)" >&2
 # shellcheck disable=SC2086 # no option must be no argument
-"$python" -m venv --clear $options "$venv"
+"$python" -m venv $options "$venv"
 for pin in $pins; do echo "$pin"; done >"$venv/constraints.txt"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-    --constraint "$venv/constraints.txt" --editable ".[$extras]"
+"$here/pip_install.sh" "$venv" --editable ".[$extras]"
+"$venv/bin/python" "$here/slim.py"
+# Files that are no Python of this version are among the libraries, as templates: no matter.
+"$venv/bin/python" -m compileall -qq -j 0 -x '/tests/' "$venv/lib" || true
+trap - EXIT
+rm -rf "$old"

@@ -11,7 +11,6 @@ from typing import final
 import numpy as np
 
 from tirgeo_ros.core.attitude import quat_from_euler
-from tirgeo_ros.core.config import SimulatedAircraftConfig
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,
@@ -72,7 +71,7 @@ class AircraftOnPort:
         aircraft: Aircraft | None = None,
         baud: int | None = None,
     ) -> None:
-        self.aircraft = aircraft or Aircraft(SimulatedAircraftConfig(baseline_offset_deg=90.0))
+        self.aircraft = aircraft or Aircraft()
         self.terminal = PseudoTerminal(path, baud)
         self.begun = threading.Event()
         self._frames = frames if frames is not None else frames_of(self.aircraft, hovering(600))

@@ -7,6 +7,8 @@ import numpy as np
 from tirgeo_ros.core.aiding.belief import Belief
 from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.attitude import quat_from_euler
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import FixStatus, Source
 from tirgeo_ros.core.strapdown import NavState
 
@@ -17,6 +19,10 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
     """A state in slow flight, in this attitude (rad)."""
     q = tuple(quat_from_euler(roll, pitch, yaw).tolist())
     return NavState(q, (3.0, -1.0, 0.2), 0.695, 2.04, 31.5, *[(0.0,) * 3] * 3)
+
+
+#: The antenna's place is known: 18 states.
+MEASURED = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 
 
 def belief_of(state: NavState, states: int = 18, covariance=None) -> Belief:

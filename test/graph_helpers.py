@@ -13,8 +13,8 @@ from rclpy.node import Node
 
 from tirgeo_ros.tools.node_process import NodeProcess
 
-#: By default a reader that halts for a few tenths of a second, as on a machine with other work,
-#: finds the newest samples only. Here each one counts.
+#: By default a reader that halts, as on a machine with other work, finds the samples of the last
+#: two seconds, and the newest frame only. Here each one counts.
 INPUTS = (
     "/imu/data",
     "/rtk/fix",
@@ -31,12 +31,12 @@ PICTURES = ("/tirgeo/overlay/image", "/tirgeo/overlay/image/compressed")
 
 
 def deep_queues() -> str:
-    """A parameter file's part that lets no message be lost."""
+    """A parameter file's part that lets no message be lost; the file itself may have /**."""
     deep, whole = {"depth": 300}, {"depth": 300, "reliability": "reliable"}
     overrides = {topic: {"publisher": deep, "subscription": whole} for topic in INPUTS}
     overrides |= {topic: {"publisher": deep, "subscription": deep} for topic in BETWEEN}
     overrides |= {topic: {"publisher": {"depth": 30}} for topic in PICTURES}
-    return f"/**: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
+    return f"/**/*: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
 
 
 class Stranger:

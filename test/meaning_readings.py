@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from tirgeo_ros.core.attitude import quat_from_euler
+from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.dji.readings import (
     AccelerationUnit,
     AttitudeReading,
@@ -21,6 +22,8 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 AT_REST_G = (0.0, 0.0, -1.0)
+#: DJI's kit: the first antenna left, the second right.
+KIT = AircraftConfig(rtk_antenna_m=(0.0, 0.55, 0.35), second_antenna_m=(0.0, -0.55, 0.35))
 
 
 def wxyz(roll=0.0, pitch=0.0, yaw=0.0):

@@ -74,6 +74,8 @@ STATUS = NavigationStatus(
     state_s=3.75,
     resets={"rtk_position": 2, "rtk_heading": 1},
     last_reset="position by 3.21 m",
+    clipped={"accelerometer x": 12},
+    warnings=("imu/data: accelerometer x clipped", "another"),
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)

@@ -297,14 +297,15 @@ def _older_receivers(flight: Flight, held: State):
     }
 
 
-PARAMETERS = SimpleNamespace(undulation_m=43.2, offset_deg=90.0)
+PARAMETERS = SimpleNamespace(undulation_m=43.2, baseline_deg=90.0)
 
 
 def parameters_file(path, **more):
     """A parameter file for dji_node."""
     values = {
         "geoid_undulation_m": PARAMETERS.undulation_m,
-        "heading.baseline_offset_deg": PARAMETERS.offset_deg,
+        "aircraft.rtk_antenna_m": [0.0, 0.5, 0.3],
+        "aircraft.second_antenna_m": [0.0, -0.5, 0.3],
         **more,
     }
     lines = "".join(f"    {name}: {value}\n" for name, value in values.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.config.aircraft import DjiHostConfig
+from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.dji.commands import (
     NOT_ACTIVATED,
     Activate,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import runpy
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
 
@@ -27,11 +30,13 @@ class Argument(Recorded):
 def launch_file(monkeypatch):
     names = {
         "launch": ("LaunchContext", "LaunchDescription"),
+        "launch.action": ("Action",),
         "launch.actions": (
             "DeclareLaunchArgument",
             "OpaqueFunction",
             "SetEnvironmentVariable",
             "Shutdown",
+            "UnsetEnvironmentVariable",
         ),
         "launch_ros": (),
         "launch_ros.actions": ("Node",),
@@ -44,12 +49,12 @@ def launch_file(monkeypatch):
             setattr(module, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module_name, module)
     sys.modules["launch.substitutions"].LaunchConfiguration = Argument
-    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
-        monkeypatch.delenv(name, raising=False)
+    for name in [name for name in os.environ if name.startswith(("ROS_", "RMW_", "FAST"))]:
+        monkeypatch.delenv(name)
     return runpy.run_path(str(ROOT / "launch" / "tirgeo.launch.py"))
 
 
-def launched(launch_file, **given):
+def actions_of(launch_file, **given):
     actions = launch_file["generate_launch_description"]().positional[0]
     declared = {
         action.positional[0]: action.default_value
@@ -57,7 +62,21 @@ def launched(launch_file, **given):
         if type(action).__name__ == "DeclareLaunchArgument"
     }
     assert given.keys() <= declared.keys()
-    return {node.name: node for node in actions[-1].function(declared | given)}
+    return actions[-1].function(declared | given)
+
+
+def launched(launch_file, **given):
+    actions = actions_of(launch_file, **given)
+    return {node.name: node for node in actions if type(node).__name__ == "Node"}
+
+
+def environment_of(launch_file, **given):
+    """What the launch file sets, and None for what it takes away."""
+    return {
+        action.positional[0]: dict(enumerate(action.positional)).get(1)
+        for action in actions_of(launch_file, **given)
+        if type(action).__name__.endswith("EnvironmentVariable")
+    }
 
 
 def test_launch_without_arguments_starts_the_live_graph(launch_file):
@@ -92,9 +111,41 @@ def test_launch_asks_for_true_or_false(launch_file):
         launched(launch_file, dji="maybe")
 
 
+@pytest.mark.parametrize("given", [{}, {"bag": "flight.mcap"}])
+def test_each_node_has_the_enclave_of_the_policy(launch_file, given):
+    policy = ET.parse(ROOT / "config" / "sros2_policy.xml").getroot()
+    enclaves = {item.get("path") for item in policy.iter("enclave")}
+    for name, node in launched(launch_file, **given).items():
+        assert node.ros_arguments == ["--enclave", f"/tirgeo/{name}"]
+        assert node.ros_arguments[1] in enclaves
+
+
+def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch):
+    monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
+    assert environment_of(launch_file, bag="flight.mcap") == {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+        "ROS_STATIC_PEERS": None,
+        PROFILE: str(ROOT / "config" / "fastdds_localhost.xml"),
+        "SKIP_DEFAULT_XML_FILE": "1",
+    }
+
+
+@pytest.mark.parametrize("given", [{"bag": "flight.mcap", "localhost_only": "false"}, {}])
+def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
+    """Where the launch file is told to, and on an aircraft, whose ground station looks on."""
+    monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
+    expected = {PROFILE: str(ROOT / "config" / "fastdds.xml")}
+    assert environment_of(launch_file, **given) == expected
+    assert (ROOT / "config" / "fastdds.xml").is_file()
+
+
+def test_launch_of_a_live_graph_can_be_for_this_machine_alone(launch_file):
+    environment = environment_of(launch_file, localhost_only="true")
+    assert environment[PROFILE].endswith("fastdds_localhost.xml")
+
+
 def test_launch_leaves_a_users_dds_profile_alone(launch_file, monkeypatch):
-    (action,) = launch_file["video_profile"]()
-    assert Path(action.positional[1]) == ROOT / "config" / "fastdds.xml"
-    assert Path(action.positional[1]).is_file()
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/home/user/own.xml")
-    assert launch_file["video_profile"]() == []
+    monkeypatch.setenv(PROFILE, "/home/user/own.xml")
+    assert environment_of(launch_file) == {}
+    on_bag = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert environment_of(launch_file, bag="flight.mcap") == on_bag

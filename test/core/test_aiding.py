@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from beliefs import NOW_NS, belief_of, state_of
+from beliefs import MEASURED, NOW_NS, belief_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,7 +20,14 @@ from tirgeo_ros.core.aiding.position import RtkPosition, innovation_n
 from tirgeo_ros.core.aiding.velocity import Velocities
 from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, feedback, states_of
+from tirgeo_ros.core.error_state import (
+    ANTENNA,
+    GPS_ERROR,
+    feedback,
+    has_antenna,
+    heading_error,
+    states_of,
+)
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import config_from
@@ -35,16 +42,24 @@ from tirgeo_ros.core.samples import (
 from tirgeo_ros.core.strapdown import NavState, matrix, rotate
 
 LEVER_B = np.array([0.3, -0.4, -0.5])
-ARMS = {"rtk.lever_arm_m": (0.3, 0.4, 0.5), "gps.lever_arm_m": (0.3, 0.4, 0.5)}
+ANTENNA_M = (0.3, 0.4, 0.5)
+ARMS = {"aircraft.rtk_antenna_m": ANTENNA_M, "aircraft.gps_antenna_m": ANTENNA_M}
 RATE_B = np.array([0.2, -0.1, 0.5])
 #: Half steps: second-order terms of the models are lever (1 m) times step squared.
-STEPS = np.array(
-    [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4]
-)
+STEPS = [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3
 
 tilts = st.floats(-0.6, 0.6)
 headings = st.floats(-math.pi, math.pi)
-with_and_without_heading_error = pytest.mark.parametrize("bias_sigma_deg", [0.0, 2.0])
+with_and_without_more_states = pytest.mark.parametrize(
+    "optional",
+    [
+        {},
+        {"heading.bias_sigma_deg": 2.0},
+        {"aircraft.rtk_antenna_sigma_m": (0.1, 0.2, 0.3)},
+        {"heading.bias_sigma_deg": 2.0, "aircraft.rtk_antenna_sigma_m": (0.1, 0.2, 0.3)},
+    ],
+    ids=["plain", "heading", "antenna", "both"],
+)
 
 
 def config_of(**values) -> EkfConfig:
@@ -52,14 +67,22 @@ def config_of(**values) -> EkfConfig:
     return config_from(EkfConfig, ARMS | given_)
 
 
+def second(baseline_m):
+    """The second antenna's place with this baseline; none of none."""
+    return tuple(a + b for a, b in zip(ANTENNA_M, baseline_m, strict=True)) if baseline_m else ()
+
+
 def moved(belief: Belief, error: np.ndarray) -> Belief:
     """The belief with an error of all its states put in, the receivers' too."""
     north, east, down = belief.control.receivers.gps_error_n
     x, y, z = error[GPS_ERROR]
     heading = belief.control.receivers.heading_error_rad
-    if len(error) > HEADING_ERROR:
-        heading += error[HEADING_ERROR]
-    receivers = Receivers(NOW_NS, (north + x, east + y, down + z), heading)
+    if heading_error(len(error)) is not None:
+        heading += error[-1]
+    antenna_b = np.array(belief.control.receivers.antenna_b)
+    if has_antenna(len(error)):
+        antenna_b += error[ANTENNA]
+    receivers = Receivers(NOW_NS, (north + x, east + y, down + z), heading, tuple(antenna_b))
     control = belief.control._replace(receivers=receivers)
     return Belief(feedback(belief.state, error), belief.covariance, control)
 
@@ -68,11 +91,13 @@ def differences(innovation, belief: Belief) -> np.ndarray:
     """d(innovation)/d(error) by central differences: what H must be with the opposite sign."""
     columns = []
     states = len(belief.covariance)
+    steps = [*STEPS, *[1e-2] * 3 * has_antenna(states), 1e-4]  # the last where it is a heading
     for index in range(states):
         error = np.zeros(states)
-        error[index] = STEPS[index]
+        step = steps[index]
+        error[index] = step
         plus, minus = innovation(moved(belief, error)), innovation(moved(belief, -error))
-        columns.append((plus - minus) / (2 * STEPS[index]))
+        columns.append((plus - minus) / (2 * step))
     return np.stack(columns, -1)
 
 
@@ -87,10 +112,10 @@ def position_of(state: NavState, shift_n: np.ndarray, source=Source.RTK_POSITION
 # Designs
 
 
-@with_and_without_heading_error
+@with_and_without_more_states
 @given(roll=tilts, pitch=tilts, yaw=headings)
-def test_position_design(bias_sigma_deg, roll, pitch, yaw):
-    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+def test_position_design(optional, roll, pitch, yaw):
+    config = config_of(**optional)
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
     sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]))
     made = RtkPosition(config)
@@ -101,11 +126,11 @@ def test_position_design(bias_sigma_deg, roll, pitch, yaw):
     assert design == pytest.approx(-numeric, abs=3e-5)
 
 
-@with_and_without_heading_error
+@with_and_without_more_states
 @given(roll=tilts, pitch=tilts, yaw=headings)
-def test_gps_position_design(bias_sigma_deg, roll, pitch, yaw):
+def test_gps_position_design(optional, roll, pitch, yaw):
     """As RTK's, with the slow error of the receiver in it."""
-    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+    config = config_of(**optional)
     error = np.zeros(states_of(config))
     error[GPS_ERROR] = 0.5, -0.7, 2.0
     belief = moved(belief_of(state_of(roll, pitch, yaw), states_of(config)), error)
@@ -136,20 +161,21 @@ def test_gps_innovation_is_what_its_error_does_not_explain(roll, pitch, yaw):
     assert found == pytest.approx([0.5, 2.7, -5.0], abs=2e-6)
 
 
-@with_and_without_heading_error
+@with_and_without_more_states
 @pytest.mark.parametrize("receiver", ["rtk", "gps"])
 @settings(max_examples=40)
 @given(roll=tilts, pitch=tilts, yaw=headings)
-def test_velocity_design(bias_sigma_deg, receiver, roll, pitch, yaw):
-    config = config_of(heading__bias_sigma_deg=bias_sigma_deg)
+def test_velocity_design(optional, receiver, roll, pitch, yaw):
+    config = config_of(**optional)
     source = Source.RTK_VELOCITY if receiver == "rtk" else Source.GPS_VELOCITY
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
     sample = VelocitySample(NOW_NS, source, np.array([3.1, -0.9, 0.1]), np.eye(3))
-    made = Velocities(states_of(config), getattr(config, receiver))
+    made = Velocities(states_of(config), getattr(config, receiver), LEVER_B)
 
     def innovation(b: Belief) -> np.ndarray:
         rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
-        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B)
+        found_b = np.array(b.control.receivers.antenna_b) if receiver == "rtk" else np.zeros(3)
+        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
         return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
 
     found = made.aid(sample, belief, tuple(RATE_B)).measurement
@@ -158,30 +184,25 @@ def test_velocity_design(bias_sigma_deg, receiver, roll, pitch, yaw):
     assert found.design == pytest.approx(-differences(innovation, belief), abs=1e-4)
 
 
-@with_and_without_heading_error
+@with_and_without_more_states
 @pytest.mark.parametrize(
     "baseline_m", [(), (1.0, 0.0, 0.0), (0.3, -0.8, 0.0), (0.6, 0.2, 0.25), (-0.5, 0.1, -0.2)]
 )
 @settings(max_examples=40)
-@given(roll=tilts, pitch=tilts, yaw=headings, offset_deg=st.floats(-180, 180))
-def test_heading_design(bias_sigma_deg, baseline_m, roll, pitch, yaw, offset_deg):
+@given(roll=tilts, pitch=tilts, yaw=headings)
+def test_heading_design(optional, baseline_m, roll, pitch, yaw):
     """Of the azimuth of a baseline in space, whether it lies level in the body or not."""
-    config = config_of(
-        heading__bias_sigma_deg=bias_sigma_deg,
-        heading__baseline_m=baseline_m,
-        heading__offset_deg=offset_deg,
-    )
-    offset = math.radians(offset_deg)
-    forward, left, up = baseline_m or (math.cos(offset), -math.sin(offset), 0.0)
+    config = config_of(**optional, aircraft__second_antenna_m=second(baseline_m))
+    forward, left, up = baseline_m or (1.0, 0.0, 0.0)
     baseline_b = np.array([forward, -left, -up])
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
 
     def reported(b: Belief) -> float:
-        """What a perfect receiver says: the baseline's azimuth, turned as it is set up."""
+        """What a perfect receiver says: the baseline's azimuth less its own in the body."""
         north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
         level = math.atan2(baseline_b[1], baseline_b[0])
         error = b.control.receivers.heading_error_rad
-        return math.atan2(east, north) + offset - level + error
+        return math.atan2(east, north) - level + error
 
     made = Headings(config)
     measured = reported(belief) + 0.3
@@ -220,35 +241,46 @@ def test_heading_innovation_wraps(turns):
     assert made.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
 
 
-def test_level_offset_is_added_to_the_nose():
-    """A level aircraft: the reported direction is nose plus offset, clockwise."""
+@pytest.mark.parametrize("baseline_m", [(), (2.0, 0.0, 0.0), (0.0, -1.1, 0.1), (-0.3, 0.4, 0.0)])
+def test_a_level_aircrafts_heading_is_the_nose_whatever_the_baseline(baseline_m):
     state = state_of(0.0, 0.0, math.radians(30.0))
-    made = heading_aid(state, math.radians(120.0), heading__offset_deg=90.0)
+    made = heading_aid(state, math.radians(30.0), aircraft__second_antenna_m=second(baseline_m))
     assert made is not None
     assert made.measurement.innovation[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_baseline_of_the_parameters():
-    """Second antenna behind, to the left and higher; the receiver is set to report the nose."""
-    config = config_of(heading__baseline_m=(-1.0, 0.5, 0.25))
-    found = Baseline.from_config(config.heading)
+    """Second antenna behind, to the left and higher; where the IMU is does not matter."""
+    config = config_of(
+        aircraft__second_antenna_m=second((-1.0, 0.5, 0.25)), aircraft__imu_m=(5.0, 6.0, 7.0)
+    )
+    found = Baseline.from_config(config.aircraft)
     length = math.sqrt(1 + 0.25 + 0.0625)
     assert found.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
     assert found.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
 
 
-@pytest.mark.parametrize("baseline_m", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.1, 0.0, -1.0)])
+@pytest.mark.parametrize(
+    "baseline_m",
+    [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.1, 0.0, -1.0), (0.03, -0.03, 0.0), (-0.049, 0.0, 0.0)],
+)
 def test_baseline_without_a_horizontal_part_is_refused(baseline_m):
-    config = config_of(heading__baseline_m=baseline_m)
-    with pytest.raises(ConfigError, match=r"heading\.baseline_m: .* no horizontal part"):
-        Baseline.from_config(config.heading)
+    """Upright ones, and antennas nearer than 5 cm."""
+    config = config_of(aircraft__second_antenna_m=second(baseline_m))
+    with pytest.raises(
+        ConfigError,
+        match=r"aircraft\.rtk_antenna_m \[0.3, 0.4, 0.5\] and aircraft\.second_antenna_m .* only",
+    ):
+        Baseline.from_config(config.aircraft)
+    with pytest.raises(ConfigError, match="too little for a heading"):
+        Headings(config)
 
 
 def test_upright_baseline_has_no_heading():
     state = state_of(0.0, math.radians(85.0), 0.0)
     assert heading_aid(state, 0.0) is None
     belief = belief_of(state)
-    fused = Fusion(EkfConfig()).fuse(HeadingSample(NOW_NS, 0.0, 1e-4), belief, (0.0,) * 3)
+    fused = Fusion(MEASURED).fuse(HeadingSample(NOW_NS, 0.0, 1e-4), belief, (0.0,) * 3)
     assert fused.verdict.outcome is Outcome.INVALID
     assert fused.belief.state is belief.state
     assert fused.belief.covariance is belief.covariance
@@ -343,7 +375,7 @@ def test_velocity_enters_with_its_floor():
         NOW_NS, Source.RTK_VELOCITY, np.array([3.5, -1.0, 0.2]), np.zeros((3, 3))
     )
     covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(12)])
-    fusion = Fusion(EkfConfig())
+    fusion = Fusion(MEASURED)
     fused = fusion.fuse(sample, belief_of(state, covariance=covariance), (0.0,) * 3)
     # Variance 0.02^2 against the floor 0.02^2: half of the 0.5 m/s, but that is 17 sigma: refused.
     assert fused.verdict.outcome is Outcome.GATED

@@ -86,7 +86,8 @@ def known_biases(flown, t_s):
 def test_tilt_and_accelerometer_bias_err_together():
     """A level start: a bias b tilts the vertical by b / g, so both share most of the error."""
     flown = flight(3, 50.0, "hover")
-    found, _ = aligned(samples_from(flown), config_for(flown, rtk__velocity_sigma_floor_m_s=1e-3))
+    config = config_for(flown, rtk__velocity_sigma_floor_m_s=1e-3, imu__gyro_turn_on_bias=1e-3)
+    found, _ = aligned(samples_from(flown), config)
     sigma = np.sqrt(np.diag(found.covariance))
     correlation = found.covariance / np.outer(sigma, sigma)
     assert np.hypot(*correlation[0, 12:14]) > 0.5
@@ -280,7 +281,7 @@ def test_attitude_right_way_up():
         else s
         for s in samples_from(flown, 0.0, length_s=4.0)
     ]
-    config = config_for(flown, rtk__lever_arm_m=(0.0, 0.0, 0.0))
+    config = config_for(flown, aircraft__rtk_antenna_m=(0.0, 0.0, 0.0))
     found, aligner = aligned(samples, config)
     assert found is None
     assert "upside down: check its axes" in aligner.reason

@@ -125,6 +125,7 @@ def five_hours():
     return AllanAnalysis(curve_of(np.stack(records, axis=1)), STEP_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", NOISES)
 def test_known_noise_is_found_again(five_hours, sensor):
     n, b, k = NOISES[sensor]
@@ -142,6 +143,7 @@ def test_known_noise_is_found_again(five_hours, sensor):
     assert fit.misfit < 1.5
 
 
+@pytest.mark.slow
 def test_sigmas_are_honest():
     """60 records of 20 min: errors over sigma have a root mean square near 1, and no bias."""
     rng = np.random.default_rng(6)
@@ -191,6 +193,7 @@ def test_a_gauss_markov_bias_is_found_as_the_filter_models_it():
     assert fit.bias.time_factor < 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("b", "k"), [(3e-4, 0.0), (1e-4, 3e-6), (5e-5, 0.0)])
 def test_flicker_is_modelled_by_its_own_b(b, k):
     """What the parameters call bias instability is B, as everywhere else."""

@@ -106,6 +106,7 @@ def test_a_polygon_behind_the_camera_is_not_drawn(camera):
     assert not filled(camera, vector_map, pose_at(pitch=0)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_polygons(seed):
     rng = np.random.default_rng(seed)
@@ -126,6 +127,7 @@ FOLDING_RATIONALLY = Camera(
 INK = np.ones((7, 7), np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [FOLDING, FOLDING_RATIONALLY], ids=["brown", "rational"])
 @pytest.mark.parametrize("seed", range(15))
 def test_no_ink_along_the_rim_of_a_lens_that_folds(camera, seed):
@@ -150,6 +152,7 @@ def test_only_layers_with_a_fill_have_areas():
     assert len(View(XT2).areas(vector_map, pose_at())) == 0
 
 
+@pytest.mark.slow
 def test_a_shore_of_many_vertices_is_simplified_where_it_is_out_of_view():
     rings = [ring_about(0, 0, 300, 40_000, 0.01)]
     pose = pose_at(height_m=60)

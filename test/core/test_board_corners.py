@@ -40,6 +40,7 @@ LOOKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
 def test_boards_are_found_whatever_they_look_like(look):
     for view in board_views(XT2, BOARD, 2, 7, look):
@@ -70,6 +71,7 @@ def test_colour_pictures_are_read_as_grey():
     assert off_px(found, view.corners_px) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (8, 6), (4, 3)])
 @pytest.mark.parametrize("turn", [0.1, 3.1])
 def test_the_order_is_right_handed_and_tells_which_end_is_dark(columns, rows, turn):
@@ -93,7 +95,7 @@ def parity(board):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [90, 91, 92])
+@pytest.mark.parametrize("seed", [90])
 def test_none_of_twenty_bad_pictures_is_taken(seed):
     pictures = bad_boards(XT2, BOARD, seed=seed)
     assert len(pictures) == 20
@@ -117,6 +119,7 @@ def bad():
     return bad_boards(XT2, BOARD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "reason"), EXPECTED.items())
 def test_the_reason_is_told(bad, name, reason):
     found = find_board(bad[name], BOARD)

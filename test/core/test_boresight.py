@@ -23,7 +23,7 @@ from tirgeo_ros.core.boresight_ground import ground_errors, rmse_m
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.composition import Mount, NorthBias, from_joints
 from tirgeo_ros.core.confidence import CameraRates
-from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import BodyPose, CameraPose, JointSample
@@ -40,7 +40,8 @@ class Path:
         self.tilts, self.turning, self.speed = np.radians(tilts_deg), turning, speed_m_s
         self.mount = Mount.from_config(
             GimbalConfig(
-                boresight_rpy_deg=tuple(map(float, rpy_deg)), camera_offset_m=(0.05, 0, 0)
+                boresight_rpy_deg=tuple(map(float, rpy_deg)),
+                aircraft=AircraftConfig(camera_from_pivot_m=(0.05, 0, 0)),
             )
         )
         self.errors = None  # (6,) of the poses given out, by time
@@ -167,6 +168,7 @@ def errors_that_last(rng, time_s=4.0):
     return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     squares = []
     for seed in range(16):
@@ -335,7 +337,8 @@ def test_an_unknown_north_is_taken_out_of_the_covariance():
     from tirgeo_ros.core.composition import from_reported  # noqa: PLC0415
     from tirgeo_ros.core.samples import CameraAttitudeSample  # noqa: PLC0415
 
-    config = GimbalConfig(camera_offset_m=(0.3, -0.2, 0.1), boresight_rpy_deg=(1.0, 2.0, 3.0))
+    aircraft = AircraftConfig(camera_from_pivot_m=(0.3, -0.2, 0.1))
+    config = GimbalConfig(aircraft=aircraft, boresight_rpy_deg=(1.0, 2.0, 3.0))
     body = BodyPose(0, np.zeros(3), quat_from_euler(0.1, 0.05, 2.0), np.diag(POSE_SIGMA**2))
     reported = CameraAttitudeSample(0, quat_from_euler(0.0, -0.5, 2.1))
     known, unknown = (
@@ -352,7 +355,7 @@ def test_an_unknown_north_is_taken_out_of_the_covariance():
         poses=lambda _: (unknown, still),
         stepped={},
         boresight_rpy_rad=np.radians([1.0, 2.0, 3.0]),
-        camera_offset_g=config.camera_offset_g,
+        camera_offset_g=aircraft.camera_from_pivot_g,
         north_variance=0.003,
     )
     pose, _ = corrected_pose(flight, 0, np.zeros(7))

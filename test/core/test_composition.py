@@ -32,14 +32,15 @@ from tirgeo_ros.core.composition import (
     from_reported,
     heading_row,
 )
-from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.samples import BodyPose, CameraAttitudeSample, JointSample
 
 PLAIN = Mount.from_config(GimbalConfig())
 CONFIG = GimbalConfig(
-    lever_arm_m=(0.3, -0.1, -0.4),
-    camera_offset_m=(0.1, 0.05, -0.02),
+    aircraft=AircraftConfig(
+        gimbal_pivot_m=(0.3, -0.1, -0.4), camera_from_pivot_m=(0.1, 0.05, -0.02)
+    ),
     boresight_rpy_deg=(0.4, -0.7, 1.1),
     encoder_sigma_deg=0.2,
 )
@@ -118,9 +119,8 @@ def test_signs_of_the_joints():
 
 
 def test_lever_arm_and_offset_turn_with_body_and_camera():
-    mount = Mount.from_config(
-        GimbalConfig(lever_arm_m=(1.0, 0.0, -0.5), camera_offset_m=(0.2, 0.0, 0.0))
-    )
+    aircraft = AircraftConfig(gimbal_pivot_m=(1.0, 0.0, -0.5), camera_from_pivot_m=(0.2, 0, 0))
+    mount = Mount.from_config(GimbalConfig(aircraft=aircraft))
     east = body_at((0.0, 0.0, np.pi / 2), position_n=(0.0, 0.0, 0.0))
     pose = from_joints(mount, east, JointSample(7, np.pi / 2, 0.0, 0.0))
     # body looks east, camera south; 0.5 m below the IMU is +0.5 down

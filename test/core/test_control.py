@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from beliefs import MEASURED
 
 from tirgeo_ros.core.aiding.belief import Belief
 from tirgeo_ros.core.aiding.control import (
@@ -16,6 +17,7 @@ from tirgeo_ros.core.aiding.control import (
     Track,
 )
 from tirgeo_ros.core.aiding.fusion import Fusion
+from tirgeo_ros.core.attitude import quat_from_euler
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import config_from
@@ -73,6 +75,32 @@ def test_run_of_refusals_that_agree():
     assert track.run.lasts(0.8)
     assert not track.run.lasts(0.800000001)
     assert track.used(ns(1.0), TIMEOUT_NS).run is None
+
+
+def steps(track, t_s, *innovation):
+    """The record after a refusal, as the fusion notes it, of a thing that should be zero."""
+    zero = (0.0,) * len(innovation)
+    track = track.followed(innovation, zero)
+    step = track.stepped(innovation, zero)
+    return track.refused(ns(t_s), innovation, 0.2, step=step)
+
+
+def test_a_step_is_told_from_a_drift():
+    fitted = Track().used(ns(0), TIMEOUT_NS, (0.1, 0.0))
+    assert steps(fitted, 0.2, 0.6, 0.0).step == (0.5, 0.0)
+    assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new: 0.7 are asked
+    assert steps(Track(), 0.2, 0.6, 0.0).step == ()  # nothing has fitted yet
+
+
+def test_a_step_back_ends_it_and_another_step_begins_anew():
+    track = steps(Track().used(ns(0), TIMEOUT_NS, (0.0,)), 0.2, 0.5)
+    track = steps(track, 0.4, 0.55)
+    assert (track.step, track.denied_ns) == ((0.5,), ns(0.2))
+    assert track.followed((0.1,), (0.0,)).step == ()
+    assert track.followed((0.3,), (0.0,)).step == (0.5,)  # drift, or noise
+    other = steps(track, 0.6, -0.55)
+    assert other.step == pytest.approx((-0.6,))
+    assert other.denied_ns == ns(0.6)
 
 
 def test_run_needs_five():
@@ -206,7 +234,12 @@ def test_denials_end_with_the_receiver():
 
 def heading_config(**values):
     given = {f"heading.{key}": value for key, value in values.items()}
-    return config_from(EkfConfig, given | {"trust.aid_timeout_s": TIMEOUT_NS * 1e-9})
+    return config_from(
+        EkfConfig,
+        {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+        | given
+        | {"trust.aid_timeout_s": TIMEOUT_NS * 1e-9},
+    )
 
 
 def fixed_belief(fixed_s: float, now_s: float) -> Belief:
@@ -287,17 +320,43 @@ def with_sigma(belief: Belief) -> Belief:
     return belief._replace(covariance=fixed_belief(3.0, 0.0).covariance)
 
 
-def given_up_after(config, belief: Belief, start_s: float, degrees: float, limit_s: float):
-    """Seconds of contradiction until the state is set, or None."""
-    for k in range(round(limit_s * 5) + 1):
+def given_up_after(config, belief: Belief, start_s: float, offs_deg, autopilot_deg=None):
+    """Seconds from the first refusal until the state is set to headings that are off, or None."""
+    q_nb = None
+    if autopilot_deg is not None:
+        q_nb = quat_from_euler(0.0, 0.0, math.radians(autopilot_deg))
+    first_s = None
+    for k, degrees in enumerate(offs_deg):
         t_s = start_s + 0.2 * k
         belief = belief._replace(control=heard(belief.control, t_s))
-        found = fused(config, belief, heading(t_s, degrees))
+        found = Fusion(config).fuse(
+            heading(t_s, degrees), belief, (0.0, 0.0, 0.0), autopilot_q_nb=q_nb
+        )
+        belief = with_sigma(found.belief)
         if found.verdict.outcome is Outcome.RESET:
-            return 0.2 * k
-        assert found.verdict.outcome is Outcome.GATED
-        belief = found.belief
+            return t_s - first_s
+        if found.verdict.outcome is Outcome.GATED and first_s is None:
+            first_s = t_s
     return None
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "autopilot_deg", "patience_s"),
+    [
+        (90.0, None, None),
+        (90.0, 3.0, None),
+        (90.0, 80.0, 5.0),
+        (-90.0, 80.0, None),
+        (180.0, -170.0, 5.0),
+        (10.0, 10.0, None),  # so little the autopilot may err by
+    ],
+)
+def test_headings_that_step_away_are_the_antennas_unless_the_autopilot_has_seen_it_too(
+    off_deg, autopilot_deg, patience_s
+):
+    config = heading_config(reset_after_s=5.0)
+    found = given_up_after(config, agreed(config, 100.0), 100.2, [off_deg] * 400, autopilot_deg)
+    assert found == (None if patience_s is None else pytest.approx(patience_s, abs=0.2001))
 
 
 @pytest.mark.parametrize(
@@ -308,12 +367,20 @@ def given_up_after(config, belief: Belief, start_s: float, degrees: float, limit
         (100.0, 60.0),  # a minute at most
     ],
 )
-def test_a_contradiction_must_last_as_long_as_the_agreement(agreed_s, patience_s):
+def test_what_has_drifted_away_must_last_as_long_as_the_agreement(agreed_s, patience_s):
+    """Gyroscopes that fail turn the state by degrees: the headings are right then."""
     config = heading_config(reset_after_s=5.0)
-    belief = agreed(config, agreed_s)
-    found = given_up_after(config, belief, agreed_s + 0.2, 90.0, 80.0)
-    # Headings come 0.2 s apart; counted from the first refused one.
-    assert found == pytest.approx(patience_s, abs=0.2001)
+    ramp = list(np.arange(0.0, 12.0, 1.0))
+    found = given_up_after(config, agreed(config, agreed_s), agreed_s + 0.2, ramp + [12.0] * 400)
+    # On the ramp, which lasts 2.4 s, they do not agree with each other.
+    assert patience_s <= found + 1e-9 <= patience_s + 2.4
+
+
+def test_headings_that_come_late_and_far_off_do_not_win():
+    """A start by the autopilot's heading; the antennas come later, 90 deg off."""
+    config = heading_config(reset_after_s=5.0)
+    assert given_up_after(config, fixed_belief(3.0, 0.0), 0.2, [90.0] * 400, 2.0) is None
+    assert given_up_after(config, fixed_belief(3.0, 0.0), 0.2, [12.0] * 400, 2.0) >= 5.0
 
 
 def test_contradictions_that_do_not_agree_prove_nothing():
@@ -340,8 +407,7 @@ def test_one_chance_agreement_does_not_spend_the_trust():
         if belief.control.track(Source.RTK_HEADING).run is None and k > 10:
             break
     assert belief.control.track(Source.RTK_HEADING).run is None  # it has agreed
-    found = given_up_after(config, with_sigma(belief), t_s + 0.2, 90.0, 40.0)
-    assert found is None or found > 30.0
+    assert given_up_after(config, with_sigma(belief), t_s + 0.2, [90.0] * 400) is None
 
 
 # Easing: an aid that comes back after a silence
@@ -364,7 +430,7 @@ def drifted(sigma_m: float = 1.0) -> Belief:
 
 
 def test_position_comes_back_in_equal_steps():
-    fusion, belief = Fusion(EkfConfig()), drifted()
+    fusion, belief = Fusion(MEASURED), drifted()
     places, sigmas = [], []
     for k in range(6):
         found = fusion.fuse(position(12.0 + 0.2 * k, 0.8), belief, (0.0,) * 3)
@@ -388,9 +454,7 @@ def test_position_that_was_used_lately_is_not_eased():
     fresh = belief.control.with_track(Source.RTK_POSITION, Track(ns(11.5)))
     fresh = fresh.heard(FixStatus.FIXED, ns(0.5), 12 * TIMEOUT_NS)
     fresh = fresh.heard(FixStatus.FIXED, ns(11.5), 12 * TIMEOUT_NS)
-    found = Fusion(EkfConfig()).fuse(
-        position(12.0, 0.8), belief._replace(control=fresh), (0.0,) * 3
-    )
+    found = Fusion(MEASURED).fuse(position(12.0, 0.8), belief._replace(control=fresh), (0.0,) * 3)
     assert found.belief.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
 
@@ -399,7 +463,7 @@ def test_covariance_of_an_eased_position_is_honest():
     rng = np.random.default_rng(5)
     ratios = []
     for _ in range(300):
-        belief, fusion = drifted(1.0), Fusion(EkfConfig())
+        belief, fusion = drifted(1.0), Fusion(MEASURED)
         truth = rng.normal()
         for k in range(6):
             sample = position(12.0 + 0.2 * k, truth + 0.01 * rng.normal())
@@ -417,7 +481,7 @@ def test_float_positions_weigh_what_their_slow_error_leaves():
 
     The state stands still with a random walk of its own, as an inertial position does.
     """
-    config = EkfConfig()
+    config = MEASURED
     sigma_m, time_s = config.rtk.float_sigma_m, config.rtk.float_time_s
     rng, step_s, walk = np.random.default_rng(6), 0.2, 0.05
     ratios = []

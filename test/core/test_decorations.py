@@ -165,8 +165,11 @@ def test_the_heading_is_written_as_three_digits(monkeypatch):
     from tirgeo_ros.core import decorations  # noqa: PLC0415
 
     decorations._rose.cache_clear()
-    written, real = [], decorations.stamp
-    monkeypatch.setattr(decorations, "stamp", lambda *a: written.append(a[0]) or real(*a))
+    written = []
+    for name in ("stamp", "passing_stamp"):
+        real = getattr(decorations, name)
+        noted = lambda *a, real=real: written.append(a[0]) or real(*a)  # noqa: E731
+        monkeypatch.setattr(decorations, name, noted)
     for yaw in (7.4, 359.8):
         image = np.zeros((512, 640, 3), np.uint8)
         painted(image, place_rose(image, math.radians(yaw)))

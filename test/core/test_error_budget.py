@@ -107,6 +107,7 @@ def correlated(rng):
     return covariance * np.outer(SIGMA / sigma, SIGMA / sigma)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depression_deg", "heading_deg"), [(30, 0), (35, 137), (90, 20)])
 def test_the_whole_covariance_against_monte_carlo(depression_deg, heading_deg):
     """Within 3 % at every pixel: 20000 draws tell an rms to 0.5 %, so 3 % is 6 sigma."""

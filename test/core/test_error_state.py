@@ -19,12 +19,14 @@ from tirgeo_ros.core.attitude import (
 )
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.error_state import (
+    ANTENNA,
     GPS_ERROR,
-    HEADING_ERROR,
     STATES,
     CovariancePropagation,
     dynamics,
     feedback,
+    has_antenna,
+    heading_error,
     noise_density,
     states_of,
 )
@@ -33,8 +35,11 @@ from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.strapdown import NavState, propagate
 
 IMU = ImuConfig()
-CONFIG = EkfConfig()
-WITH_HEADING_ERROR = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
+MEASURED = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+CONFIG = config_from(EkfConfig, MEASURED)
+WITH_HEADING_ERROR = config_from(EkfConfig, MEASURED | {"heading.bias_sigma_deg": 2.0})
+WITH_ANTENNA = EkfConfig()  # not measured
+WITH_BOTH = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
 #: Steps of the differences: small against the curvature of the model, large against rounding.
 FORCE = (0.0, 0.0, -9.8)
 BIASES = ((1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03))
@@ -135,14 +140,17 @@ def test_biases_accumulate():
     assert twice.accel_bias_b[2] == pytest.approx(state.accel_bias_b[2] + 2e-2, abs=1e-15)
 
 
-@pytest.mark.parametrize("config", [CONFIG, WITH_HEADING_ERROR])
+@pytest.mark.parametrize("config", [CONFIG, WITH_HEADING_ERROR, WITH_ANTENNA, WITH_BOTH])
 def test_gauss_markov_errors_keep_their_standard_deviation(config):
     """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
     states = states_of(config)
     sigmas = np.zeros(states)
     sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
     sigmas[GPS_ERROR] = config.gps.position_sigma_m
-    sigmas[HEADING_ERROR:] = math.radians(config.heading.bias_sigma_deg)
+    if has_antenna(states):
+        sigmas[ANTENNA] = 0.1, 0.2, 0.3  # a place stays as unknown as it is
+    if heading_error(states) is not None:
+        sigmas[-1] = math.radians(config.heading.bias_sigma_deg)
     covariance = np.diag(sigmas**2)
     state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
     propagation = CovariancePropagation(config)
@@ -253,6 +261,10 @@ def test_propagation_gives_what_it_gave_whatever_came_between():
 def test_states_as_the_parameters_ask():
     assert states_of(CONFIG) == 18
     assert states_of(WITH_HEADING_ERROR) == 19
+    assert states_of(WITH_ANTENNA) == 21
+    assert states_of(WITH_BOTH) == 22
+    assert [heading_error(states) for states in (18, 19, 21, 22)] == [None, 18, None, 21]
+    assert [has_antenna(states) for states in (18, 19, 21, 22)] == [False, False, True, True]
 
 
 def test_attitude_error_is_truth_from_estimate():

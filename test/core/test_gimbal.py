@@ -332,9 +332,11 @@ def test_bad_samples_are_counted():
     composer.add_attitude(CameraAttitudeSample(0, np.array([nan, 0, 0, 1.0])))
     composer.add_joints(JointSample(0, nan, 0.0, 0.0))
     composer.add_joints(JointSample(0, 0.0, float("inf"), 0.0))
+    composer.add_joints(JointSample(0, 0.0, 1e200, 0.0))
     composer.add_autopilot(0, np.zeros(4))
     composer.add_body(BodyPose(0, np.full(3, nan), quat_from_euler(0.0, 0.0, 0.0), np.eye(6)))
-    assert composer.counts == {"invalid": 4, "autopilot_invalid": 1, "body_invalid": 1}
+    assert composer.counts == {"invalid": 5, "autopilot_invalid": 1, "body_invalid": 1}
+    assert "not on this earth" in composer.diagnostics["body_invalid_because"]
     assert composer.composition == "paper"  # a broken joint sample changes nothing
 
 

@@ -13,7 +13,7 @@ from tirgeo_ros.core.attitude import matrix_from_quat, wrap_pi
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
 from tirgeo_ros.core.gimbal import GimbalComposer
-from tirgeo_ros.core.parameter import config_from
+from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.core.samples import BodyPose, ImuSample, JointSample
 from tirgeo_ros.tools.registration import Registration, composed
 from tirgeo_ros.tools.simulate.flight import Flight, fly
@@ -42,13 +42,11 @@ def flown(seed=1, shape="lawnmower", **north) -> Flight:
 
 
 def gimbal_config(flight, composition="paper", **north) -> GimbalConfig:
-    gimbal = flight.scenario.gimbal
     return config_from(
         GimbalConfig,
         {
             "composition": composition,
-            "lever_arm_m": gimbal.lever_arm_m,
-            "camera_offset_m": gimbal.camera_offset_m,
+            **values_of(flight.scenario.aircraft, "aircraft."),
             **{f"north.{name}": value for name, value in north.items()},
         },
     )
@@ -96,6 +94,7 @@ def headings(flight, poses) -> Headings:
     return Headings(t_s, np.degrees(error), np.degrees(sigma))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["lawnmower", "figure_eight"])
 def test_a_bias_of_three_degrees_is_found_by_a_centred_gimbal(shape):
     flight = flown(shape=shape, bias_deg=3.0)
@@ -108,6 +107,7 @@ def test_a_bias_of_three_degrees_is_found_by_a_centred_gimbal(shape):
     assert found.sigma_deg.max() < 0.5  # of the 3 it began with
 
 
+@pytest.mark.slow
 def test_it_is_found_behind_the_filter_too():
     """The heading of the filter adds 0.08 deg, its requirement, at 4 sigma."""
     flight = flown(bias_deg=3.0)
@@ -115,8 +115,7 @@ def test_it_is_found_behind_the_filter_too():
         EkfConfig,
         {
             "origin_lat_lon_h": origin(flight),
-            "rtk.lever_arm_m": flight.scenario.rtk.lever_arm_m,
-            "gps.lever_arm_m": flight.scenario.gps.lever_arm_m,
+            **values_of(flight.scenario.aircraft, "aircraft."),
         },
     )
     registration, poses = Registration(ekf, gimbal_config(flight, centred=True)), []
@@ -151,6 +150,7 @@ def test_a_calibrated_bias_is_taken_out_at_once():
     assert found.sigma_deg.max() < math.hypot(0.5, 0.03 * math.sqrt(60), 0.1, 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centred", [False, True])
 def test_where_there_is_no_bias_none_is_made(centred):
     flight = flown()
@@ -159,6 +159,7 @@ def test_where_there_is_no_bias_none_is_made(centred):
     assert np.abs(headings(flight, poses).error_deg).max() < bound_deg
 
 
+@pytest.mark.slow
 def test_a_step_in_flight_is_followed():
     """As when RTK is switched on: 4 deg at 30 s, on a leg on which the nose keeps still."""
     flight = flown(step_deg=4.0, step_s=30.0)
@@ -173,6 +174,7 @@ def test_a_step_in_flight_is_followed():
         assert np.all(np.abs(part.error_deg) < 3 * part.sigma_deg)
 
 
+@pytest.mark.slow
 def test_a_drift_stays_covered():
     """One degree in 50 s, ten times what the walk says of a minute."""
     flight = flown(bias_deg=2.0, drift_deg_s=0.02)

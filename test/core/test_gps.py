@@ -31,7 +31,9 @@ from tirgeo_ros.core.strapdown import NavState
 SECOND_NS = 1_000_000_000
 HOME = (0.695, 2.04, 31.5)
 LEVEL = NavState((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, *HOME, *[(0.0,) * 3] * 3)
-CONFIG = config_from(EkfConfig, {"trust.aid_timeout_s": 1.0})
+CONFIG = config_from(
+    EkfConfig, {"trust.aid_timeout_s": 1.0, "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+)
 
 
 def ns(seconds: float) -> int:
@@ -235,6 +237,7 @@ def test_gps_that_is_gone_too_is_dead_reckoning():
     assert states[-1][1] is FilterState.RUNNING
 
 
+@pytest.mark.slow
 def test_a_constant_height_above_the_geoid_is_learned():
     """A receiver that gives another height by 30 m: learned, and held through an outage."""
     flown = flight(43, 55.0)

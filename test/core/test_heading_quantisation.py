@@ -110,7 +110,9 @@ def test_interval_leaves_the_moments_of_the_exact_posterior(off, predicted, sigm
 
 
 def _aided(heading_deg: float, **values: float):
-    config = config_from(EkfConfig, {f"heading.{key}": value for key, value in values.items()})
+    given = {f"heading.{key}": value for key, value in values.items()}
+    measured = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+    config = config_from(EkfConfig, given | measured)
     covariance = np.eye(18) * math.radians(0.03) ** 2
     sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
     aid = Headings(config).aid(sample, belief_of(state_of(0.0, 0.0, 0.0), 18, covariance))
@@ -146,6 +148,7 @@ def _quiet_flight(shape: str) -> Flight:
     return flight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["lawnmower", "hover"])
 def test_no_heading_of_a_quiet_receiver_is_refused(shape):
     flight = _quiet_flight(shape)

@@ -9,9 +9,9 @@ import pytest
 
 from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.health import Health
+from tirgeo_ros.core.health import Health, unused
 from tirgeo_ros.core.parameter import config_from
-from tirgeo_ros.core.samples import FilterState, FixStatus, Source
+from tirgeo_ros.core.samples import FilterState, FixStatus, Outcome, Source, Verdict
 
 SECOND_NS = 1_000_000_000
 NOW_NS = 1000 * SECOND_NS
@@ -43,18 +43,18 @@ RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
         ((*RTK, Source.GPS_POSITION, Source.GPS_VELOCITY), FilterState.RUNNING, ""),
         (RTK[:2], FilterState.DEGRADED, "no rtk/heading"),
         ((RTK[0], RTK[2]), FilterState.DEGRADED, "no rtk/vel"),
-        (RTK[1:], FilterState.DEAD_RECKONING, "no rtk/fix, no gps/fix"),
+        (RTK[1:], FilterState.DEAD_RECKONING, "no rtk/fix, gps/fix"),
         ((*RTK[1:], Source.GPS_POSITION), FilterState.DEGRADED, "no rtk/fix"),
         (
             (Source.GPS_POSITION, Source.GPS_VELOCITY),
             FilterState.DEGRADED,
             "no rtk/fix, rtk/vel, rtk/heading",
         ),
-        ((), FilterState.DEAD_RECKONING, "no rtk/fix, rtk/vel, rtk/heading, no gps/fix"),
+        ((), FilterState.DEAD_RECKONING, "no rtk/fix, rtk/vel, rtk/heading, gps/fix"),
         (
             (Source.GPS_VELOCITY,),
             FilterState.DEAD_RECKONING,
-            "no rtk/fix, rtk/vel, rtk/heading, no gps/fix",
+            "no rtk/fix, rtk/vel, rtk/heading, gps/fix",
         ),
     ],
 )
@@ -77,7 +77,28 @@ def test_aids_are_missing_after_their_time_out(age_ns, state):
 
 def test_a_float_fix_is_named():
     found = health().state(control_of(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
-    assert found == (FilterState.DEGRADED, "no fixed rtk/fix (float), rtk/heading")
+    assert found == (FilterState.DEGRADED, "rtk/fix is float, no rtk/heading")
+
+
+def test_what_comes_and_is_refused_is_said_to_be_refused():
+    gated = Verdict(Source.RTK_HEADING, Outcome.GATED, "90 deg off; antennas swapped?")
+    poor = Verdict(Source.RTK_VELOCITY, Outcome.NOT_FIXED, "status single")
+    told = {v.source: unused(v, NOW_NS - TIMEOUT_NS) for v in (gated, poor)}
+    found = health().state(control_of(Source.GPS_POSITION), NOW_NS, told)
+    reason = (
+        "rtk/vel not used: status single, "
+        "rtk/heading refused: 90 deg off; antennas swapped?, no rtk/fix"
+    )
+    assert found == (FilterState.DEGRADED, reason)
+    silent = health().state(control_of(Source.GPS_POSITION), NOW_NS + 1, told)
+    assert silent == (FilterState.DEGRADED, "no rtk/fix, rtk/vel, rtk/heading")
+
+
+@pytest.mark.parametrize(
+    "outcome", [Outcome.USED, Outcome.RESET, Outcome.STANDBY, Outcome.WAITING, Outcome.REPEATED]
+)
+def test_other_verdicts_explain_no_absence(outcome):
+    assert unused(Verdict(Source.RTK_POSITION, outcome), NOW_NS) is None
 
 
 # Lost

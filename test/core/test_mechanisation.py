@@ -23,8 +23,9 @@ from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import ImuSample
 from tirgeo_ros.core.strapdown import NavState, propagate
 from tirgeo_ros.core.timeline import Carried, Epoch
+from tirgeo_ros.core.vibration import VibrationMeter
 
-CONFIG = EkfConfig()
+CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 START = NavState(
     tuple(quat_from_euler(0.05, -0.03, 0.4).tolist()),
     (3.0, -1.0, 0.2),
@@ -53,8 +54,9 @@ def turning(t_s):
 def epochs_of(stamps_s, readings=turning, first=None):
     samples = [ImuSample(round(t * 1e9), *readings(t)) for t in stamps_s]
     epochs = [Epoch.first(samples[0].stamp_ns, samples[0], first or belief())]
+    meter = VibrationMeter()
     for sample in samples[1:]:
-        epochs.append(Epoch.after(epochs[-1], sample))
+        epochs.append(Epoch.after(epochs[-1], sample, meter))
     return epochs
 
 
@@ -129,7 +131,9 @@ def test_an_empty_part_is_nothing():
 
 def test_with_and_without_an_error_of_the_headings():
     """A state more that nothing ties to the others changes nothing of them."""
-    config = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
+    config = config_from(
+        EkfConfig, {"heading.bias_sigma_deg": 2.0, "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+    )
     stamps = np.arange(0, 1.0, 0.01)
     _, plain = carried_through(epochs_of(stamps))
     _, more = carried_through(epochs_of(stamps, first=belief(states=19)), config)
@@ -198,7 +202,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
         certain = Belief(state, np.zeros((18, 18)), Control(Receivers(0)))
         ends = [ImuSample(round(times[k] * 1e9), force[k], rate[k]) for k in (begin, begin + gap)]
         start = Epoch.first(ends[0].stamp_ns, ends[0], certain)
-        end = Epoch.after(start, ends[1])
+        end = Epoch.after(start, ends[1], VibrationMeter())
         mechanisation = Mechanisation(CONFIG)
         found = mechanisation.followed(mechanisation.whole(Carried(*certain), start, end))
         turned = quat_multiply(np.array(truth.q_nb), quat_conjugate(np.array(found.state.q_nb)))

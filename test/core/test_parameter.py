@@ -219,29 +219,21 @@ def test_contract_s_names_are_there():
         "method", "position_update", "publish_rate_hz", "max_delay_s", "max_imu_gap_s",
         "imu.angle_random_walk", "imu.velocity_random_walk", "imu.gyro_bias_instability",
         "imu.gyro_bias_time_s", "imu.accel_bias_instability", "imu.accel_bias_time_s",
-        "rtk.lever_arm_m", "rtk.median_window", "rtk.delay_s", "heading.offset_deg",
-        "heading.sigma_floor_deg", "gps.lever_arm_m", "origin_lat_lon_h",
+        "rtk.median_window", "rtk.delay_s", "heading.sigma_floor_deg", "origin_lat_lon_h",
     }  # fmt: skip
-    wanted = {"composition", "lever_arm_m", "camera_offset_m", "boresight_rpy_deg"}
-    assert known["gimbal_node"] >= wanted
+    assert known["gimbal_node"] >= {"composition", "boresight_rpy_deg"}
+    aircraft = {f"aircraft.{name}" for name in (
+        "rtk_antenna_m", "second_antenna_m", "gps_antenna_m", "gimbal_pivot_m",
+        "camera_from_pivot_m", "imu_m", "imu_rpy_deg",
+    )}  # fmt: skip
+    for node in ("dji_node", "ekf_node", "gimbal_node", "bag_player"):
+        assert known[node] >= aircraft
     wanted = {"map", "ground_height_m", "video_latency_s", "max_pose_wait_s"}
     assert known["overlay_node"] >= wanted
     assert OverlayConfig().video_latency_s == 0.05
     assert EkfConfig().method == "ekf_heading"
 
 
-def test_arms_are_written_forward_left_up_and_used_forward_right_down():
-    ekf = config_from(EkfConfig, {"rtk.lever_arm_m": [1, 2, 3], "gps.lever_arm_m": [4, 5, 6]})
-    np.testing.assert_array_equal(ekf.rtk.lever_arm_b, [1, -2, -3])
-    np.testing.assert_array_equal(ekf.gps.lever_arm_b, [4, -5, -6])
-    gimbal = config_from(
-        GimbalConfig,
-        {
-            "lever_arm_m": [1, 2, 3],
-            "camera_offset_m": [4, 5, 6],
-            "boresight_rpy_deg": [180, 90, -90],
-        },
-    )
-    np.testing.assert_array_equal(gimbal.lever_arm_b, [1, -2, -3])
-    np.testing.assert_array_equal(gimbal.camera_offset_g, [4, -5, -6])
+def test_a_boresight_is_written_forward_left_up_and_used_forward_right_down():
+    gimbal = config_from(GimbalConfig, {"boresight_rpy_deg": [180, 90, -90]})
     np.testing.assert_allclose(gimbal.boresight_rpy_rad, [np.pi, -np.pi / 2, np.pi / 2])

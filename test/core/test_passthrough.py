@@ -28,7 +28,8 @@ SECOND_NS = 1_000_000_000
 NOW_NS = 100 * SECOND_NS
 PLANE = TangentPlane(0.7, 2.0, 30.0)
 CONFIG = config_from(
-    EkfConfig, {"rtk.lever_arm_m": [0.3, 0.4, 0.5], "gps.lever_arm_m": [-0.1, 0.2, 0.6]}
+    EkfConfig,
+    {"aircraft.rtk_antenna_m": [0.3, 0.4, 0.5], "aircraft.gps_antenna_m": [-0.1, 0.2, 0.6]},
 )
 COVARIANCE = np.array([[4.0, 1, 0], [1, 9, 0], [0, 0, 16]])
 LEVEL = np.array([1.0, 0, 0, 0])
@@ -69,8 +70,8 @@ def place_n(solution):
 def test_body_is_the_lever_arm_away_from_the_antenna(roll, pitch, yaw):
     q_nb = quat_from_euler(roll, pitch, yaw)
     for source, lever_b in (
-        (Source.RTK_POSITION, CONFIG.rtk.lever_arm_b),
-        (Source.GPS_POSITION, CONFIG.gps.lever_arm_b),
+        (Source.RTK_POSITION, CONFIG.aircraft.rtk_lever_b),
+        (Source.GPS_POSITION, CONFIG.aircraft.gps_lever_b),
     ):
         solution = fed(imu(q_nb), position(source=source), source=source).solution()
         # Curvature over 1 m: 1e-7 m; the earth-fixed coordinates hold 1e-9 m.
@@ -85,7 +86,7 @@ def test_position_is_carried_to_the_imu_s_time(age_s):
     """Forwards for an old position, backwards for one measured after the newest IMU sample."""
     stamp_ns = NOW_NS - round(age_s * SECOND_NS)
     solution = fed(position(stamp_ns), velocity(stamp_ns), imu()).solution()
-    expected = np.array([3.0, -2.0, 1.0]) * age_s - CONFIG.rtk.lever_arm_b
+    expected = np.array([3.0, -2.0, 1.0]) * age_s - CONFIG.aircraft.rtk_lever_b
     # Curvature over 4 m: 16 / (2 x 6.4e6) = 1.3e-6 m.
     np.testing.assert_allclose(place_n(solution), expected, atol=2e-6)
     np.testing.assert_array_equal(solution.velocity_n, [3, -2, 1])
@@ -94,7 +95,7 @@ def test_position_is_carried_to_the_imu_s_time(age_s):
 
 def test_without_velocity_the_position_stands():
     solution = fed(position(NOW_NS - SECOND_NS // 2), imu()).solution()
-    np.testing.assert_allclose(place_n(solution), -CONFIG.rtk.lever_arm_b, atol=2e-7)
+    np.testing.assert_allclose(place_n(solution), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
     np.testing.assert_array_equal(solution.velocity_n, 0)
     np.testing.assert_array_equal(solution.covariance[6:, 6:], np.eye(3))
 
@@ -199,5 +200,5 @@ def test_samples_of_the_other_receiver_leave_the_solution():
         NOW_NS, Source.GPS_POSITION, FixStatus.SINGLE, 0.8, 1.0, 99.0, np.eye(3)
     )
     made = fed(position(), imu(), other, velocity(source=Source.GPS_VELOCITY))
-    np.testing.assert_allclose(place_n(made.solution()), -CONFIG.rtk.lever_arm_b, atol=2e-7)
+    np.testing.assert_allclose(place_n(made.solution()), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
     np.testing.assert_array_equal(made.solution().velocity_n, 0)

@@ -66,6 +66,7 @@ def errors_at(place):
 every_place = pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 
 
+@pytest.mark.slow
 @every_place
 def test_errors_are_those_of_the_same_flight_at_home(place):
     here, home = errors_at(place), errors_at((*HOME, place[3]))
@@ -103,6 +104,7 @@ def test_nothing_published_jumps(place):
     assert np.degrees(turns).max() < 0.6 + 0.3
 
 
+@pytest.mark.slow
 @every_place
 @pytest.mark.parametrize(("method", "limit_m"), [("rtk", 0.25), ("raw", 12.0)])
 def test_methods_without_a_filter_work_there_too(place, method, limit_m):

@@ -161,6 +161,7 @@ def test_same_stamp_again_replaces():
     "pose",
     [
         body(0, position_n=(np.nan, 0, 0)),
+        body(0, position_n=(0, 0, 1e200)),
         body(0, variance=np.inf),
         BodyPose(0, np.zeros(3), np.zeros(4), np.eye(6)),
         BodyPose(0, np.zeros(3), np.array([np.nan, 0, 0, 1.0]), np.eye(6)),
@@ -172,6 +173,7 @@ def test_invalid_pose_is_refused_and_counted(pose):
     history: PoseHistory[BodyPose] = PoseHistory()
     assert not history.add(pose)
     assert history.invalid == 1
+    assert history.fault
     assert history.at(0) is Miss.EMPTY
 
 

@@ -83,6 +83,7 @@ def wandering(rng, number):
     return truth, seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps_ahead", [1, 3, 5])
 def test_the_covariance_is_what_the_error_is(steps_ahead):
     """Mean squared error over variance of each of six axes, over 300 flights.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera import XT2, Camera
+from tirgeo_ros.core.errors import CameraError
 from tirgeo_ros.core.rectify import Rectifier
 
 BARREL = Camera(640, 512, 500.0, 505.0, 310.0, 260.0, (-0.28, 0.07, 0.001, -0.002))
@@ -30,6 +31,11 @@ def blank_of(camera):
 def test_the_camera_is_the_same_without_its_lens():
     camera = Rectifier(XT2).camera
     assert camera == Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+
+
+def test_a_camera_of_too_many_pixels_is_refused():
+    with pytest.raises(CameraError, match="16384x16384 pixels are too many to rectify"):
+        Rectifier(Camera(16384, 16384, 9e3, 9e3, 8e3, 8e3))
 
 
 @pytest.mark.parametrize("camera", LENSES)

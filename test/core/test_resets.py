@@ -10,9 +10,9 @@ import pytest
 from tirgeo_ros.core.aiding.belief import Belief
 from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.aiding.fusion import Fusion
-from tirgeo_ros.core.attitude import euler_from_quat, quat_from_euler
+from tirgeo_ros.core.attitude import euler_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, POSITION, states_of
+from tirgeo_ros.core.error_state import GPS_ERROR, POSITION, states_of
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import (
@@ -42,7 +42,8 @@ def ns(seconds: float) -> int:
 
 
 def config_of(**values) -> EkfConfig:
-    return config_from(EkfConfig, {key.replace("__", "."): v for key, v in values.items()})
+    given = {key.replace("__", "."): v for key, v in values.items()}
+    return config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)} | given)
 
 
 def correlated(states: int, seed: int = 3) -> np.ndarray:
@@ -221,11 +222,13 @@ def heading(t_s, turn_deg):
 def turned(config, degrees, belief=None):
     """The beliefs before and after the reset to headings that are off, and when it came."""
     fusion, belief = Fusion(config), belief_of() if belief is None else belief
+    q_nb = quat_multiply(quat_from_euler(0.0, 0.0, math.radians(degrees)), np.array(START.q_nb))
     for k in range(400):
         t_s = 0.2 * k
         control = belief.control.heard(FixStatus.FIXED, ns(t_s), SECOND_NS)
         before = belief._replace(control=control)
-        fused = fusion.fuse(heading(t_s, degrees), before, (0.0,) * 3)
+        # The autopilot has turned as well: it is the state that is wrong.
+        fused = fusion.fuse(heading(t_s, degrees), before, (0.0,) * 3, autopilot_q_nb=q_nb)
         belief = fused.belief
         if fused.verdict.outcome is Outcome.RESET:
             return before, belief, t_s
@@ -267,12 +270,12 @@ def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
     error_rad2, noise_rad2 = math.radians(error_sigma_deg) ** 2, math.radians(0.6) ** 2
     belief = belief_of(states_of(config))
     covariance = belief.covariance.copy()
-    covariance[HEADING_ERROR, :] = covariance[:, HEADING_ERROR] = 0.0
-    covariance[HEADING_ERROR, HEADING_ERROR] = error_rad2
+    covariance[-1, :] = covariance[:, -1] = 0.0
+    covariance[-1, -1] = error_rad2
     _, belief, t_s = turned(config, degrees, belief._replace(covariance=covariance))
     found = belief.covariance
     assert found[2, 2] == pytest.approx(noise_rad2 + error_rad2, rel=1e-6)
-    assert found[2, HEADING_ERROR] == pytest.approx(-error_rad2, rel=1e-6)
+    assert found[2, -1] == pytest.approx(-error_rad2, rel=1e-6)
     assert_covariance(found)
     again = Fusion(config).fuse(heading(t_s + 0.2, degrees), belief, (0.0,) * 3)
     assert again.verdict.used

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.painting import fitted, paint_status
+from tirgeo_ros.core.painting import fitted, paint_notice, paint_status
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.core.status_line import status_line
 from tirgeo_ros.core.text import TEXT_BGR, text_px
@@ -135,3 +136,17 @@ def test_every_colour_of_the_text_stands_out_from_its_strip(ground):
     states = [status_line(status(state), 0.0, 8.0, 0.1) for state in FilterState]
     for colour in {field.colour for fields in states for field in fields}:
         assert (luminance(colour) + 0.05) / (under + 0.05) >= 4.5
+
+
+@pytest.mark.parametrize("letters", ["x" * 20_000, "word " * 4_000])
+def test_a_text_from_outside_is_cut_before_it_is_measured(letters):
+    """It took a second for every few hundred letters; now a frame's time and no more."""
+    image = np.zeros((512, 640, 3), np.uint8)
+    begin_s = time.monotonic()
+    told = NavigationStatus(
+        letters, FilterState.LOST, letters, FixStatus.FIXED, 0.1, {}, {}, state_s=1.0
+    )
+    paint_status(image, status_line(told, 0.1, 8.0))
+    paint_notice(image, f"NO MAP: {letters}")
+    assert time.monotonic() - begin_s < 5.0
+    assert image.any()

@@ -12,6 +12,7 @@ from tirgeo_ros.core.still_seconds import (
     Seconds,
     SecondStream,
     drifts,
+    largest_move,
     longest_stillness,
     movements,
     settlings,
@@ -68,6 +69,19 @@ def test_a_turn_a_tilt_and_a_knock_are_named():
     values[90_050, 4] += 20.0  # a knock of one sample
     found = movements(seconds_of(values))
     assert found == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
+    # The turn by the means of seconds; the knock is one of a hundred samples of its second.
+    turned, pushed = largest_move(seconds_of(values), found)
+    assert turned == pytest.approx(0.05, abs=1e-3)
+    assert pushed == pytest.approx(20.0 / np.sqrt(100), rel=0.05)
+
+
+def test_a_flight_has_moved_all_along():
+    values = rest(4, 12_000)
+    values[:, 0] += 0.05 * np.sin(np.arange(12_000) / RATE_HZ)
+    assert movements(seconds_of(values)) == [Interval(0, 120)]
+    values = rest(4, 12_000)
+    values[:, :3] *= 30  # 0.3 deg/sqrt(s): the noisiest gyroscope on sale lies still
+    assert movements(seconds_of(values)) == []
 
 
 def test_the_longest_rest():

@@ -124,3 +124,10 @@ def test_without_either_library_the_user_is_told(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without_pillow)
     with pytest.raises(ConfigError, match="labels need OpenCV 5 or Pillow"):
         coverage("x", 12)
+
+
+def test_of_a_long_text_no_more_is_kept_than_is_drawn():
+    text._stamp.cache_clear()
+    first = stamp("y" * 1_000_000, 12, WHITE)
+    assert stamp("y" * 60_000, 12, WHITE) is first
+    assert first.size[0] < 60 * 12

@@ -19,7 +19,13 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.validity import fault_of, usable_attitude
+from tirgeo_ros.core.validity import (
+    fault_of,
+    joints_fault,
+    place_fault,
+    pose_fault,
+    usable_attitude,
+)
 
 IMU = ImuSample(1, np.array([0.1, 0.2, -9.8]), np.array([0.01, 0.02, 0.03]))
 POSITION = PositionSample(
@@ -179,3 +185,69 @@ def test_rotations_are_usable(rotvec, sign):
 )
 def test_what_is_an_attitude(q, usable):
     assert usable_attitude(q) is usable
+
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        (0.0, ""),
+        (1.28e7, ""),  # the other end of the earth
+        (1.29e7, "position is not finite, or not on this earth"),
+        (-1e200, "position is not finite, or not on this earth"),
+        (math.inf, "position is not finite, or not on this earth"),
+        (math.nan, "position is not finite, or not on this earth"),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_pose_is_on_this_earth(axis, value, fault):
+    assert pose_fault(put(np.zeros(3), axis, value), LEVEL, np.eye(6)) == fault
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        (1e30, ""),  # not known
+        (0.0, ""),
+        (1e200, "covariance is not finite"),
+        (math.nan, "covariance is not finite"),
+        (-1.0, "covariance is not positive"),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 5])
+def test_a_pose_has_a_covariance(axis, value, fault):
+    covariance = put(np.eye(6), (axis, axis), value)
+    assert pose_fault(np.zeros(3), LEVEL, covariance) == fault
+
+
+@pytest.mark.parametrize("q", [np.zeros(4), 1.01 * LEVEL, put(LEVEL, 3, math.nan), 1e200 * LEVEL])
+def test_a_pose_is_turned_by_a_unit_quaternion(q):
+    with np.errstate(over="ignore"):
+        assert pose_fault(np.zeros(3), q, np.eye(6)) == "attitude is no unit quaternion"
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e7, -1e200])
+def test_a_joint_has_an_angle(bad):
+    assert joints_fault((0.0, -math.pi, 100.0)) == ""
+    assert joints_fault((0.0, 0.0, bad)) == "angle is not finite or no angle"
+
+
+@pytest.mark.parametrize(
+    ("place", "fault"),
+    [
+        ((0.0, 0.0, 0.0), ""),  # of a plane; of a receiver it means that there is none
+        ((0.5, 3.0, 60_000.0), "height is out of range"),
+        ((0.5, 3.0, math.inf), "position is not finite"),
+        ((60.0, 3.0, 10.0), "latitude or longitude is out of range"),
+    ],
+)
+def test_an_origin_is_a_place(place, fault):
+    assert place_fault(*place) == fault
+
+
+@pytest.mark.parametrize("variance", [math.inf, math.nan, 1e200])
+def test_a_heading_has_a_variance(variance):
+    broken = dataclasses.replace(HEADING, variance_rad2=variance)
+    assert fault_of(broken) == "heading is not finite"

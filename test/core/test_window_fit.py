@@ -10,9 +10,10 @@ from alignments import aligned, error, samples_from
 from flights import config_for
 
 from tirgeo_ros.core.alignment_data import heading_observations
-from tirgeo_ros.core.config import HeadingConfig, ImuConfig
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.inertial_window import Biases, integrate
 from tirgeo_ros.core.samples import HeadingSample, ImuSample
+from tirgeo_ros.core.vibration import STILL
 from tirgeo_ros.core.window_fit import Kind, Observation, _Terms
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -60,7 +61,7 @@ def test_partials_by_the_biases_are_those_of_differences():
 
     def terms(biases):
         b = Biases(tuple(biases[:3]), tuple(biases[3:]), np.eye(6))
-        return _Terms(integrate(imu, stamps, b), seen, ImuConfig())
+        return _Terms(integrate(imu, stamps, b), seen, STILL)
 
     wanted = terms(np.zeros(6)).of_biases
     for k, size in enumerate([1e-4] * 3 + [1e-2] * 3):
@@ -87,7 +88,7 @@ def readings(headings_deg):
     ],
 )
 def test_whole_degrees_average_as_far_as_they_scatter(headings_deg, lasting_deg):
-    seen = heading_observations(readings(headings_deg), HeadingConfig())
+    seen = heading_observations(readings(headings_deg), EkfConfig())
     for observation in seen:
         assert math.degrees(observation.slow_sigma[0]) == pytest.approx(lasting_deg, abs=1e-6)
         assert math.degrees(math.sqrt(observation.white[0, 0])) == pytest.approx(0.6)
@@ -101,7 +102,7 @@ def test_rounding_that_averages_is_as_large_as_said():
         true_deg, noise_deg = rng.uniform(-0.5, 0.5), rng.choice([0.05, 0.2, 0.4])
         exact = true_deg + noise_deg * rng.standard_normal(5)
         rounded = np.round(exact)
-        sigma = heading_observations(readings(rounded), HeadingConfig())[0].slow_sigma[0]
+        sigma = heading_observations(readings(rounded), EkfConfig())[0].slow_sigma[0]
         ratios.append(
             np.mean(rounded - true_deg) / math.hypot(math.degrees(sigma), 0.6 / math.sqrt(5))
         )

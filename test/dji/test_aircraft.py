@@ -69,7 +69,7 @@ def test_inertial_values_are_in_g_and_rad_per_second_of_frd():
 
 
 def test_receivers_are_told_in_the_aircrafts_units():
-    config = SimulatedAircraftConfig(geoid_undulation_m=-9.0, baseline_offset_deg=90.0)
+    config = SimulatedAircraftConfig(geoid_undulation_m=-9.0)
     velocity_n = np.array([1.25, -2.5, 0.125])
     arrivals = [
         (START + 80 * MS, rtk(0)),

@@ -6,7 +6,7 @@ import pytest
 from aircraft_on_port import hovering
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aircraft import DjiHostConfig
+from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.dji.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.broadcast import decode_broadcast
 from tirgeo_ros.dji.commands import (

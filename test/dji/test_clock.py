@@ -16,7 +16,7 @@ from link_delays import (
     stalls,
 )
 
-from tirgeo_ros.core.config.aircraft import DjiClockConfig
+from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.clock import AircraftClock
 
 CONFIG = DjiClockConfig()
@@ -89,6 +89,7 @@ def test_settled_stamps_step_as_the_counter_does(name):
     assert off[settled[1:] & settled[:-1]].max() <= 2  # ns: roundings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift_ppm", [50, -50])
 def test_an_hour_of_drift(drift_ppm):
     flown = link(50, 3600, exponential(2), drift_ppm=drift_ppm, seed=3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scripted_aircraft import FAST, FULL, GIMBAL, RATES, RTK, Flight
 
-from tirgeo_ros.core.config.aircraft import DjiHostConfig
+from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.aircraft.answers import CommandDesk
 from tirgeo_ros.dji.commands import (

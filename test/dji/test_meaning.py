@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meaning_readings import epoch, gimbal, gps, imu, rtk, taken, wxyz
+from meaning_readings import KIT, epoch, gimbal, gps, imu, rtk, taken, wxyz
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.samples import JointSample
@@ -95,7 +95,7 @@ def flight(seconds):
 
 
 def test_a_flight():
-    meant = Interpreter(DjiConfig(geoid_undulation_m=40.0))
+    meant = Interpreter(DjiConfig(geoid_undulation_m=40.0, aircraft=KIT))
     samples = [*taken(meant, flight(20.0)), *meant.flush()]
     found: dict[str, int] = {}
     for sample in samples:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meaning_readings import imu, t_ms, taken
+from meaning_readings import KIT, imu, t_ms, taken
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.meaning import Interpreter
@@ -20,7 +20,7 @@ UNKNOWN = AccelerationUnit.UNKNOWN
 
 
 def interpreter(unit="auto"):
-    return Interpreter(DjiConfig(geoid_undulation_m=40.0, acceleration_unit=unit))
+    return Interpreter(DjiConfig(geoid_undulation_m=40.0, acceleration_unit=unit, aircraft=KIT))
 
 
 def readings(seconds, mean, rate_hz=100.0, shake=0.0, seed=1, start_s=0.0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from meaning_readings import attitude, epoch, imu, of, rtk, wxyz
+from meaning_readings import KIT, attitude, epoch, imu, of, rtk, wxyz
 
 from tirgeo_ros.core.attitude import wrap_pi
 from tirgeo_ros.core.config import DjiConfig
@@ -16,7 +16,7 @@ from tirgeo_ros.dji.meaning import Interpreter
 
 
 def interpreter(**config):
-    return Interpreter(DjiConfig(geoid_undulation_m=43.25, **config))
+    return Interpreter(DjiConfig(geoid_undulation_m=43.25, aircraft=KIT, **config))
 
 
 def flown(meant, seconds, baseline_deg, *, rate_deg_s=7.0, flag=50):
@@ -38,7 +38,10 @@ def test_a_baseline_mounted_in_another_way_is_told(baseline_deg):
     seen = float(meant.diagnostics["baseline_seen_deg"])
     # Whole degrees average out to a few hundredths.
     assert wrap_pi(math.radians(seen - baseline_deg)) == pytest.approx(0, abs=math.radians(0.3))
-    assert warning.startswith("heading.baseline_offset_deg is 90, but RTK yaw less the aircraft's")
+    assert warning.startswith(
+        "by aircraft.rtk_antenna_m and aircraft.second_antenna_m the baseline"
+    )
+    assert "lies at 90 deg from the nose, but RTK yaw" in warning
     assert f"is {seen:.1f} deg" in warning
 
 

@@ -20,7 +20,7 @@ from tirgeo_ros.core.attitude import (
     wrap_pi,
 )
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aircraft import DjiDelayConfig
+from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.core.samples import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.meaning import Interpreter
 from tirgeo_ros.dji.readings import ImuOrigin

@@ -10,7 +10,7 @@ from meaning_readings import gps, of, place, t_ms, taken
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.aiding import GpsConfig
-from tirgeo_ros.core.config.aircraft import DjiDelayConfig
+from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.core.samples import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.core.validity import fault_of
 from tirgeo_ros.dji.meaning import Interpreter

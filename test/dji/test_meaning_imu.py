@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meaning_readings import LEVEL, MS, START, attitude, imu, t_ms, taken, wxyz
+from meaning_readings import KIT, LEVEL, MS, START, attitude, imu, t_ms, taken, wxyz
 
 from tirgeo_ros.core.attitude import quat_from_euler, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aircraft import DjiDelayConfig
+from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.dji.meaning import Interpreter
 from tirgeo_ros.dji.readings import AccelerationUnit, ImuOrigin
 
@@ -24,7 +24,7 @@ HARD, SENT, CAST = ImuOrigin.HARD_SYNC, ImuOrigin.SUBSCRIPTION, ImuOrigin.BROADC
 
 
 def interpreter(**config):
-    return Interpreter(DjiConfig(geoid_undulation_m=40.0, **config))
+    return Interpreter(DjiConfig(geoid_undulation_m=40.0, aircraft=KIT, **config))
 
 
 def test_a_reading_becomes_a_sample_in_si():

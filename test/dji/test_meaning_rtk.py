@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meaning_readings import epoch, of, place, rtk, t_ms
+from meaning_readings import KIT, epoch, of, place, rtk, t_ms
 
 from tirgeo_ros.core.attitude import wrap_pi
-from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aircraft import DjiHeadingConfig, DjiRtkConfig
+from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.samples import (
     FixStatus,
     HeadingSample,
@@ -29,7 +29,7 @@ UNDULATION_M = 43.25
 
 
 def interpreter(**config):
-    return Interpreter(DjiConfig(geoid_undulation_m=UNDULATION_M, **config))
+    return Interpreter(DjiConfig(**{"geoid_undulation_m": UNDULATION_M, "aircraft": KIT} | config))
 
 
 def positions(samples):
@@ -53,10 +53,10 @@ def test_an_epoch_becomes_three_samples():
     assert meant.diagnostics["rtk_flag"] == "50 narrow-lane integer"
 
 
-@pytest.mark.parametrize("field", ["delay_s"])
-def test_the_delay_is_taken_off(field):
-    meant = interpreter(rtk=DjiRtkConfig(**{field: 0.12}))
-    assert [t_ms(s) for s in meant.take(rtk(500, **epoch(0)))] == [380] * 3
+@pytest.mark.parametrize("delay_ms", [120, -120])
+def test_the_delay_is_taken_off(delay_ms):
+    meant = interpreter(rtk=DjiRtkConfig(delay_s=delay_ms * 1e-3))
+    assert [t_ms(s) for s in meant.take(rtk(500, **epoch(0)))] == [500 - delay_ms] * 3
 
 
 # Flags
@@ -160,7 +160,8 @@ def test_an_undulation_that_is_not_set_is_zero_and_warned_of():
     meant = Interpreter(DjiConfig())
     (position, *_) = meant.take(rtk(0, **epoch(0)))
     assert position.height_m == 30.0
-    (warning,) = meant.warnings
+    antenna, warning = meant.warnings
+    assert antenna.startswith("aircraft.second_antenna_m is not set: RTK yaw is taken for that")
     assert warning.startswith("geoid_undulation_m is not set")
     assert meant.diagnostics["geoid_undulation_m"] == "0 (not set)"
     assert interpreter().warnings == []
@@ -172,7 +173,8 @@ def test_an_undulation_that_is_not_set_is_zero_and_warned_of():
 
 @given(st.integers(-32768, 32767), st.floats(-360, 360))
 def test_heading_of_any_turn(yaw_deg, offset_deg):
-    meant = interpreter(heading=DjiHeadingConfig(baseline_offset_deg=offset_deg))
+    second_m = math.cos(math.radians(offset_deg)), -math.sin(math.radians(offset_deg)), 0.3
+    meant = interpreter(aircraft=AircraftConfig(second_antenna_m=second_m))
     (heading,) = meant.take(rtk(0, yaw_deg=yaw_deg, yaw_flag=50))
     assert 0 <= heading.heading_rad < math.tau
     # A yaw of 32768 deg has its last digit at 4e-12 deg.

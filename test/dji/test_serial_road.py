@@ -9,11 +9,14 @@ from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.blocks import Time
 from tirgeo_ros.dji.broadcast import Broadcast, encode_broadcast
 from tirgeo_ros.dji.framing import encode_frame
+from tirgeo_ros.dji.link_watch import Level, LinkWatch
 from tirgeo_ros.dji.readings import AttitudeReading
+from tirgeo_ros.dji.serial_link import LinkState
 from tirgeo_ros.dji.serial_road import SerialRoad
 from tirgeo_ros.dji.subscription import PackageTable
 
 Q = (0.5, 0.5, -0.5, 0.5)
+KEY = bytes(range(32))
 NOW_NS = 1_800_000_000_000_000_000
 
 
@@ -74,14 +77,46 @@ def test_what_was_cut_is_given_up_when_the_port_is_opened_anew(road):
 
 
 def test_encrypted_frames_need_the_key():
-    key = bytes(range(32))
-    locked = frame(10, key)
+    locked = frame(10, KEY)
     assert SerialRoad(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []
-    road = SerialRoad(DjiConfig(key=key.hex()), PackageTable())
+    road = SerialRoad(DjiConfig(key=KEY.hex()), PackageTable())
     assert [reading.q_nb for reading in road.take(locked, NOW_NS, 1.0)] == [Q]
     assert road.diagnostics["frames encrypted"] == "1"
     with pytest.raises(DjiError, match=r"^key: "):
         SerialRoad(DjiConfig(key="abc"), PackageTable())
+
+
+def conditions(key, sent_with):
+    """What the watch says in ten seconds at 50 frames a second, the aircraft's acks among them."""
+    road = SerialRoad(DjiConfig(key=key), PackageTable())
+    watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
+    told = []
+    for k in range(1, 500):
+        data = frame(20 * k, sent_with)
+        if k % 50 == 0:
+            data += encode_frame(bytes(2), is_ack=True, session=2, key=sent_with)
+        now_s = k * 0.02
+        road.take(data, NOW_NS + k * 20_000_000, now_s)
+        report = watch.look(now_s, LinkState.OPEN, "", road.bytes, road.frames, road.locked)
+        told += [report] if report else []
+    return [report.condition.value for report in told], watch.report
+
+
+@pytest.mark.parametrize("sent_with", [None, KEY])
+def test_with_the_right_key_it_receives(sent_with):
+    assert conditions(KEY.hex(), sent_with)[0][-1] == "receiving"
+
+
+@pytest.mark.parametrize(
+    ("key", "words"), [(bytes(32).hex(), "key is not the aircraft's"), ("", "key is not set")]
+)
+def test_a_wrong_key_is_named(key, words):
+    """Frames whose data makes no sense are not received, whatever their check sums say."""
+    told, report = conditions(key, KEY)
+    assert told == ["waiting", "wrong_key"]
+    assert report.level is Level.ERROR
+    assert words in report.message
+    assert "/dev/ttyUSB0" in report.message
 
 
 def test_diagnostics_tell_of_frames_and_of_the_clock_that_runs(road):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.config.aircraft import DjiClockConfig
+from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.clock import AircraftClock
 from tirgeo_ros.dji.tick_clock import TickClock
 

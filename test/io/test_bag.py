@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
+from pathlib import Path
 
 import message_samples as given
 import numpy as np
@@ -74,6 +76,19 @@ def test_times_count_and_span(tmp_path):
         10,
         20,
     ]
+
+
+def test_a_topic_that_stayed_silent_is_none(tmp_path):
+    """As rosbag2 leaves it where a node advertises what its receiver never says."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "another")
+        schema = writer.register_schema(IMU, "ros2msg", cdr.definition(IMU).encode())
+        said, _ = (writer.register_channel(topic, "cdr", schema) for topic in ("/a", "/b"))
+        writer.add_message(said, 1, cdr.serialize(imu(1), IMU), 1)
+        writer.finish()
+    assert list(BagReader(path).topics()) == ["/a"]
 
 
 def test_publish_time_is_log_time_unless_given(tmp_path):
@@ -246,7 +261,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     """A device would be, by one who may write in its folder; a pipe stands for it."""
     path = tmp_path / "a.mcap"
     os.mkfifo(path)
-    with pytest.raises(BagError, match=rf"{path}: not a file; give the bag"), BagWriter(path):
+    with pytest.raises(BagError, match=rf"{path}: not a file; give the output"), BagWriter(path):
         pass
     assert path.is_fifo()
     assert list(tmp_path.iterdir()) == [path]
@@ -322,3 +337,22 @@ def test_big_endian_is_read():
     jazzy = store(pytest.importorskip("rosbags.typesys").Stores.ROS2_JAZZY)
     data = bytes(jazzy.serialize_cdr(imu(123456789), IMU, little_endian=False))
     assert imu_sample(cdr.deserialize(data, IMU)).stamp_ns == 123456789
+
+
+def test_a_long_bag_takes_no_more_memory_than_a_short_one(tmp_path):
+    """What was read of the file is not kept mapped: 30 MB that do not compress."""
+    kind = "std_msgs/msg/Header"
+    rng = np.random.default_rng(1)
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for number in range(300):
+            bag.write("/a", kind, rng.bytes(100_000), number)
+    begun, most = mapped_bytes(), 0
+    for _ in BagReader(tmp_path / "a.mcap").messages():
+        most = max(most, mapped_bytes() - begun)
+    assert most < 10 << 20  # a chunk of a megabyte, and what the library itself loads meanwhile
+
+
+def mapped_bytes():
+    """Of files, in this process's memory."""
+    status = Path("/proc/self/status").read_text()
+    return int(re.search(r"RssFile:\s+(\d+) kB", status)[1]) << 10

@@ -105,3 +105,13 @@ def test_a_line_across_the_antimeridian_stays_short(tmp_path):
     ned = plane.ned_from_geodetic(feature.points[:, 0], feature.points[:, 1], np.zeros(3))
     # 0.9996 at the central meridian grows by (x / R)^2 / 2, 0.13 %, so far from it.
     assert np.hypot(*np.diff(ned[[0, -1], :2], axis=0)[0]) == pytest.approx(20e3, rel=2e-3)
+
+
+def test_another_planet():
+    moon = (
+        'GEOGCRS["Moon",DATUM["D_Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],'
+        'PRIMEM["Reference_Meridian",0],CS[ellipsoidal,2],AXIS["lat",north],AXIS["lon",east],'
+        'ANGLEUNIT["degree",0.0174532925199433]]'
+    )
+    with pytest.raises(MapError, match=r"a\.map: there is no way from Moon to WGS84: is it of"):
+        laid(moon, [10.0, 10.0, NAN])

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pyproj
 import pytest
+from measured import run_measured
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.errors import ElevationError
@@ -234,6 +235,7 @@ def test_a_large_model_is_mapped_and_the_same(rasterio, tmp_path, monkeypatch):
 
 
 def test_a_model_without_room_says_how_much_it_needs(rasterio, tmp_path, monkeypatch):
+    monkeypatch.setattr(elevation_grid, "_MOST_BYTES", 1 << 62)
     _, _, transform = grid_of_metres(rasterio)
     path = tmp_path / "endless.tif"
     profile = {"width": 30_000_000, "height": 30_000_000, "count": 1, "dtype": "float32"}
@@ -368,3 +370,69 @@ def test_a_mosaic_of_gdals(rasterio, tmp_path):
     (tmp_path / "tile1.tif").unlink()
     with pytest.raises(ElevationError, match=r"all\.vrt: cannot be read as a raster"):
         load_terrain(tmp_path / "all.vrt")
+
+
+MOON = (
+    'GEOGCRS["Moon",DATUM["D_Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],'
+    'PRIMEM["Reference_Meridian",0],CS[ellipsoidal,2],AXIS["lat",north],AXIS["lon",east],'
+    'ANGLEUNIT["degree",0.0174532925199433]]'
+)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (1, 1, 500000, 1, 1, 3300000),
+        (1e-300, 0, 500000, 0, -1e-300, 3300000),
+        (math.nan, 0, 500000, 0, -1, 3300000),
+        (math.inf, 0, 500000, 0, -1, 3300000),
+        (1e300, 0, 500000, 0, -1e300, 3300000),
+    ],
+)
+def test_pixels_that_cover_no_ground(rasterio, tmp_path, numbers):
+    transform = rasterio.Affine(*numbers)
+    path = written(rasterio, tmp_path / "flat.tif", np.ones((9, 9), np.float32), transform)
+    with pytest.raises(ElevationError, match=r"flat\.tif: its pixels cover no ground"):
+        load_terrain(path)
+
+
+def test_another_planet(rasterio, tmp_path):
+    transform = rasterio.transform.from_origin(10.0, 10.0, 0.1, 0.1)
+    path = written(rasterio, tmp_path / "moon.tif", np.ones((9, 9), np.float32), transform, MOON)
+    with pytest.raises(ElevationError, match=r"moon\.tif: there is no way .* 'Moon': is it of"):
+        load_terrain(path)
+
+
+MANY_PIXELS = """<VRTDataset rasterXSize="30000" rasterYSize="30000"><SRS>EPSG:32650</SRS>
+<GeoTransform>500000,1,0,3300000,0,-1</GeoTransform><VRTRasterBand dataType="Float32" band="1">
+<SimpleSource><SourceFilename relativeToVRT="1">one.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="9" ySize="9"/><DstRect xOff="0" yOff="0" xSize="30000"
+ySize="30000"/></SimpleSource></VRTRasterBand></VRTDataset>"""
+LOAD = """
+import sys
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.io.elevation import load_terrain
+try:
+    print(load_terrain(sys.argv[1]).heights_m.shape)
+except TirgeoError as error:
+    print(error)
+"""
+
+
+def test_a_small_file_of_many_pixels_is_refused(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    written(rasterio, tmp_path / "one.tif", np.ones((9, 9), np.float32), transform)
+    (tmp_path / "many.vrt").write_text(MANY_PIXELS)
+    done = run_measured(LOAD, str(tmp_path / "many.vrt"))
+    assert "30000 x 30000 pixels, and at most 150 million are taken; cut out" in done.said, done
+    done.check_modest()
+
+
+@pytest.mark.slow
+def test_the_most_pixels_that_are_taken_fit(rasterio, tmp_path):
+    _, _, transform = grid_of_metres(rasterio)
+    written(rasterio, tmp_path / "one.tif", np.ones((9, 9), np.float32), transform)
+    (tmp_path / "many.vrt").write_text(MANY_PIXELS.replace("30000", "12247"))
+    done = run_measured(LOAD, str(tmp_path / "many.vrt"))
+    assert "(12247, 12247)" in done.said, done
+    done.check_modest()

@@ -388,6 +388,13 @@ def test_origin_round_trip():
     assert plane.height_m == given.PLANE.height_m
 
 
+@pytest.mark.parametrize("height_m", [math.inf, math.nan, 1e200])
+def test_an_origin_that_is_no_place_is_refused(height_m):
+    message = made.origin(dataclasses.replace(given.PLANE, height_m=height_m), 7)
+    with pytest.raises(MessageError, match=r"^tirgeo/origin: .*(not finite|out of range)"):
+        messages.tangent_plane(message)
+
+
 def test_fix_of_the_solution():
     sample = messages.position_sample(made.fix(given.SOLUTION), Source.RTK_POSITION)
     assert_array_equal(sample.covariance_n, given.SOLUTION.covariance[:3, :3])
@@ -415,6 +422,17 @@ def test_running_is_ok_and_an_unknown_sigma_survives():
     assert math.isnan(messages.navigation_status(message).heading_sigma_rad)
 
 
+def test_a_warning_while_running_is_the_message():
+    status = dataclasses.replace(given.STATUS, state=FilterState.RUNNING, reason="")
+    item = made.navigation_diagnostic("n", status)
+    assert item.level == 1
+    assert item.message == "running: imu/data: accelerometer x clipped; another"
+    assert item.values["clipped.accelerometer x"] == "12"
+    lost = dataclasses.replace(status, state=FilterState.LOST, reason="far off")
+    assert made.navigation_diagnostic("n", lost).level == 2
+    assert made.navigation_diagnostic("n", lost).message == "lost: far off"
+
+
 @pytest.mark.parametrize(
     ("state", "level"),
     [
@@ -427,7 +445,7 @@ def test_running_is_ok_and_an_unknown_sigma_survives():
     ],
 )
 def test_every_state_has_its_level_and_comes_back(state, level):
-    given_status = dataclasses.replace(given.STATUS, state=state, reason="")
+    given_status = dataclasses.replace(given.STATUS, state=state, reason="", warnings=())
     item = made.navigation_diagnostic("n", given_status)
     assert (item.level, item.message) == (level, state.value)
     (message,) = through_cdr(made.diagnostics(0, [item])).status
@@ -437,11 +455,13 @@ def test_every_state_has_its_level_and_comes_back(state, level):
 def test_a_recording_without_time_and_resets_is_read():
     item = made.navigation_diagnostic("n", given.STATUS)
     new = {"state_time_s", "last_reset", "reset.rtk_position", "reset.rtk_heading"}
+    new |= {"clipped.accelerometer x", "warnings"}
     assert new <= item.values.keys()
     old = {key: value for key, value in item.values.items() if key not in new}
     (message,) = made.diagnostics(0, [messages.DiagnosticItem("n", 1, "", old)]).status
     status = messages.navigation_status(message)
     assert (status.state_s, status.resets, status.last_reset) == (0.0, {}, "")
+    assert (status.clipped, status.warnings) == ({}, ())
     assert status.counts == given.STATUS.counts
 
 

@@ -86,18 +86,16 @@ def test_one_file_for_all_nodes(write):
     video_latency_s: 0.2     # overlay_node's
     method: rtk              # ekf_node's
     qos_overrides: {/imu/data: {subscription: {depth: 3}}}
-/**/gimbal_node:
-  ros__parameters:
-    lever_arm_m: [0.1, 0, -0.2]
+    aircraft: {gimbal_pivot_m: [0.1, 0, -0.2]}     # of all that need it
 """
     )
     assert load_config(path, "ekf_node", EkfConfig).method == "rtk"
     assert load_config(path, "overlay_node", OverlayConfig).video_latency_s == 0.2
-    assert load_config(path, "gimbal_node", GimbalConfig).lever_arm_m == (0.1, 0.0, -0.2)
+    assert load_config(path, "gimbal_node", GimbalConfig).aircraft.gimbal_pivot_m == (0.1, 0, -0.2)
     assert load_parameters(path, "gimbal_node") == {
         "use_sim_time": True,
         "qos_overrides./imu/data.subscription.depth": 3,
-        "lever_arm_m": [0.1, 0, -0.2],
+        "aircraft.gimbal_pivot_m": [0.1, 0, -0.2],
     }
 
 
@@ -142,7 +140,23 @@ def test_texts_that_look_like_something_else(write):
         (ekf("ekf_node", "publish_rate_hz:"), "publish_rate_hz: None is not of type double"),
         (ekf("gimbal_node", "max_wait_s: -1.0"), "max_wait_s: -1 s is outside 0 to 10"),
         (ekf("/**", "method: magic"), "method: 'magic' is not one of raw, rtk"),
-        (ekf("gimbal_node", "lever_arm_m: [1.0, 2.0]"), "lever_arm_m: needs 3 numbers, has 2"),
+        (
+            ekf("gimbal_node", "aircraft: {gimbal_pivot_m: [1.0, 2.0]}"),
+            "aircraft.gimbal_pivot_m: needs 3 numbers, has 2",
+        ),
+        (
+            ekf("ekf_node", "rtk: {lever_arm_m: [0, 0, 0]}"),
+            "rtk.lever_arm_m is now aircraft.rtk_ant",
+        ),
+        (
+            ekf("/**", "lever_arm_m: [0, 0, 0]"),
+            "parameter lever_arm_m is now aircraft.gimbal_pivot",
+        ),
+        (
+            ekf("/**/dji_node", "heading: {baseline_offset_deg: 90.0}"),
+            "is now the direction from aircraft.rtk_antenna_m to aircraft.second_antenna_m, said",
+        ),
+        (ekf("bag_player", "aircraft.pushes: true"), "is now simulated_aircraft.pushes"),
         (ekf("ekf_node", "imu:"), "unknown parameter imu of"),
         ("ekf_node:\n  publish_rate_hz: 3.0\n", "ekf_node/publish_rate_hz holds no ros__param"),
         ("ekf_node:\n  ros__parameters: 3\n", "ros__parameters holds no parameters"),
@@ -155,6 +169,16 @@ def test_texts_that_look_like_something_else(write):
         ("? [a]\n: 1\n", "line 1: not YAML: found unhashable key"),
         ("a: \x01\n", "not YAML"),
         ("a: &a {b: *a}\n", "line 1: not YAML: aliases are not taken"),
+        (ekf("ekf_node", f"publish_rate_hz: {'9' * 5000}"), "line 3: not YAML: '9{59} is no int"),
+        (ekf("ekf_node", f"publish_rate_hz: 0x{'f' * 5000}"), "line 3: not YAML: '0xf+ is no int"),
+        (ekf("ekf_node", "method: !!int abc"), "line 3: not YAML: 'abc' is no int"),
+        (ekf("ekf_node", "method: !!float ''"), "line 3: not YAML: '' is no float"),
+        (ekf("ekf_node", "method: !!bool abc"), "line 3: not YAML: 'abc' is no bool"),
+        (ekf("ekf_node", "method: !!timestamp abc"), "line 3: not YAML: 'abc' is no timestamp"),
+        (ekf("ekf_node", "method: !!timestamp 2024-01-01"), "method: .* is not of type string"),
+        (ekf("ekf_node", 'method: "\\ud800"'), r"line 3: not YAML: '\\ud800' is no str"),
+        (ekf("ekf_node", '"\\udfff": 1'), r"line 3: not YAML: '\\udfff' is no str"),
+        ("a: !!set b\n", "line 1: not YAML: expected a mapping node"),
         (f"a: {'[' * 5000}", "not YAML: nested too deeply"),
     ],
 )

@@ -26,12 +26,21 @@ def test_round_trip(tmp_path):
 def test_the_later_file_stands_before_the_earlier(tmp_path):
     first, second = tmp_path / "aircraft.yaml", tmp_path / "boresight.yaml"
     arms = (0.1, 0.0, 0.2)
-    given = {"lever_arm_m": arms, "boresight_rpy_deg": (9.0, 9.0, 9.0)}
+    given = {"aircraft.gimbal_pivot_m": arms, "boresight_rpy_deg": (9.0, 9.0, 9.0)}
     write_parameters(first, {"gimbal_node": given}, "")
     write_parameters(second, {"gimbal_node": {"boresight_rpy_deg": (1.0, -0.8, 1.5)}}, "")
     config = ParameterFile([first, second]).config("gimbal_node", GimbalConfig)
-    assert config.lever_arm_m == arms
+    assert config.aircraft.gimbal_pivot_m == arms
     assert config.boresight_rpy_deg == (1.0, -0.8, 1.5)
+
+
+def test_an_empty_name_is_all_nodes(tmp_path):
+    path = tmp_path / "found.yaml"
+    write_parameters(path, {"": {"aircraft.rtk_antenna_m": (0.1, 0.2, 0.3)}}, "")
+    assert "\n/**:" in "\n" + path.read_text()
+    for node, kind in (("ekf_node", EkfConfig), ("gimbal_node", GimbalConfig)):
+        config = ParameterFile(path).config(node, kind)
+        assert config.aircraft.rtk_antenna_m == (0.1, 0.2, 0.3)
 
 
 def test_the_faulty_one_of_several_files_is_named(tmp_path):

@@ -105,7 +105,7 @@ BAD = {
         "layer 1: crs: unknown coordinate reference system 'EPSG:1'",
     ),
     "crs type": ("layers: [{crs: [1]}]", r"layer 1: crs: \[1\] is no code"),
-    "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj cannot be read"),
+    "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
 }
 
 

@@ -8,6 +8,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from measured import run_measured
 
 from tirgeo_ros.core.errors import SurveyError
 from tirgeo_ros.io.survey import (
@@ -92,6 +93,11 @@ def feature(geometry=None, properties=None):
         feature({"type": "Point", "coordinates": [math.nan, 2, 3]}),
         feature(properties={}),
         feature(properties={"id": ""}),
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [10**400, 5, 6]},
+            "properties": {"id": "a"},
+        },
         {"type": "Feature", "geometry": None, "properties": {"id": "a"}},
         {"type": "Feature", "geometry": {"type": "Point"}, "properties": None},
         3,
@@ -109,6 +115,8 @@ def test_broken_features_are_numbered(tmp_path, broken):
     ("text", "reason"),
     [
         ("{", "line 1: not JSON"),
+        (f'{{"a": {"9" * 5000}}}', "not JSON: Exceeds the limit"),
+        (f'{{"a": {"[" * 100_000}', "not JSON: maximum recursion depth"),
         ("[1]", "no GeoJSON FeatureCollection"),
         ('{"type": "Point"}', "no GeoJSON FeatureCollection"),
         ("", "no column id, lat, lon, h; the first line must be id,lat,lon,h"),
@@ -128,7 +136,10 @@ def test_broken_surveys(tmp_path, text, reason):
         load_survey(path)
 
 
-@pytest.mark.parametrize("row", ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3"])
+@pytest.mark.parametrize(
+    "row",
+    ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f"a,{1 << 63},2,3"],
+)
 def test_broken_observations(tmp_path, row):
     path = tmp_path / "o.csv"
     path.write_text(f"id,stamp_ns,u,v\nb,1,2,3\n{row}\n")
@@ -144,3 +155,41 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
         load_survey(tmp_path / "bytes.csv")
     with pytest.raises(SurveyError, match="cannot be written: No such file"):
         save_observations(tmp_path / "none" / "o.csv", [])
+
+
+TABLES = {
+    "load_survey": ("id,lat,lon,h", "P{0},48.{0:07d},16.{0:07d},200.5"),
+    "load_observations": ("id,stamp_ns,u,v", "P{0},{0},320.5,256.5"),
+    "load_marks": ("id,column,row", "P{0},{0}.5,256.5"),
+    "load_control_points": ("#CRS: EPSG:32650\nmapX,mapY,sourceX,sourceY", "{0},{0},{0}.5,256.5"),
+}
+LOAD = """
+import sys
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.io import control_points, survey
+name, path = sys.argv[1:]
+try:
+    if name == "load_control_points":
+        print(len(control_points.load_control_points(path, None, None).names))
+    else:
+        print(len(getattr(survey, name)(path)))
+except TirgeoError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_of_too_many_rows_is_refused(tmp_path, name):
+    """What is made of a million rows, ellipses of sixty corners say, takes four gigabytes."""
+    header, row = TABLES[name]
+    rows, reason = (30_000, "at most 20000 are taken: split the file")
+    if name == "load_observations":
+        rows, reason = (10**6, "larger than 16 MB")
+    path = tmp_path / "many.csv"
+    lines = "\n".join(row.format(number) for number in range(rows))
+    path.write_text(f"{header}\n{lines}\n")
+    done = run_measured(LOAD, name, str(path))
+    assert done.said.startswith(f"{path}: "), done
+    assert reason in done.said, done
+    assert done.said.count("\n") == 1
+    done.check_modest()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from domain_ports import taken_port
 
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
@@ -68,10 +70,18 @@ def flight_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """For every process of the session: one domain that is free."""
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """For every process of the session: one domain that is free, and stays it.
+
+    The port of the domain's first participant is held, so that no other worker and no demo takes
+    the domain (``free_domain``) while none of the session's nodes runs.
+    """
     folder = tmp_path_factory.mktemp("environment")
-    return graph_environment(GraphSetup(folder, folder))
+    while True:
+        environment = graph_environment(GraphSetup(folder, folder))
+        with suppress(OSError), taken_port(int(environment["ROS_DOMAIN_ID"])):
+            yield environment
+            return
 
 
 @pytest.fixture(scope="session")
@@ -109,14 +119,24 @@ def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
         process.wait(5)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def same_transport(environment: dict[str, str]) -> Iterator[None]:
+    """Have the test's own participants meet the nodes, by the same transport and domain.
+
+    For every module: Fast DDS reads its profile when a process makes its first participant.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            if name.startswith(("ROS_", "FAST", "SKIP_DEFAULT_XML")):
+                patch.setenv(name, value)
+        yield
+
+
 @pytest.fixture
-def meet(environment, monkeypatch):
+def meet(environment):
     """Make strangers: ``meet(imu__data=Imu)`` listens to ``imu/data``."""
     from graph_helpers import Stranger  # noqa: PLC0415 ROS may be absent where the other tests run
 
-    # The test's own participant must look where the nodes are.
-    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
-        monkeypatch.setenv(name, environment.get(name, ""))
     strangers = []
 
     def make(**topics: type) -> Stranger:

@@ -53,6 +53,7 @@ def test_every_message_arrives_with_the_clock(spawn, meet, flight_bag):
     assert last_ns * 1e-9 - 1.0 < ticks[-1] <= last_ns * 1e-9 + 1e-6
 
 
+@pytest.mark.slow
 def test_a_namespace_moves_the_topics(spawn, meet, flight_bag):
     stranger = meet(uav1__rtk__fix=NavSatFix)
     arguments = ("-r", "__ns:=/uav1", "-p", f"bag:={flight_bag}", "-p", "start_offset_s:=3.0")
@@ -75,6 +76,7 @@ def test_a_loop_goes_on_until_it_is_stopped(spawn, meet, flight_bag):
     assert player.wait(60.0).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, tmp_path):
     cut = tmp_path / "cut.mcap"
     whole = flight_bag.read_bytes()
@@ -106,6 +108,7 @@ def test_nobody_listens_and_it_says_so(spawn, flight_bag):
     assert player.said("playing without a subscriber of /imu/data")
 
 
+@pytest.mark.slow
 def test_live_the_flight_is_now(spawn, meet, flight_bag):
     """All stamps are later by one number, told in the log, and near the host's time."""
     stranger = meet(imu__data=Imu, rtk__fix=NavSatFix, clock=Clock)
@@ -127,6 +130,7 @@ def test_live_the_flight_is_now(spawn, meet, flight_bag):
     assert not stranger.received["clock"]
 
 
+@pytest.mark.slow
 def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag, tmp_path):
     port = tmp_path / "aircraft"
     stranger = meet(imu__data=Imu)
@@ -159,6 +163,7 @@ def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag
     assert not port.is_symlink()
 
 
+@pytest.mark.slow
 def test_a_port_that_nobody_opens_is_told_of(spawn, flight_bag, tmp_path):
     arguments = ("-p", "live:=true", "-p", f"serial_port:={tmp_path / 'aircraft'}")
     player = spawn(

@@ -76,6 +76,7 @@ def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, me
     gimbal.check_running()
 
 
+@pytest.mark.slow
 def test_it_shows_the_north_that_a_centred_gimbal_has(spawn, meet):
     gimbal = spawn("gimbal_node", "-p", "composition:=paper", "-p", "north.centred:=true")
     observer = meet(**{"/diagnostics": DiagnosticArray})

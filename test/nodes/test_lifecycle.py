@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import signal
@@ -42,9 +43,15 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     assert "rror" not in said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "name", ["ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"]
+    ("name", "number"),
+    [
+        *itertools.product(
+            ["ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"],
+            [signal.SIGINT, signal.SIGTERM],
+        ),
+        ("recorder", signal.SIGHUP),
+    ],
 )
 def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, name, number):
     process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
@@ -53,6 +60,25 @@ def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, name, num
     ended_cleanly(process)
     # Who ended a node is worth knowing where several share a machine.
     assert process.said(f"stopped by {number.name} from process {os.getpid()}")
+
+
+def test_a_node_that_was_stopped_lives_on(spawn, tmp_path, flight_bag):
+    """As by Ctrl-Z and fg, ``docker pause``, or a computer that slept."""
+    names = ["dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"]
+    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
+    for process in processes:
+        await_words(process, "ready")
+        process.signal(signal.SIGSTOP)
+    time.sleep(0.3)  # longer than a node looks away from its signals
+    for process in processes:
+        process.signal(signal.SIGCONT)
+    time.sleep(0.3)
+    for process in processes:
+        process.check_running()
+        assert not process.said("stopped by")
+        process.signal(signal.SIGTERM)
+    for process in processes:
+        ended_cleanly(process)
 
 
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
@@ -79,7 +105,7 @@ def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
         ("ekf_node", ["-p", "use_sim_time:=1"], "use_sim_time"),
         ("ekf_node", ["-p", "qos_overrides./imu/data.subscription.reliability:=so_so"], "so_so"),
         ("ekf_node", ["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot be read"),
-        ("gimbal_node", ["-p", "lever_arm_m:=[1, 2.0, 3]"], "with a decimal point"),
+        ("gimbal_node", ["-p", "aircraft.gimbal_pivot_m:=[1, 2.0, 3]"], "with a decimal point"),
         ("overlay_node", ["-p", "map:=/nowhere.geojson"], "/nowhere.geojson"),
         ("bag_player", [], "parameter bag: no bag given"),
         ("bag_player", ["-p", "bag:=/nowhere.mcap"], "/nowhere.mcap: cannot be read"),
@@ -115,6 +141,7 @@ def test_without_ros_a_node_says_so():
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     output = tmp_path / "out.mcap"
     recorder = spawn(

@@ -99,6 +99,16 @@ def test_pictures_that_cannot_be_read_are_counted(spawn, observer):
     assert "Traceback" not in overlay.log.read_text()
 
 
+#: What the filter needs to start: it may be found one after the other.
+AWAITED = "imu/data,rtk/fix,rtk/vel,rtk/heading"
+
+
+def player_of(bag) -> list[str]:
+    """Half as fast as it was flown: a busy machine must not lag behind."""
+    parameters = (f"bag:={bag}", f"wait_for:={AWAITED}", "rate:=0.5")
+    return ["bag_player", *(word for each in parameters for word in ("-p", each))]
+
+
 def test_a_frame_without_a_pose_comes_back_with_a_notice(spawn, meet):
     """Also with nothing else in the graph: the timer lets it go."""
     overlay = spawn("overlay_node")
@@ -118,14 +128,14 @@ def test_a_frame_without_a_pose_comes_back_with_a_notice(spawn, meet):
 def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, flight_bag):
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
     await_words(ekf, "ready")
-    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
+    player = spawn(*player_of(flight_bag))
     assert player.wait(60.0).exit_code == 0
     late = meet(**{"/diagnostics": DiagnosticArray})
     origins: list[NavSatFix] = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     late.node.create_subscription(NavSatFix, "tirgeo/origin", origins.append, latched)
     late.spin_until(lambda: len(origins) == 1 and bool(state_of(late)))
-    assert state_of(late) == "running"
+    assert state_of(late) in {"running", "degraded"}  # the flight is over
     cdr = Cdr()
     fixes = [
         cdr.deserialize(item.data, item.typename)
@@ -139,16 +149,16 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     answer = client.call_async(Trigger.Request())
     late.spin_until(answer.done)
     assert answer.result().success
-    late.spin_until(lambda: state_of(late) != "running")
+    late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
 
 
 def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, meet, flight_bag):
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
     await_words(ekf, "ready")
-    player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "wait_for:=imu/data")
+    player = spawn(*player_of(flight_bag))
     stranger.spin_until(lambda: player.poll() is not None)
-    stranger.spin_until(lambda: state_of(stranger) == "running")
+    stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
     # Beside those of every second, which have the topics too: one for each change of state.
     alone = [array for array in stranger.received["/diagnostics"] if is_state_alone(array)]
     states = [navigation_status(array.status[0]).state.value for array in alone]
@@ -165,6 +175,7 @@ def is_state_alone(array: DiagnosticArray) -> bool:
     return [status.name for status in array.status] == ["/ekf_node: navigation"]
 
 
+@pytest.mark.slow
 def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag, tmp_path):
     cdr, bag = Cdr(), tmp_path / "unstamped.mcap"
     topics = ("/rtk/fix", "/rtk/vel", "/rtk/heading")
@@ -178,9 +189,9 @@ def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag
     # The simulated receiver's messages arrive 80 ms after the measurement.
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true", "-p", "rtk.delay_s:=0.08")
     await_words(ekf, "ready")
-    player = spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data")
+    player = spawn(*player_of(bag))
     stranger.spin_until(lambda: player.poll() is not None)
-    stranger.spin_until(lambda: state_of(stranger) == "running")
+    stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
     item = "/ekf_node: navigation"
     for topic, source in (("fix", "position"), ("vel", "velocity"), ("heading", "heading")):
         key = f"stamped_at_arrival.rtk/{topic}"
@@ -207,9 +218,11 @@ def test_gimbal_and_imu_samples_without_a_stamp_too(spawn, observer):
     assert int(value_of(observer, navigation, "count.imu.waiting")) > 3
 
 
+def states_of(stranger) -> list[str]:
+    told = [status for array in stranger.received["/diagnostics"] for status in array.status]
+    filters = [status for status in told if status.name.endswith("ekf_node: navigation")]
+    return [navigation_status(status).state.value for status in filters]
+
+
 def state_of(stranger) -> str:
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            if status.name.endswith("ekf_node: navigation"):
-                return navigation_status(status).state.value
-    return ""
+    return (states_of(stranger) or [""])[-1]

@@ -16,7 +16,7 @@ from map_readers import reader_of
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from graph_helpers import await_words
 from overlays import GREY, PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
@@ -62,6 +62,7 @@ class Flight:
         self.pose = node.create_publisher(PoseWithCovarianceStamped, "tirgeo/camera_pose", 10)
         self.pixel = node.create_publisher(PointStamped, "tirgeo/locate/pixel", 10)
         self.sent_s = 0.0
+        self.unstamped = False
 
     def step(self) -> None:
         """Twenty frames a second, each with its pose."""
@@ -71,7 +72,7 @@ class Flight:
         now_ns = time.time_ns()
         self.info.publish(MESSAGES.camera_info(XT2, now_ns))
         self.pose.publish(MESSAGES.camera_pose(pose_at(now_ns)))
-        self.image.publish(MESSAGES.image(now_ns, GREY))
+        self.image.publish(MESSAGES.image(0 if self.unstamped else now_ns, GREY))
 
     def until(self, done, timeout_s: float = 60.0) -> None:
         def stepped() -> bool:
@@ -87,12 +88,19 @@ class Flight:
         self.until(lambda: pictures and has_lines(pictures[-1]))
         return pictures[-1]
 
-    def diagnostics(self) -> dict[str, str]:
+    def diagnostics(self, item: str = ITEM) -> dict[str, str]:
+        """The newest of an item; its message under no name."""
         for array in reversed(self.stranger.received["/diagnostics"]):
             for status in array.status:
-                if status.name == ITEM:
+                if status.name == item:
                     return {"": status.message} | {pair.key: pair.value for pair in status.values}
         return {}
+
+    def next_diagnostics(self) -> dict[str, str]:
+        """Those of the next second: what has been published may not have come yet."""
+        self.stranger.received["/diagnostics"].clear()
+        self.until(self.diagnostics)
+        return self.diagnostics()
 
     def click(self, u: float, v: float, stamp: int = 0) -> None:
         message = PointStamped()
@@ -186,9 +194,10 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     write_map(path, SQUARE_N)
     flown.until(lambda: flown.diagnostics().get("reloads") == "2")
     assert off_px(flown.shown(), SQUARE_N) < 1.5
-    assert flown.diagnostics()["reload_errors"] == "1"
-    assert flown.diagnostics()[""] == "ok"
-    assert float(flown.diagnostics()["latency p95 [ms]"]) > 0
+    told = flown.next_diagnostics()
+    assert told["reload_errors"] == "1"
+    assert told[""] == "ok"
+    assert float(told["latency p95 [ms]"]) > 0
 
 
 def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
@@ -227,7 +236,61 @@ def test_the_map_is_laid_again_in_another_plane(flight):
     ring_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
     pictures = flown.stranger.received["tirgeo/overlay/image"]
     flown.until(lambda: has_lines(pictures[-1]) and off_px(pictures[-1], ring_n) < 1.5)
-    assert flown.diagnostics()["reloads"] == "0"
+    assert flown.next_diagnostics()["reloads"] == "0"
+
+
+def test_messages_that_cannot_be_are_counted_and_the_video_goes_on(flight):
+    """An origin at infinity, a picture wider than JPEG has it, poses and texts without end."""
+    flown, node, _ = flight
+    flown.shown()
+    far = pose_at(0)
+    far.position_n[0] = 1e200
+    reason = DiagnosticStatus(
+        name="/ekf_node: navigation",
+        values=[
+            KeyValue(key="state", value="lost"),
+            KeyValue(key="reason", value="\x1b[2Jno \n" * 20_000),
+        ],
+    )
+    status = flown.stranger.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    for height_m in (math.inf, math.nan, 1e9):
+        flown.origin.publish(MESSAGES.origin(dataclasses.replace(PLANE, height_m=height_m), 0))
+    wide = MESSAGES.camera_info(XT2, 0)
+    wide.width = 10**9
+    flown.info.publish(wide)
+    told = {}
+    counts = ("tirgeo/origin unreadable", "thermal/camera_info unreadable", "too_large")
+
+    def counted() -> bool:
+        flown.image.publish(MESSAGES.image(time.time_ns(), np.zeros((1, 70_000), np.uint8)))
+        flown.pose.publish(MESSAGES.camera_pose(dataclasses.replace(far, stamp_ns=time.time_ns())))
+        status.publish(DiagnosticArray(status=[reason]))
+        told.update(flown.diagnostics("/overlay_node: topics") | flown.diagnostics())
+        return all(told.get(count, "0") != "0" for count in (*counts, "poses_invalid"))
+
+    flown.until(counted)
+    assert told["tirgeo/origin unreadable"] in "123"  # the latched topic keeps the newest
+    assert "not on this earth" in told["poses_invalid_because"]
+    flown.shown()  # lines, on the origin that was there before
+    node.check_running()
+    assert "\x1b" not in node.text().replace("\x1b[33m", "").replace("\x1b[0m", "")
+    assert "Traceback" not in node.text()
+
+
+def test_frames_without_a_stamp_take_the_time_of_their_arrival(flight):
+    """All are drawn, and told of; one in thirty was."""
+    flown, _, _ = flight
+    flown.shown()
+    pictures = flown.stranger.received["tirgeo/overlay/image"]
+    pictures.clear()
+    flown.unstamped = True
+    flown.until(lambda: len(pictures) > 40)
+    told = flown.next_diagnostics()
+    assert int(told["stamped_at_arrival.thermal/image_raw"]) > 40
+    assert told["out_of_order"] == "0"
+    assert all(has_lines(picture) for picture in pictures[-5:])
+    stamps = [stamp_ns(picture) for picture in pictures]
+    assert 0 not in stamps[5:]
 
 
 def test_frames_that_the_transport_loses_are_counted(overlay, meet):

@@ -13,9 +13,16 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import (
+    NODE_CONFIGS,
+    AircraftConfig,
+    EkfConfig,
+    GimbalConfig,
+    OverlayConfig,
+)
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.nodes.arguments import check_arguments, parameter_files
 from tirgeo_ros.nodes.parameters import declare
 
@@ -26,10 +33,17 @@ def make_node():
     rclpy.init(context=context, args=[], domain_id=99)
     nodes = []
 
-    def make(**overrides) -> Node:
+    def make(called="ekf_node", files=(), **overrides) -> Node:
         given = [Parameter(name.replace("__", "."), value=v) for name, v in overrides.items()]
+        line = ["--ros-args", *(word for path in files for word in ("--params-file", str(path)))]
         nodes.append(
-            Node("ekf_node", context=context, parameter_overrides=given, enable_rosout=False)
+            Node(
+                called,
+                context=context,
+                cli_args=line if files else None,
+                parameter_overrides=given,
+                enable_rosout=False,
+            )
         )
         return nodes[-1]
 
@@ -60,10 +74,10 @@ def test_every_parameter_is_declared_with_what_a_person_needs(make_node):
 
 
 def test_whole_numbers_serve_as_doubles(make_node):
-    config = declare(make_node(publish_rate_hz=50, rtk__lever_arm_m=[1, 2, 3]), EkfConfig)
+    config = declare(make_node(publish_rate_hz=50, aircraft__rtk_antenna_m=[1, 2, 3]), EkfConfig)
     assert config.publish_rate_hz == 50.0
     assert type(config.publish_rate_hz) is float
-    assert config.rtk.lever_arm_m == (1.0, 2.0, 3.0)
+    assert config.aircraft.rtk_antenna_m == (1.0, 2.0, 3.0)
 
 
 def test_parameters_of_other_nodes_and_of_ros_are_passed_over(make_node):
@@ -79,11 +93,13 @@ def test_parameters_of_other_nodes_and_of_ros_are_passed_over(make_node):
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"rtk__lever_am_m": [0.0, 0.0, 0.0]}, r"unknown parameter rtk.lever_am_m .*lever_arm_m"),
+        ({"rtk__delay_ms": 80.0}, r"unknown parameter rtk.delay_ms .*rtk.delay_s"),
+        ({"rtk__lever_arm_m": [0.0, 0.0, 0.0]}, r"rtk.lever_arm_m is now aircraft.rtk_antenna_m"),
+        ({"lever_arm_m": [0.0, 0.0, 0.0]}, r"lever_arm_m is now aircraft.gimbal_pivot_m"),
         ({"publish_rate_hz": 0.0}, r"publish_rate_hz: 0 Hz is outside 0.1 to 1000"),
         ({"publish_rate_hz": "fast"}, r"publish_rate_hz: 'fast' is not of type double"),
         ({"method": "magic"}, r"method: 'magic' is not one of raw, rtk, ekf, ekf_heading"),
-        ({"rtk__lever_arm_m": [1.0, 2.0]}, r"rtk.lever_arm_m: needs 3 numbers, has 2"),
+        ({"aircraft__rtk_antenna_m": [1.0, 2.0]}, r"rtk_antenna_m: needs 3 numbers, has 2"),
         ({"rtk__median_window": 2.5}, r"rtk.median_window: 2.5 is not of type int"),
         ({"origin_lat_lon_h": [1.0]}, r"origin_lat_lon_h: needs 0 or 3 numbers, has 1"),
     ],
@@ -119,8 +135,12 @@ def test_parameter_files_of_a_command_line():
         ("ekf_node: {ros__parameters: {methd: raw}}", "params.yaml: unknown parameter methd"),
         ("ekf_node: {ros__parameters: {composition: paper}}", "unknown parameter composition"),
         (
-            "/**: {ros__parameters: {rtk: {lever_arm_m: [1, 2.0, 3]}}}",
-            "params.yaml: parameter rtk.lever_arm_m: .*decimal point",
+            "gimbal_node: {ros__parameters: {camera_offset_m: [0.0, 0.0, 0.0]}}",
+            "yaml: parameter camera_offset_m is now aircraft.camera_from_pivot_m, said once for",
+        ),
+        (
+            "/**: {ros__parameters: {aircraft: {rtk_antenna_m: [1, 2.0, 3]}}}",
+            "params.yaml: parameter aircraft.rtk_antenna_m: .*decimal point",
         ),
     ],
 )
@@ -138,6 +158,36 @@ def test_a_file_for_all_nodes_serves_each(tmp_path):
     text = "/**: {ros__parameters: {method: rtk, composition: paper, use_sim_time: true}}"
     check_arguments("ekf_node", ["--params-file", write(tmp_path, text)])
     check_arguments("gimbal_node", ["--params-file", write(tmp_path, text), "__ns:=/uav1"])
+
+
+AIRCRAFT_FILE = """
+/**:
+  ros__parameters:
+    aircraft:
+      imu_m: [0.5, 0.0, 0.0]
+      rtk_antenna_m: [0.0, 0.55, 0.35]
+      second_antenna_m: []
+/**/overlay_node: {ros__parameters: {jpeg_quality: 70}}
+"""
+
+
+@pytest.mark.parametrize("name", NODE_CONFIGS)
+def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
+    """By rcl's own reading: who needs it has it, an empty list too; nobody trips over it."""
+    path = write(tmp_path, AIRCRAFT_FILE)
+    check_arguments(name, ["--ros-args", "--params-file", path])
+    config = declare(make_node(name, [path]), NODE_CONFIGS[name])
+    assert repr(config) == repr(ParameterFile(path).config(name, NODE_CONFIGS[name]))
+    places = AircraftConfig(imu_m=(0.5, 0, 0), rtk_antenna_m=(0, 0.55, 0.35))
+    needed = name in {"dji_node", "ekf_node", "gimbal_node", "bag_player"}
+    assert getattr(config, "aircraft", None) == (places if needed else None)
+
+
+@pytest.mark.parametrize("name", NODE_CONFIGS)
+def test_every_node_reads_the_shipped_file_as_the_commands_do(make_node, name):
+    path = Path(__file__).resolve().parents[2] / "config" / "m600_xt2.yaml"
+    config = declare(make_node(name, [path]), NODE_CONFIGS[name])
+    assert repr(config) == repr(ParameterFile(path).config(name, NODE_CONFIGS[name]))
 
 
 def test_a_node_by_another_name_is_left_to_rcl(tmp_path):

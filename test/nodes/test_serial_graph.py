@@ -28,7 +28,7 @@ from tirgeo_ros.tools.outputs import Outputs, read_outputs
 from tirgeo_ros.tools.process import process
 from tirgeo_ros.tools.recording import body_errors, load_recording, load_truth
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
@@ -114,7 +114,8 @@ def test_the_nodes_tell_of_a_sound_link(flown):
     assert int(outputs.last("dji_node: link")["frames skipped_bytes"]) == 0
     navigation = outputs.last("ekf_node: navigation")
     assert (navigation["method"], navigation["rtk_status"]) == ("ekf_heading", "fixed")
-    assert int(navigation["count.imu.used"]) > MOST * 3000
+    aligning_s = 1.5  # its window, and max_delay_s
+    assert int(navigation["count.imu.used"]) > MOST * (3000 - 100 * aligning_s)
     assert int(navigation.get("count.imu.out_of_order", 0)) == 0
     log = (run.recording.parent / "bag_player.log").read_text()
     assert "not played" not in log  # no byte was dropped

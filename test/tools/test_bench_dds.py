@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tirgeo_ros.core.errors import GraphError
-from tirgeo_ros.tools.bench_dds import times_of
+from tirgeo_ros.tools.bench_dds import busy, times_of
 
 START, FRAME, MS = 1_700_000_000_000_000_000, 33_333_333, 1_000_000
 SENT = [START + k * FRAME for k in range(360)]
@@ -77,3 +80,18 @@ def test_a_source_that_sent_nothing_is_an_error():
     words = {"shown": [[START, MS]], "lines": True, "inside_ms": 1.0}
     with pytest.raises(GraphError, match="next to no pictures"):
         times_of({"sent": []}, words, "overlay_node", 1.0)
+
+
+def cpu_s(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_busy_processes_are_busy_and_end_with_the_block():
+    with busy(2) as spinning:
+        end_s = time.monotonic() + 20
+        while min(cpu_s(process.pid) for process in spinning) < 0.2:
+            assert [process.poll() for process in spinning] == [None, None]
+            assert time.monotonic() < end_s
+            time.sleep(0.05)
+    assert all(process.poll() is not None for process in spinning)

@@ -35,6 +35,7 @@ def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
     assert 1 / 3 < times.last_s / times.first_s < 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
 def test_pyins_is_given_what_it_needs_to_be_good():
     """What a cost is worth depends on the accuracy: 0.12 deg and 2 cm, as the filter's own."""

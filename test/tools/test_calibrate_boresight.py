@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ import pytest
 import yaml
 
 from tirgeo_ros.core.boresight import PARAMETERS
-from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import DjiConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import CalibrationError, ConfigError
+from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.decode import heading_sample
 from tirgeo_ros.io.parameter_file import load_config
 from tirgeo_ros.tools.calibrate_boresight import (
     CLICK_SIGMA_PX,
@@ -23,6 +27,8 @@ from tirgeo_ros.tools.calibrate_boresight import (
 from tirgeo_ros.tools.cli._calibrations import boresight
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate.files import simulate
+
+pytestmark = pytest.mark.slow
 
 SCENARIO = Path(__file__).resolve().parents[2] / "config" / "scenarios" / "paper_flight.yaml"
 PLANTED = {"roll": 1.0, "pitch": -0.8, "yaw": 1.5, "latency": 70.0}
@@ -191,7 +197,7 @@ def test_only_what_is_asked_for_is_written(flown):
 
 def test_what_is_held_wrong_shows_in_the_residuals(flown):
     with pytest.raises(
-        CalibrationError, match=r"yaw: residuals \d+.\d times .* what is held right"
+        CalibrationError, match=r"yaw, latency: residuals \d+.\d times .* what is held right"
     ):
         flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")
 
@@ -266,7 +272,7 @@ def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
         calibrate_boresight(
             *inputs, tmp_path / "y.yaml", params=params, estimate=["yaw", "ground_height"]
         )
-    with pytest.raises(CalibrationError, match=r"survey.geojson: is an input or another output"):
+    with pytest.raises(CalibrationError, match=r"survey.geojson: would take the place"):
         calibrate_boresight(*inputs, sample / "survey.geojson")
     params.write_text(f"{OVERLAY}{{video_latency: 0.1}}\n")
     with pytest.raises(ConfigError, match="unknown parameter video_latency"):
@@ -337,6 +343,48 @@ def test_two_tilts_tell_an_encoders_zero(tmp_path):
     assert all(abs(e) <= 4 * s for e, s in found.values())
     tree = yaml.safe_load((flown.folder / "found.yaml").read_text())
     assert "yaw_zero_deg" in tree["/**/gimbal_node"]["ros__parameters"]
+
+
+def with_headings_off(folder, off_deg):
+    """Let the flight's headings be those that antennas in the wrong place give."""
+    path, cdr = folder / "flight.mcap", Cdr()
+    messages, whole = Messages(cdr.types), folder / "flight.mcap.whole"
+    path.rename(whole)
+    with BagWriter(path) as out:
+        for item in BagReader(whole).messages():
+            data = item.data
+            if item.topic == "/rtk/heading":
+                sample = heading_sample(cdr.deserialize(data, item.typename))
+                off = replace(sample, heading_rad=sample.heading_rad + np.radians(off_deg))
+                data = cdr.serialize(messages.heading(off), item.typename)
+            out.write(item.topic, item.typename, data, item.log_time_ns)
+
+
+@pytest.mark.slow
+def test_two_tilts_tell_the_antennas_direction(tmp_path):
+    """Antennas that stand 2 deg further to the right than believed: headings 2 deg too large."""
+    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(tmp_path, 3, "{composition: encoders}\n", **tilts)
+    with_headings_off(tmp_path, 2.0)
+    names = ["roll", "pitch", "yaw", "latency", "heading_offset"]
+    result = flown.calibrate(estimate=names, click_sigma_px=0.5)
+    found = result["parameters"].pop("heading_offset")
+    assert found["before"] == 0.0  # along the nose
+    assert abs(found["found"] - 2.0) <= 4 * found["sigma"] < 1.2
+    assert all(abs(error) <= 4 * sigma for error, sigma in flown.errors(result).values())
+    turned = load_config(tmp_path / "found.yaml", "dji_node", DjiConfig).aircraft.second_antenna_m
+    first = np.array([-0.1, 0.32, 0.38])
+    angle = np.radians(found["found"])
+    expected = first + np.array([np.cos(angle), -np.sin(angle), 0.0])  # forward, left, up
+    assert turned == pytest.approx(expected, abs=1e-8)
+    assert "import it anew" in "".join(result["notes"])
+
+
+def test_antennas_that_are_not_said_cannot_be_turned(flown):
+    one = "/**:\n  ros__parameters: {aircraft: {second_antenna_m: []}}\n"
+    (flown.folder / "one.yaml").write_text(one)
+    with pytest.raises(CalibrationError, match=r"set aircraft\.rtk_antenna_m and aircraft\."):
+        flown.calibrate(None, "one.yaml", estimate=["heading_offset"], out="refused.yaml")
 
 
 @pytest.mark.slow

@@ -12,13 +12,15 @@ import pytest
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.errors import BagError, CalibrationError
-from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.camera_file import save_camera
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.board_pictures import Taken, thinned
 from tirgeo_ros.tools.calibrate_gimbal import calibrate_gimbal
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, gimbal_pose
+
+pytestmark = pytest.mark.slow
 
 BOARD = Checkerboard(9, 6, 0.1)
 FRAMES, FPS = 24, 10
@@ -68,6 +70,7 @@ def run(video, tmp_path_factory):
     return calibrate_gimbal([bag], BOARD, output=table, plot=plot), table, plot
 
 
+@pytest.mark.slow
 def test_table_8_comes_out_within_the_noise(run, video):
     result, *_ = run
     kept = np.delete(np.degrees(video[2]), 7, axis=0)
@@ -96,6 +99,7 @@ def test_the_time_series_is_the_truth(run, video):
     assert cv2.imread(str(plot)) is not None
 
 
+@pytest.mark.slow
 def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsys):
     for number, image in enumerate(video[1][:12]):
         cv2.imwrite(str(tmp_path / f"f{number}.png"), image)
@@ -127,6 +131,33 @@ def test_what_is_missing_is_told(video, tmp_path):
     small = bag_of(tmp_path / "small.mcap", stamps[:1], [images[0][:256, :320].copy()])
     with pytest.raises(CalibrationError, match="320x256 pixels, the camera's calibration 640x512"):
         calibrate_gimbal([small], BOARD)
+
+
+@pytest.mark.slow
+def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys):
+    stamps, images, _ = video
+    bag = bag_of(tmp_path / "wall.mcap", stamps, images)
+    words = ["calibrate", "gimbal", str(bag), "--board", "9x6", "--square", "0.1"]
+    segments = BagReader(bag)._contents.segments
+    damage(bag, segments[3:4])
+    assert main(words) == 1
+    told = capsys.readouterr()
+    assert "pictures used, over" in told.out
+    assert f"wall.mcap: the chunk at byte {segments[3].offset} is cut off or damaged" in told.err
+    assert told.err.count("\n") == 1
+    damage(bag, segments)
+    assert main(words) == 1
+    told = capsys.readouterr()
+    assert "wall.mcap: no /thermal/camera_info in what can be read; give --camera" in told.err
+    assert (told.out, told.err.count("\n")) == ("", 1)
+
+
+def damage(bag, segments):
+    data = bytearray(bag.read_bytes())
+    for segment in segments:
+        middle = segment.offset + segment.length // 2
+        data[middle : middle + 20] = bytes(20)
+    bag.write_bytes(data)
 
 
 @pytest.mark.parametrize(("fps", "rate", "expected"), [(30, 10, 20), (9, 10, 18), (25, 10, 20)])

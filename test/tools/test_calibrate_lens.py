@@ -62,6 +62,7 @@ def run(folder):
     return result, output, plot
 
 
+@pytest.mark.slow
 def test_the_lens_is_found_within_its_sigmas(run):
     result, output, plot = run
     assert np.abs(off_sigmas(result)).max() < 3
@@ -72,6 +73,7 @@ def test_the_lens_is_found_within_its_sigmas(run):
     assert cv2.imread(str(plot)).shape[0] > 500
 
 
+@pytest.mark.slow
 def test_every_picture_that_is_not_used_has_its_reason(run):
     result, *_ = run
     refused = result["refused"]
@@ -84,6 +86,7 @@ def test_every_picture_that_is_not_used_has_its_reason(run):
     assert set(result["view_rms_px"]).isdisjoint(refused)
 
 
+@pytest.mark.slow
 def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     pictures = [str(folder / f"view_{number}.png") for number in range(6)]
     argv = ["calibrate", "lens", *pictures, "--board", "9x6", "--square", "0.1"]
@@ -99,6 +102,7 @@ def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     assert "reprojection error" in text
 
 
+@pytest.mark.slow
 def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
     views = board_views(XT2, BOARD, 6, 8, BoardLook(bits=16))
     bag, messages = tmp_path / "board.mcap", Messages(Cdr().types)
@@ -125,6 +129,7 @@ def test_nothing_is_written_where_no_lens_is_found(folder, tmp_path):
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_pictures_of_another_size_are_refused(views, tmp_path):
     images = {f"v{number}": view.image for number, view in enumerate(views[:5])}
     images["wide"] = cv2.resize(views[5].image, None, fx=1.5, fy=1.5)
@@ -186,11 +191,11 @@ def test_twenty_bad_pictures_do_no_harm(tmp_path):
 @pytest.mark.slow
 def test_sigmas_hold_over_many_boards(tmp_path):
     look, z = BoardLook(noise=3.0, blur_px=1.4), []
-    for seed in range(20, 30):
+    for seed in range(20, 24):
         images = {f"{n}": v.image for n, v in enumerate(board_views(XT2, BOARD, 20, seed, look))}
         folder = write(tmp_path / f"{seed}", images)
         z.append(off_sigmas(calibrate_lens([folder], BOARD, tmp_path / "camera.yaml")))
-    # Ten times eight parameters, correlated as fx and fy are: 1 +- 0.3 of a root mean square.
+    # Four times eight parameters, correlated as fx and fy are: 1 +- 0.5 of a root mean square.
     rms = np.sqrt((np.array(z) ** 2).mean())
-    assert 0.6 < rms < 1.4
+    assert 0.5 < rms < 1.5
     assert np.abs(z).max() < 3.9  # one in 10 000 of a normal distribution

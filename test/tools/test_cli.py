@@ -92,7 +92,7 @@ def test_an_integer_is_the_exit_code(run_verb):
 
 def test_our_errors_are_one_line_and_exit_1(run_verb):
     code, out, err = run_verb(raising(BagError("a.mcap: not an\nMCAP file")))
-    assert (code, out, err) == (1, "", "tirgeo work: a.mcap: not an MCAP file\n")
+    assert (code, out, err) == (1, "", "tirgeo work: a.mcap: not an\\nMCAP file\n")
 
 
 def test_errors_of_the_machine_name_the_file(run_verb, tmp_path):
@@ -190,14 +190,17 @@ ENDLESS = (
 )
 
 
-def start(body):
+def start(body, *ignored):
+    def ignore():
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
+
     return subprocess.Popen(
         [sys.executable, "-c", ENDLESS.format(body=body)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell without job control lets what it puts in the background ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+        preexec_fn=ignore,  # noqa: PLW1509
     )
 
 
@@ -213,13 +216,43 @@ def test_a_closed_pipe_is_silent():
     ("number", "code", "said"),
     [
         (signal.SIGTERM, command.TERMINATED, "tidied\n"),
+        (signal.SIGHUP, command.HUNG_UP, "tidied\n"),
         (signal.SIGINT, command.INTERRUPTED, "tidied\ntirgeo work: interrupted\n"),
     ],
 )
 def test_signals_unwind_the_stack(number, code, said):
-    with start("time.sleep(0.01)") as process:
+    # A shell without job control lets what it puts in the background ignore Ctrl-C.
+    with start("time.sleep(0.01)", signal.SIGINT) as process:
         assert process.stdout.readline() == "begun\n"
         time.sleep(0.05)
         process.send_signal(number)
         assert process.stderr.read() == said
         assert process.wait(10) == code
+
+
+def test_nohup_is_heard():
+    with start("time.sleep(0.01)", signal.SIGINT, signal.SIGHUP) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        assert process.stderr.read() == "tidied\n"
+        assert process.wait(10) == command.TERMINATED
+
+
+def test_a_lost_terminals_second_signal_does_not_cut_the_tidying():
+    tidying = (
+        "time.sleep(0.01)\n"
+        "    except SystemExit:\n"
+        "        print('tidying', flush=True)\n"
+        "        time.sleep(0.5)\n"
+        "        raise"
+    )
+    with start(tidying) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGHUP)
+        assert process.stdout.readline() == "tidying\n"
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGTERM)
+        assert process.stderr.read() == "tidied\n"
+        assert process.wait(10) == command.HUNG_UP

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import socket
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from domain_ports import taken_port
 
 from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.geodesy import TangentPlane
@@ -20,7 +21,9 @@ from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError
 from tirgeo_ros.tools.demo import against_truth, demonstrate, make_pictures, summary, with_sample
 from tirgeo_ros.tools.graph import GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.localhost import PROFILES
 from tirgeo_ros.tools.outputs import Outputs, read_outputs
+from tirgeo_ros.tools.resources import find_resource
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
@@ -112,31 +115,68 @@ def test_what_lies_beside_the_bag_is_taken(tmp_path):
     assert (found.params, found.map) == (Path("own.yaml"), tmp_path / "map.geojson")
 
 
-def test_the_nodes_have_a_domain_of_their_own_and_a_profile(tmp_path, monkeypatch):
+def test_the_nodes_have_a_domain_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
-    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
-    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert "ROS_LOCALHOST_ONLY" not in environment
-    assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 100
-    assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"].endswith("fastdds.xml")
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "own.xml")
+    assert 1 <= int(graph_environment(GraphSetup(tmp_path, tmp_path))["ROS_DOMAIN_ID"]) <= 100
     given = graph_environment(GraphSetup(tmp_path, tmp_path, environment={"ROS_DOMAIN_ID": "9"}))
-    assert given["FASTRTPS_DEFAULT_PROFILES_FILE"] == "own.xml"
     assert given["ROS_DOMAIN_ID"] == "9"
+
+
+def test_the_nodes_are_for_this_machine_alone(tmp_path, monkeypatch):
+    wider = {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}
+    for name in wider:
+        monkeypatch.setenv(name, "1")
+    for name in PROFILES:
+        monkeypatch.delenv(name, raising=False)
+    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
+    assert not {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"} & set(
+        environment
+    )
+    assert environment[PROFILES[0]].endswith("fastdds_localhost.xml")
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
+    given = GraphSetup(tmp_path, tmp_path, environment=environment)
+    assert graph_environment(given) == environment
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [*((name, "own.xml") for name in PROFILES), ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")],
+)
+def test_a_users_own_dds_is_kept_to_this_machine_by_ros(tmp_path, monkeypatch, name, value):
+    for profile in PROFILES:
+        monkeypatch.delenv(profile, raising=False)
+    monkeypatch.setenv(name, value)
+    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
+    assert environment[name] == value
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+
+
+def test_the_profile_of_one_machine_is_the_other_with_less_reach():
+    """Fast DDS's XML has no way to include one file in another."""
+    wide, narrow = (
+        ET.parse(find_resource(f"config/{name}.xml")).getroot()
+        for name in ("fastdds", "fastdds_localhost")
+    )
+    reach = {}
+    for parent in list(narrow.iter()):
+        for child in list(parent):
+            name = child.tag.rpartition("}")[2]
+            if name in {"interfaceWhiteList", "builtin"}:
+                reach[name] = "".join(child.itertext()).split()
+                parent.remove(child)
+    assert reach == {"interfaceWhiteList": ["127.0.0.1"], "builtin": ["127.0.0.1"] * 2}
+    assert told(narrow) == told(wide)
+
+
+def told(element):
+    """Tags and texts below an element, without the layout."""
+    return [(item.tag, (item.text or "").strip()) for item in element.iter()]
 
 
 def test_a_domain_that_is_taken_is_passed_over(monkeypatch):
     first = free_domain()
     with taken_port(first):
         assert free_domain() != first
-
-
-def taken_port(domain: int):
-    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    taken.bind(("", 7410 + 250 * domain))
-    return taken
 
 
 def test_resources_are_found_in_a_prefix(tmp_path, monkeypatch):

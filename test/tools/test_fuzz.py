@@ -19,6 +19,7 @@ from tirgeo_ros.tools.progress import silent
 FRAME = encode_frame(b"\x02\x00\x00\x00")
 
 
+@pytest.mark.slow
 def test_ten_million_bytes_of_damage(monkeypatch):
     kinds = set()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.config import BagPlayerConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.errors import ConfigError, DjiError
 from tirgeo_ros.dji.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.broadcast import decode_broadcast, encode_broadcast
@@ -54,20 +54,21 @@ def flight(sample):
 
 
 @pytest.fixture(scope="module")
-def config(sample):
-    return ParameterFile(sample / "params.yaml").config("bag_player", BagPlayerConfig).aircraft
+def player(sample):
+    return ParameterFile(sample / "params.yaml").config("bag_player", BagPlayerConfig)
 
 
-def said(flight, config=None) -> bytes:
-    aircraft = Aircraft(config or SimulatedAircraftConfig())
+def said(flight, player=None) -> bytes:
+    player = player or BagPlayerConfig()
+    aircraft = Aircraft(player.simulated_aircraft, places=player.aircraft)
     return b"".join(frame.data for frame in frames_of(aircraft, flight))
 
 
 @pytest.fixture(scope="module")
-def capture(flight, config, tmp_path_factory):
+def capture(flight, player, tmp_path_factory):
     """A capture whose file is as old as the flight, so that its time zone can be told."""
     path = tmp_path_factory.mktemp("capture") / "capture.bin"
-    path.write_bytes(said(flight, config))
+    path.write_bytes(said(flight, player))
     os.utime(path, ns=(flight[-1][0], flight[-1][0]))
     return path
 
@@ -143,6 +144,29 @@ def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     true = truth[times[nearest(times, np.array([convert.stamp_ns(last)]))[0]]]
     apart_deg = heading_deg(last) - heading_deg(true)
     assert abs(math.remainder(apart_deg, 360)) < 1.0
+
+
+@pytest.mark.slow
+def test_an_aircraft_without_rtk_flies_on_its_gps(sample, player, tmp_path, capsys):
+    """The whole sample, said by an aircraft without RTK: it starts after its wait and stays."""
+    reader = BagReader(sample / "flight.mcap")
+    topics = [f"/{topic}" for topic in SENSED_TOPICS if not topic.startswith("rtk/")]
+    flown = [
+        (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
+        for m in reader.messages(topics)
+    ]
+    capture, bag, out = (tmp_path / name for name in ("a.bin", "in.mcap", "out.mcap"))
+    capture.write_bytes(said(flown, player))
+    os.utime(capture, ns=(flown[-1][0], flown[-1][0]))
+    import_flight(capture, bag, params=sample / "params.yaml")
+    params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
+    assert main(["process", str(bag), "-o", str(out), *params]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["method"], result["state"]) == ("ekf", "degraded")
+    assert "it flies on ordinary GPS" in result["notes"][0]
+    # Said once a second: the wait of 5 s, and all the rest.
+    assert set(result["states_s"]) == {"aligning", "degraded"}
+    assert result["states_s"]["aligning"] <= 7
 
 
 def heading_deg(message):

@@ -109,6 +109,7 @@ def imported(request, folder):
     return target, summary, request.param
 
 
+@pytest.mark.slow
 def test_every_topic_with_its_type(imported):
     path, summary, kind = imported
     found = BagReader(path).topics()
@@ -170,7 +171,7 @@ def test_heading_is_the_baselines_less_its_offset(imported):
     assert len(found) == 30
     for t_s, message in found:
         epoch_s = math.floor(t_s * 5 + 1e-6) / 5
-        heading_deg = FLIGHT.yaw_deg(epoch_s) - PARAMETERS.offset_deg
+        heading_deg = FLIGHT.yaw_deg(epoch_s) - PARAMETERS.baseline_deg
         made = rotation(message.orientation)
         np.testing.assert_allclose(made, about("z", 90 - heading_deg), atol=ROUNDING)
         off_deg = math.remainder(heading_deg - FLIGHT.at(epoch_s).heading_deg, 360)
@@ -242,6 +243,7 @@ def test_log_times_are_those_of_the_record_and_in_order(imported):
     assert times["/rtk/fix"][3] == FLIGHT.at(0.6).stamp_ns + lag_ns + last_part_ns
 
 
+@pytest.mark.slow
 def test_the_same_bag_gives_the_same_bytes(imported, folder):
     path, summary, _ = imported
     import_flight(summary["input"], folder / "again.mcap", params=folder / "params.yaml")
@@ -262,6 +264,23 @@ def test_the_result_can_be_processed(imported, folder, capsys):
     heading_deg = math.degrees(math.atan2(east, north))
     assert abs(math.remainder(heading_deg - FLIGHT.at(t_s).heading_deg, 360)) < 0.6
     assert messages(folder / "out.mcap", "/tirgeo/camera_pose")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("broadcast", [False, True])
+def test_a_bag_without_rtk_stays_on_its_gps(folder, capsys, broadcast):
+    """DJI's own fused position: its height is next to unknown, which is no cause to be lost."""
+    source = wrapper_bag(Flight(duration_s=25.0), broadcast=broadcast)
+    source.messages = [one for one in source.messages if "/rtk_" not in one[2]]
+    bag, target = source.write(folder / f"gps_{broadcast}.bag"), folder / f"gps_{broadcast}.mcap"
+    import_flight(bag, target, params=folder / "params.yaml")
+    out = ["-o", str(folder / "out.mcap"), "--no-images", "--json"]
+    assert main(["process", str(target), *out]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["method"], result["state"]) == ("ekf", "degraded")
+    assert result["reason"].endswith("gps/fix has a sigma of 100 m in height")
+    assert set(result["states_s"]) <= {"waiting", "aligning", "degraded"}
+    assert result["states_s"]["degraded"] >= 17
 
 
 def test_renamed_prefix_and_namespace(folder):
@@ -513,7 +532,7 @@ def test_options_of_the_other_kind(folder):
     path = wrapper_bag(Flight(duration_s=0.2)).write(folder / "options.bag")
     with pytest.raises(ConfigError, match=r"a ROS 1 bag; --packages, --key and --start-time"):
         import_flight(path, folder / "o.mcap", capture=CaptureOptions(key="00"))
-    with pytest.raises(BagError, match="the output would take the place of the input"):
+    with pytest.raises(BagError, match="would take the place of the input"):
         import_flight(path, path)
     assert path.exists()
 

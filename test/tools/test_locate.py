@@ -66,18 +66,19 @@ def edited_params(sample, path, old, new):
     return path
 
 
+@pytest.mark.slow
 def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
     # by itself the composition begins with the reported attitude, until it trusts the joints
-    section = "/**/gimbal_node:\n  ros__parameters:\n"
-    chosen = f"{section}    composition: encoders\n"
-    path = edited_params(sample, tmp_path / "params.yaml", section, chosen)
+    chosen = tmp_path / "chosen.yaml"
+    chosen.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
+    params = [sample / "params.yaml", chosen]
     files = (sample / "flight.mcap", sample / "observations.csv", tmp_path / "points.geojson")
-    summary = locate_pixels(*files, params=path)
+    summary = locate_pixels(*files, params=params)
     evaluation = evaluate(
         sample / "flight.mcap",
         sample / "survey.geojson",
         sample / "observations.csv",
-        params=path,
+        params=params,
     )
     expected = evaluation.method("ekf_heading")
     found = list(errors_of(tmp_path / "points.geojson", sample))
@@ -171,6 +172,7 @@ def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
     assert points_of(tmp_path / "o.geojson")[0]["geometry"] is None
 
 
+@pytest.mark.slow
 def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
     def north_m(name, **options):
         out = tmp_path / f"{name}.geojson"
@@ -223,7 +225,11 @@ def test_on_an_elevation_model(sample, tmp_path, located):
     ("options", "error", "said"),
     [
         ({"params": None}, ConfigError, "give --ground-height or --dem"),
-        ({"kml_out": "out.geojson"}, SurveyError, "out.geojson: is an input or another output"),
+        (
+            {"kml_out": "out.geojson"},
+            SurveyError,
+            "out.geojson: would take the place of",
+        ),
         ({"namespace": "uav7"}, BagError, "needed topic absent: /uav7/imu/data"),
     ],
 )
@@ -242,7 +248,7 @@ def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, opt
 def test_the_output_may_not_be_the_list_of_pixels(sample, tmp_path):
     pixels = tmp_path / "pixels.csv"
     pixels.write_bytes((sample / "observations.csv").read_bytes())
-    with pytest.raises(SurveyError, match=r"pixels\.csv: is an input"):
+    with pytest.raises(SurveyError, match=r"pixels\.csv: would take the place of the input"):
         locate_pixels(sample / "flight.mcap", pixels, pixels, ground_height=11.5)
 
 
@@ -263,3 +269,16 @@ def test_two_grounds_are_wrong_use(inputs, tmp_path, capsys):
         main([str(word) for word in words])
     assert caught.value.code == 2
     assert "give one" in capsys.readouterr().err
+
+
+def test_without_headings_the_method_is_ekf_and_said(sample, tmp_path):
+    bag = tmp_path / "in.mcap"
+    with BagWriter(bag) as writer:
+        for item in BagReader(sample / "flight.mcap").messages():
+            if not item.topic.startswith(("/rtk/heading", "/thermal/image")):
+                writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    pixels, params = sample / "observations.csv", sample / "params.yaml"
+    summary = locate_pixels(bag, pixels, tmp_path / "points.geojson", params=params)
+    assert summary["method"] == "ekf"
+    assert summary["notes"] == ["method ekf: the bag has no /rtk/heading"]
+    assert summary["located"] > 0

@@ -68,6 +68,7 @@ def test_the_filter_sees_no_seam(looped):
     assert navigation.status().state.value == "running"
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_flight(looped):
     """All that the filter holds is as large, at its largest, in the third minute as in the first.
 
@@ -106,6 +107,7 @@ def _reachable_bytes(root):
     return total
 
 
+@pytest.mark.slow
 def test_a_leak_would_be_seen(looped):
     class Leaking(Navigation):
         def process(self, sample):

@@ -24,6 +24,9 @@ IMAGES = "/thermal/image_raw/compressed"
 CAMERA_POSE = "/tirgeo/camera_pose"
 #: Whether a filter falls back on ordinary GPS is the estimator's affair.
 FIXES = "/rtk/fix( or /gps/fix)?"
+ALL_RTK = "/rtk/fix, /rtk/vel, /rtk/heading"
+#: One of an airframe that vibrates, without velocity, and one of a walk.
+REAL_FLIGHTS = ("p4rtk_horizontal_06", "walk_0827")
 
 
 def rewrite(source, target, edit):
@@ -103,6 +106,7 @@ def test_same_input_same_bytes(whole, cut, options, tmp_path):
     assert (tmp_path / "again.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7])
 def test_size_of_the_blocks_changes_nothing(whole, cut, options, tmp_path, monkeypatch, size):
     monkeypatch.setattr("tirgeo_ros.tools.process._BLOCK", size)
@@ -185,6 +189,7 @@ def test_diagnostics_once_a_second(whole):
     assert convert.navigation_status(last.status[0]).method == "ekf_heading"
 
 
+@pytest.mark.slow
 def test_camera_against_the_truth(sample, options, tmp_path):
     """The error of each component, after twenty seconds, is within five of its own sigmas."""
     process(sample / "flight.mcap", tmp_path / "out.mcap", images=False, **options)
@@ -279,13 +284,76 @@ def without(source, target, *topics):
 def test_aids_that_are_absent_are_a_warning(cut, sample, tmp_path, absent):
     """The filter aligns by what there is, once it has waited for better."""
     bag = without(cut, tmp_path / "in.mcap", *absent)
-    params = tmp_path / "params.yaml"
-    soon = "\n/**:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n"
-    params.write_text((sample / "params.yaml").read_text() + soon)
+    soon = tmp_path / "soon.yaml"
+    soon.write_text("/**:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n")
+    params = [sample / "params.yaml", soon]
     summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
     assert summary["warning"] == f"{bag} has no {', '.join(absent)}: done without"
     assert summary["error"] is None
     assert summary["written"][CAMERA_POSE] > 20
+
+
+@pytest.mark.parametrize(
+    ("absent", "method", "note"),
+    [
+        ((), "ekf_heading", None),
+        (("/rtk/heading",), "ekf", "method ekf: the bag has no /rtk/heading"),
+        (
+            ("/rtk/fix", "/rtk/vel", "/rtk/heading"),
+            "ekf",
+            f"method ekf: the bag has no {ALL_RTK}; it flies on ordinary GPS",
+        ),
+    ],
+)
+def test_the_method_is_that_of_what_the_bag_holds(cut, sample, tmp_path, absent, method, note):
+    bag = without(cut, tmp_path / "in.mcap", *absent)
+    params = [sample / "params.yaml", tmp_path / "soon.yaml"]
+    params[1].write_text("/**/ekf_node:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n")
+    summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
+    assert summary["method"] == method
+    assert summary["notes"] == ([note] if note else [])
+
+
+@pytest.mark.parametrize("by_file", [False, True])
+def test_a_method_that_somebody_says_is_kept(cut, sample, tmp_path, by_file):
+    """Said by its option or in the last of the files, also where it is the default's name."""
+    bag = without(cut, tmp_path / "in.mcap", "/rtk/heading")
+    params = [sample / "params.yaml", tmp_path / "method.yaml"]
+    said = "/**/ekf_node:\n  ros__parameters: {alignment: {wait_s: 0.5}"
+    params[1].write_text(f"{said}, method: ekf_heading}}\n" if by_file else f"{said}}}\n")
+    method = None if by_file else "ekf_heading"
+    out = tmp_path / "out.mcap"
+    summary = process(bag, out, params=params, method=method, images=False)
+    assert (summary["method"], summary["notes"]) == ("ekf_heading", [])
+
+
+def test_poses_of_the_body_need_no_gimbal(cut, options, tmp_path):
+    """The odometry is the same to the last bit; camera poses there are none."""
+    bag = without(cut, tmp_path / "in.mcap", "/gimbal/joint_states", "/gimbal/attitude")
+    summary = process(bag, tmp_path / "out.mcap", images=False, **options)
+    assert summary["notes"] == ["the bag has no gimbal topic: no camera poses"]
+    assert summary["error"] is None
+    assert CAMERA_POSE not in summary["written"]
+    process(cut, tmp_path / "whole.mcap", images=False, **options)
+    both = [
+        [item.data for item in BagReader(tmp_path / name).messages(["/tirgeo/odometry"])]
+        for name in ("out.mcap", "whole.mcap")
+    ]
+    assert len(both[0]) > 200
+    assert both[0] == both[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bag", REAL_FLIGHTS, ids=lambda name: name)
+def test_a_real_flight_without_gimbal_and_heading(shared, tmp_path, capsys, bag):
+    path = shared / "real_flights" / f"{bag}.mcap"
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    out = tmp_path / "out.mcap"
+    assert main(["process", str(path), "-o", str(out), "--no-images", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["written"]["/tirgeo/odometry"] > 1000
+    assert "method ekf: the bag has no /rtk/heading" in summary["notes"]
 
 
 def test_a_warning_is_a_line_on_stderr(cut, sample, tmp_path, capsys):
@@ -309,9 +377,9 @@ def test_samples_without_a_stamp_are_of_their_arrival_less_the_delay(cut, sample
     topics = ("/rtk/fix", "/rtk/vel", "/rtk/heading", "/gimbal/joint_states")
     plain = without(cut, tmp_path / "plain.mcap", IMAGES)
     bag = rewrite(plain, tmp_path / "in.mcap", lambda item: unstamped(item, topics))
-    params = tmp_path / "params.yaml"
-    delay = "\n/**:\n  ros__parameters: {rtk: {delay_s: 0.08}}\n"
-    params.write_text((sample / "params.yaml").read_text() + delay)
+    delay = tmp_path / "delay.yaml"
+    delay.write_text("/**:\n  ros__parameters: {rtk: {delay_s: 0.08}}\n")
+    params = [sample / "params.yaml", delay]
     summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
     number = {topic: summary["read"][topic] for topic in topics}
     assert summary["stamped_at_arrival"] == {t.lstrip("/"): n for t, n in number.items()}
@@ -326,6 +394,18 @@ def test_samples_without_a_stamp_are_of_their_arrival_less_the_delay(cut, sample
     told = [m for _, m in messages_of(tmp_path / "out.mcap", "/diagnostics")][-1].status[0]
     values = {pair.key: pair.value for pair in told.values}
     assert values["stamped_at_arrival.rtk/fix"] == str(number["/rtk/fix"])
+
+
+def test_frames_without_a_stamp_are_of_their_arrival(cut, options, whole, tmp_path):
+    """Of stamp 0 one of all was a frame; now each is drawn that is drawn with a stamp."""
+    bag = rewrite(cut, tmp_path / "in.mcap", lambda item: unstamped(item, (IMAGES,)))
+    summary = process(bag, tmp_path / "out.mcap", **options)
+    arrivals = [item.log_time_ns for item in BagReader(cut).messages([IMAGES])]
+    assert summary["stamped_at_arrival"] == {IMAGES.lstrip("/"): len(arrivals)}
+    pictures = messages_of(tmp_path / "out.mcap", "/tirgeo/overlay/image/compressed")
+    assert [convert.stamp_ns(message) for _, message in pictures] == arrivals
+    drawn = [one["overlay"]["drawn"] for one in (summary, whole[1])]
+    assert abs(drawn[0] - drawn[1]) <= 1  # the first that has a pose lies a little elsewhere
 
 
 def spoiled(item, number):
@@ -429,7 +509,7 @@ def test_no_bag_no_map_no_sense(cut, options, tmp_path):
         (ConfigError, r"method: 'magic' is not one of raw, rtk", cut, {"method": "magic"}),
         (ConfigError, r"without a map or without images", cut, {"map": None, "raw_images": True}),
         (VideoError, r"no such folder", cut, {"video": tmp_path / "absent" / "a.mp4"}),
-        (BagError, r"flight\.mcap: the output would take the place", cut, {"out": cut}),
+        (BagError, r"flight\.mcap: would take the place of the input", cut, {"out": cut}),
         (BagError, r"cannot be written", cut, {"out": tmp_path / "absent" / "o.mcap"}),
     ]
     before = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}
@@ -451,11 +531,9 @@ def test_wrong_use_is_exit_code_2(cut, tmp_path, capsys):
 
 def test_paper_composition_from_a_parameter_file(cut, sample, tmp_path):
     """Joint angles are there, but are not asked for."""
-    params = tmp_path / "params.yaml"
-    text = (sample / "params.yaml").read_text()
-    at = "/**/gimbal_node:\n  ros__parameters:\n"
-    assert at in text
-    params.write_text(text.replace(at, f"{at}    composition: paper\n"))
+    chosen = tmp_path / "chosen.yaml"
+    chosen.write_text("/**/gimbal_node:\n  ros__parameters: {composition: paper}\n")
+    params = [sample / "params.yaml", chosen]
     summary = process(cut, tmp_path / "out.mcap", params=params, images=False)
     assert summary["composition"] == "paper"
     assert "/gimbal/joint_states" not in summary["read"]

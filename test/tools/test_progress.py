@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import os
 
 import pytest
 
@@ -95,3 +97,18 @@ def test_the_line_fits_and_is_wiped(monkeypatch):
         bar(7200, 1e9)
         assert len(stream.getvalue().removeprefix("\r\x1b[K")) == 29
     assert stream.getvalue().endswith("\r\x1b[K")
+
+
+def test_a_terminal_that_is_gone_does_not_end_the_work():
+    """As a lost connection leaves it: every write fails."""
+    master, slave = os.openpty()
+    stream = os.fdopen(slave, "w")  # no context: closing it fails too
+    bar, clock = made(stream)
+    with bar:
+        clock.now_s += 3
+        os.close(master)
+        bar(5, 10)
+        clock.now_s += 3
+        bar(6, 10)
+    with contextlib.suppress(OSError):
+        stream.close()

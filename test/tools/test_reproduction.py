@@ -132,6 +132,7 @@ def test_what_is_askew_matters_and_is_found(written):
         assert abs(float(value) - float(planted)) <= (10.0 if unit == "ms" else 0.1)
 
 
+@pytest.mark.slow
 def test_the_budget_is_within_four_per_cent(tmp_path, project):
     """Tables 1 and 2 as they are made, of a part of the flight."""
     found, texts = {}, []

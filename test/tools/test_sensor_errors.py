@@ -14,7 +14,7 @@ from tirgeo_ros.tools.sensor_errors import camera_track, gps_less_rtk_n
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 Q_NB = quat_from_matrix(rotation_z(np.radians(90.0)))  # the nose to the east
-ARMS = {"rtk.lever_arm_m": (0.5, 0.0, 0.4), "gps.lever_arm_m": (0.0, 0.3, 0.1)}  # FLU
+ARMS = {"aircraft.rtk_antenna_m": (0.5, 0, 0.4), "aircraft.gps_antenna_m": (0, 0.3, 0.1)}  # FLU
 CONFIG = config_from(EkfConfig, ARMS)
 OFF_N = np.array([1.0, -2.0, 3.0])
 
@@ -37,22 +37,22 @@ def track(source, rate_hz, arm_b, off_n=(0, 0, 0), status=FixStatus.FIXED, secon
 
 
 def test_the_antennas_places_and_rates_do_not_matter():
-    rtk = track(Source.RTK_POSITION, 5, CONFIG.rtk.lever_arm_b)
-    gps = track(Source.GPS_POSITION, 7, CONFIG.gps.lever_arm_b, OFF_N, FixStatus.SINGLE)
+    rtk = track(Source.RTK_POSITION, 5, CONFIG.aircraft.rtk_lever_b)
+    gps = track(Source.GPS_POSITION, 7, CONFIG.aircraft.gps_lever_b, OFF_N, FixStatus.SINGLE)
     errors = gps_less_rtk_n([*gps, *rtk], imu(), PLANE, CONFIG)
     # the last RTK is at 1.8 s: 13 of the GPS's come before
     np.testing.assert_allclose(errors, np.tile(OFF_N, (13, 1)), atol=1e-6)
 
 
 def test_rtk_that_is_not_fixed_is_no_truth():
-    rtk = track(Source.RTK_POSITION, 5, CONFIG.rtk.lever_arm_b, status=FixStatus.FLOAT)
-    gps = track(Source.GPS_POSITION, 7, CONFIG.gps.lever_arm_b, status=FixStatus.SINGLE)
+    rtk = track(Source.RTK_POSITION, 5, CONFIG.aircraft.rtk_lever_b, status=FixStatus.FLOAT)
+    gps = track(Source.GPS_POSITION, 7, CONFIG.aircraft.gps_lever_b, status=FixStatus.SINGLE)
     assert gps_less_rtk_n([*rtk, *gps], imu(), PLANE, CONFIG).shape == (0, 3)
 
 
 def test_no_truth_across_a_gap():
-    rtk = track(Source.RTK_POSITION, 5, CONFIG.rtk.lever_arm_b, seconds=4.0)
-    gps = track(Source.GPS_POSITION, 5, CONFIG.gps.lever_arm_b, OFF_N, FixStatus.SINGLE, 4.0)
+    rtk = track(Source.RTK_POSITION, 5, CONFIG.aircraft.rtk_lever_b, seconds=4.0)
+    gps = track(Source.GPS_POSITION, 5, CONFIG.aircraft.gps_lever_b, OFF_N, FixStatus.SINGLE, 4.0)
     left = [p for k, p in enumerate(rtk) if not 5 <= k <= 10]  # none from 0.8 to 2.2 s
     # five up to 0.8 s, eight after 2.2 s, whose own RTK ends the gap
     errors = gps_less_rtk_n([*left, *gps], imu(400), PLANE, CONFIG)

@@ -93,5 +93,5 @@ def test_place_is_checked_at_once(tmp_path):
     with pytest.raises(VideoError, match=r"out\.avi: the video's name must end with \.mp4"):
         VideoFile(tmp_path / "out.avi")
     (tmp_path / "folder.mp4").mkdir()
-    with pytest.raises(VideoError, match=r"folder\.mp4: not a file; give the video another name"):
+    with pytest.raises(VideoError, match=r"folder\.mp4: not a file; give the output another name"):
         VideoFile(tmp_path / "folder.mp4")

@@ -10,29 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from tirgeo_ros.core.alignment_checks import (
     DoubtError,
     LackingError,
-    agreeing,
     checked,
     differences,
     furthest,
 )
-from tirgeo_ros.core.alignment_data import (
-    autopilot_attitude,
-    autopilot_observation,
-    heading_observations,
-    position_observation,
-    topic_of,
-    velocity_observation,
-)
+from tirgeo_ros.core.alignment_data import topic_of
+from tirgeo_ros.core.alignment_fit import Fitted, Measured
 from tirgeo_ros.core.alignment_samples import AlignmentSamples, span
 from tirgeo_ros.core.attitude import quat_from_matrix
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.geodesy import TangentPlane, gravity_down
-from tirgeo_ros.core.inertial_window import Biases, integrate
+from tirgeo_ros.core.inertial_window import Biases
 from tirgeo_ros.core.samples import (
     Array,
     FixStatus,
@@ -44,8 +34,10 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
 )
 from tirgeo_ros.core.strapdown import NavState
+from tirgeo_ros.core.turn_on_bias import MOTION_STAGE, TurnOnBiases
 from tirgeo_ros.core.validity import usable_attitude
-from tirgeo_ros.core.window_fit import Fit, Observation, fit
+from tirgeo_ros.core.vibration import STILL, Powers
+from tirgeo_ros.core.window_fit import Fit
 
 __all__ = ["Aligner", "Alignment", "Biases"]
 
@@ -56,6 +48,9 @@ _LEAST_HEADINGS = 3
 _LARGEST_AGE_NS = 2_000_000_000  # of the window's end
 _RETRY_NS = 500_000_000  # of what costs more than a look at the samples
 _DOUBT_ENDS_NS = 1_000_000_000
+#: Biases are believed in after this: longer than one wrong measurement is in the second window.
+_SURE_S = 2.6
+_SHORTER_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +61,11 @@ class Alignment:
     state: NavState
     covariance: Array  # (15, 15)
     imu: tuple[ImuSample, ...]  # the newest sample up to the stamp and all after it
-    later: tuple[NavigationInput, ...]  # measurements after the stamp, in order of arrival
+    later: tuple[NavigationInput, ...]  # measurements after the stamp
     sources: frozenset[Source]  # of the measurements in it
     rtk_status: FixStatus | None  # of the newest RTK position up to the stamp
+    vibration: Powers = STILL  # of the IMU over the window
+    vibration_s: float = 0.0  # the window's length
 
 
 class _Plan(NamedTuple):
@@ -94,6 +91,7 @@ _SOURCES = (
 class Aligner:
     """Collects samples until a state can be found; ``reason`` says what is missing.
 
+    They come in the order of their stamps (``stamp_order``); none older than ``keep_s`` serves.
     ``prior`` is what an earlier run of the filter knew of the IMU's biases.
     """
 
@@ -102,12 +100,14 @@ class Aligner:
     ) -> None:
         self._config = config
         self._use_heading = use_heading
-        self._biases = prior or _unknown_biases(config)
+        self._turn_on = TurnOnBiases(config, prior)
         duration_s = config.alignment.duration_s
         self._lengths_s = (duration_s, *(x for x in _LONGER_S if x > duration_s))
-        keep_s = self._lengths_s[-1] + config.max_delay_s + 1.0
-        self._samples = AlignmentSamples(keep_s, config.max_imu_gap_s)
+        self.keep_s = self._lengths_s[-1] + config.max_delay_s + 1.0
+        self._samples = AlignmentSamples(self.keep_s, config.max_imu_gap_s)
         self._next_ns = 0
+        self._suspected_ns: int | None = None
+        self._lasting: tuple[int, DoubtError | None] = (0, None)  # the newest lasting doubt
         self._doubts: dict[str, tuple[int, int]] = {}  # first and latest stamp of each
         self.reason = "needs imu/data"
 
@@ -139,12 +139,21 @@ class Aligner:
             outcome = self._outcome(plan)
             if isinstance(outcome, Alignment):
                 return outcome
+            doubt = self._lately_doubted()
+            if doubt is not None and not isinstance(outcome, LackingError) and not outcome.lasting:
+                # In a turn wrong headings do not even fit the motion.
+                outcome = doubt
             if isinstance(outcome, LackingError):
                 lacks.append(outcome)
-                continue
+                if outcome.stage < MOTION_STAGE:
+                    continue
+                self._next_ns = self._samples.newest_ns + _RETRY_NS
+                break  # no other measurements are better
             self.reason = str(outcome)
             self._next_ns = self._samples.newest_ns + _RETRY_NS
-            if self._still_doubted("samples"):
+            if outcome.lasting:
+                self._lasting = self._samples.newest_ns, outcome
+            if outcome.lasting or self._still_doubted("samples"):
                 return None
         if lacks:
             self.reason = str(furthest(lacks))
@@ -153,10 +162,21 @@ class Aligner:
     def _plans(self) -> list[_Plan]:
         kinds = (True, False) if self._use_heading else (False,)
         plans = [_Plan(v, p, antennas) for v, p in _SOURCES for antennas in kinds]
-        return plans if self._waited else plans[:1]
+        if not self._waited:
+            return plans[:1]
+        # Antennas that were in doubt of late are not passed over for the autopilot's heading.
+        return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
+
+    def _lately_doubted(self) -> DoubtError | None:
+        """That antennas and autopilot are far apart, for some seconds after it was seen."""
+        stamp_ns, doubt = self._lasting
+        passed_ns = self._samples.newest_ns - stamp_ns
+        return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
 
     def _outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
         """What the shortest window gives that has all it needs, or why none has."""
+        if self._turn_on.widened:
+            return self._longest_outcome(plan)
         lacks: list[LackingError] = []
         for length_s in self._lengths_s:
             outcome = self._outcome_over(plan, length_s)
@@ -164,6 +184,22 @@ class Aligner:
                 return outcome
             lacks.append(outcome)
         return furthest(lacks)
+
+    def _longest_outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
+        """What the longest window gives that is there and fits."""
+        lacks: list[LackingError] = []
+        doubts: list[DoubtError] = []
+        for length_s in reversed(self._lengths_s):
+            outcome = self._outcome_over(plan, length_s)
+            if isinstance(outcome, Alignment):
+                return outcome
+            if isinstance(outcome, DoubtError):
+                doubts.append(outcome)
+                continue
+            lacks.append(outcome)
+            if outcome.stage >= MOTION_STAGE:
+                return outcome  # a shorter one tells less
+        return doubts[0] if doubts else furthest(lacks)
 
     def _outcome_over(self, plan: _Plan, length_s: float) -> Alignment | LackingError | DoubtError:
         try:
@@ -173,12 +209,16 @@ class Aligner:
 
     def _still_doubted(self, what: str) -> bool:
         """Note a doubt; false once it has come again and again for ``wait_s``."""
+        return self._doubted_s(what) < self._config.alignment.wait_s
+
+    def _doubted_s(self, what: str) -> float:
+        """Note a doubt; for how long it has come again and again."""
         now = self._samples.newest_ns
         since, latest = self._doubts.get(what, (now, now))
         if now - latest > _DOUBT_ENDS_NS:
             since = now
         self._doubts[what] = (since, now)
-        return now - since < self._config.alignment.wait_s * 1e9
+        return (now - since) * 1e-9
 
     def _align(self, plan: _Plan, length_s: float) -> Alignment:
         """Raises LackingError or DoubtError."""
@@ -188,27 +228,39 @@ class Aligner:
         imu = self._samples.imu_over(first, last)
         readings = self._antenna_headings(first, last) if plan.antennas else []
         if not plan.antennas and not any(usable_attitude(s.autopilot_q_nb) for s in imu):
-            raise self._no_heading()
-        window = integrate(imu, [*stamps, *(s.stamp_ns for s in readings)], self._biases)
-        hint_nb = autopilot_attitude(window, imu)
-        if plan.antennas:
-            headings = heading_observations(readings, self._config.heading)
-        else:
-            headings = self._autopilot_heading(hint_nb, last)
-        headings, start_nb = agreeing(window, headings)
-        plane = _plane_at(positions[-1])
-        gravity = gravity_down(plane.latitude_rad, plane.height_m)
-        seen = [position_observation(s, plane, self._config) for s in positions]
-        seen += [velocity_observation(s, self._config) for s in velocities]
-        seen += headings
-        found = fit(window, seen, start_nb, gravity, self._biases, self._config.imu)
-        found = checked(found, seen)
-        if hint_nb is not None:
-            self._compare(found, hint_nb)
+            raise LackingError(self._needs_heading, 3)
+        measured = Measured(imu, positions, velocities, readings, self._needs_heading)
+        found = self._fitted(measured)
+        doubted = self._lately_doubted()
+        if found.hint_nb is not None:
+            self._compare(found.fit, found.hint_nb)
+        elif plan.antennas and doubted is not None:
+            raise doubted  # nothing has come that says otherwise
         sources = {positions[-1].source, *(s.source for s in velocities)}
         if plan.antennas:
             sources.add(Source.RTK_HEADING)
-        return self._start(last, plane, found, frozenset(sources))
+        return self._start(measured, found, frozenset(sources))
+
+    def _fitted(self, measured: Measured) -> Fitted:
+        """The fit of a window, with biases as the parameters say, or as the window says."""
+        known = self._turn_on
+        found = known.fitted(measured)
+        if known.widened:
+            return found
+        if self._turned(found) or not known.contradicted(found):
+            checked(found.fit, found.seen)
+            self._look_longer(known, found)
+            return found
+        loose = known.loosely(measured)
+        if loose is None:  # not the biases, or not these alone
+            checked(found.fit, found.seen)
+            raise DoubtError("imu/data does not fit the motion measured")
+        if self._doubted_s("biases") < _SURE_S:  # a wrong measurement may look like biases
+            checked(found.fit, found.seen)
+            self._suspected_ns = self._samples.newest_ns
+            raise DoubtError(known.told(found, loose))
+        known.widen(found, loose)
+        return known.fitted(measured)
 
     def _motion(
         self, plan: _Plan, length_s: float
@@ -237,29 +289,37 @@ class Aligner:
             raise LackingError("needs rtk/heading with rtk/fix fixed", 2)
         return found
 
-    def _autopilot_heading(self, hint_nb: Array | None, last_ns: int) -> list[Observation]:
-        if hint_nb is None:
-            raise self._no_heading()
-        return [autopilot_observation(hint_nb, last_ns, self._config.autopilot)]
+    def _turned(self, found: Fitted) -> bool:
+        """Whether the heading contradicts the autopilot's: then the accelerations do not fit."""
+        hint_nb, autopilot = found.hint_nb, self._config.autopilot
+        return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
 
-    def _no_heading(self) -> LackingError:
+    def _look_longer(self, known: TurnOnBiases, found: Fitted) -> None:
+        """Lack a longer window where a short one has raised a suspicion lately."""
+        now = self._samples.newest_ns
+        if known.suspected(found):
+            self._suspected_ns = now
+        lately = self._suspected_ns is not None and now - self._suspected_ns < _SURE_S * 1e9
+        if lately and found.window.before_s[0] < _LONGER_S[0] - _SHORTER_S:
+            raise LackingError("imu/data: looks longer for its biases", 4)
+
+    @property
+    def _needs_heading(self) -> str:
         antennas = "rtk/heading or " if self._use_heading else ""
-        return LackingError(
+        return (
             f"needs {antennas}an orientation in imu/data that follows the gyroscopes: velocity "
-            "tells no heading while hovering",
-            3,
+            "tells no heading while hovering"
         )
 
     def _compare(self, found: Fit, hint_nb: Array) -> None:
-        """Doubt what differs from the autopilot's attitude; not for ever, it may be wrong."""
-        for what, text in differences(found, hint_nb, self._config.autopilot).items():
-            if self._still_doubted(what):
-                raise DoubtError(text)
+        """Doubt what differs from the autopilot's attitude; a little not for ever: it may err."""
+        for what, doubt in differences(found, hint_nb, self._config.autopilot).items():
+            if doubt.lasting or self._still_doubted(what):
+                raise doubt
 
-    def _start(
-        self, stamp_ns: int, plane: TangentPlane, found: Fit, sources: frozenset[Source]
-    ) -> Alignment:
-        latitude, longitude, height = plane.geodetic_from_ned(found.position_n)
+    def _start(self, measured: Measured, fitted: Fitted, sources: frozenset[Source]) -> Alignment:
+        found, stamp_ns = fitted.fit, measured.last_ns
+        latitude, longitude, height = measured.plane.geodetic_from_ned(found.position_n)
         gyro_b, accel_b = found.biases[:3].tolist(), found.biases[3:].tolist()
         state = NavState(
             tuple(quat_from_matrix(found.rotation_nb).tolist()),
@@ -273,16 +333,13 @@ class Aligner:
         )
         rest = self._samples.rest(stamp_ns)
         rtk_status = self._samples.rtk_status(stamp_ns)
-        return Alignment(stamp_ns, state, found.covariance, *rest, sources, rtk_status)
-
-
-def _plane_at(sample: PositionSample) -> TangentPlane:
-    return TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
-
-
-def _unknown_biases(config: EkfConfig) -> Biases:
-    """Before any flight: the turn-on bias and what varies about it."""
-    imu = config.imu
-    gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
-    accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
-    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag([*gyro, *accel]))
+        return Alignment(
+            stamp_ns,
+            state,
+            found.covariance,
+            *rest,
+            sources,
+            rtk_status,
+            fitted.vibration,
+            float(fitted.window.before_s[0]),
+        )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tirgeo_ros.core.aiding.heading import LARGE_TURN_RAD
 from tirgeo_ros.core.attitude import matrix_from_rotvec, wrap_pi
 from tirgeo_ros.core.config import AutopilotConfig
 from tirgeo_ros.core.inertial_window import Window
@@ -22,6 +23,10 @@ _HEADINGS_APART_RAD = np.radians(6.0)
 _LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
 _HINT_TILT_RAD = np.radians(10.0)  # what an autopilot may err by in a hard turn
 _HINT_SIGMAS = 5.0
+_LOOK_AT_ANTENNAS = (
+    ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
+    "much: autopilot.attitude_sigma_deg)"
+)
 _UNITS = {Kind.POSITION: "m", Kind.VELOCITY: "m/s", Kind.AZIMUTH: "deg"}
 
 
@@ -29,13 +34,17 @@ class LackingError(Exception):
     """Something needed is not there; ``stage`` says how far the alignment came."""
 
     def __init__(self, reason: str, stage: int) -> None:
-        """Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision."""
+        """Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion."""
         super().__init__(reason)
         self.stage = stage
 
 
 class DoubtError(Exception):
-    """All is there, but does not fit together."""
+    """All is there, but does not fit together; ``lasting``: waiting does not mend it."""
+
+    def __init__(self, reason: str, *, lasting: bool = False) -> None:
+        super().__init__(reason)
+        self.lasting = lasting
 
 
 def furthest(lacks: Sequence[LackingError]) -> LackingError:
@@ -104,8 +113,8 @@ def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
     )
 
 
-def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, str]:
-    """What differs too much from the autopilot's attitude (3, 3), with a text for each."""
+def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, DoubtError]:
+    """What differs too much from the autopilot's attitude (3, 3), with a doubt for each."""
     tilt = float(np.arccos(np.clip(found.rotation_nb[2] @ hint_nb[2], -1, 1)))
     heading = abs(float(wrap_pi(_nose(found.rotation_nb) - _nose(hint_nb))))
     own = np.sqrt(found.covariance[2, 2])
@@ -113,9 +122,10 @@ def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
     if tilt > _HINT_TILT_RAD:
-        out["tilt"] = text.format("the tilt found", np.degrees(tilt))
+        out["tilt"] = DoubtError(text.format("the tilt found", np.degrees(tilt)))
     if heading > _HINT_SIGMAS * sigma:
-        out["heading"] = text.format("rtk/heading", np.degrees(heading))
+        told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
+        out["heading"] = DoubtError(told, lasting=heading > LARGE_TURN_RAD)
     return out
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from tirgeo_ros.core.aiding.belief import floored
 from tirgeo_ros.core.aiding.heading import Baseline
-from tirgeo_ros.core.attitude import matrix_from_quat, wrap_pi
-from tirgeo_ros.core.config import AutopilotConfig, EkfConfig, HeadingConfig
+from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_matrix, rotvec_from_quat, wrap_pi
+from tirgeo_ros.core.config import AutopilotConfig, EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.inertial_window import Window
 from tirgeo_ros.core.samples import (
@@ -30,19 +30,23 @@ from tirgeo_ros.core.validity import usable_attitude
 from tirgeo_ros.core.window_fit import Kind, Observation
 
 _TOPICS = {
+    Source.RTK_HEADING: "rtk/heading",
     Source.RTK_POSITION: "rtk/fix",
     Source.RTK_VELOCITY: "rtk/vel",
     Source.GPS_POSITION: "gps/fix",
     Source.GPS_VELOCITY: "gps/vel",
 }
 _HINTS = 9
+#: Of the autopilot's azimuth: what is new in each, and how long the rest lasts (as simulated).
+_AZIMUTH_NOISE_RAD = np.radians(0.3)
+_AZIMUTH_TIME_S = 30.0
 _HINTS_APART_RAD = np.radians(5.0)
 _NOSE_B = np.array([1.0, 0.0, 0.0])
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 
 
 def topic_of(source: Source) -> str:
-    """The topic of a position or velocity source."""
+    """The topic of an aid."""
     return _TOPICS[source]
 
 
@@ -52,14 +56,12 @@ def position_observation(
     """An antenna's position in the axes of ``plane``."""
     place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
     white, slow, time_s = _position_error(sample, config)
-    gps = sample.source is Source.GPS_POSITION
-    lever = config.gps.lever_arm_b if gps else config.rtk.lever_arm_b
     return Observation(
         sample.stamp_ns,
         topic_of(sample.source),
         Kind.POSITION,
         plane.ned_from_geodetic(*place),
-        lever,
+        config.aircraft.antenna_b(sample.source),
         white,
         slow,
         time_s,
@@ -90,23 +92,21 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observati
         topic_of(sample.source),
         Kind.VELOCITY,
         sample.velocity_n,
-        source.lever_arm_b,
+        config.aircraft.antenna_b(sample.source),
         floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
         np.zeros(3),
     )
 
 
-def heading_observations(
-    samples: Sequence[HeadingSample], heading: HeadingConfig
-) -> list[Observation]:
+def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) -> list[Observation]:
     """Azimuths of the antenna baseline.
 
     Rounding to whole degrees errs by 1/sqrt(12) deg. Of readings that spread by s degrees (their
     noise, or a turn) the rounding errors average away but for ``exp(-2 pi^2 s^2)`` of that
     (Widrow and Kollar, Quantization Noise, chapter 5); of readings that stay the same, nothing.
     """
-    baseline = Baseline.from_config(heading)
-    floor = np.radians(heading.sigma_floor_deg) ** 2
+    baseline = Baseline.from_config(config.aircraft)
+    floor = np.radians(config.heading.sigma_floor_deg) ** 2
     shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
     return [
         Observation(
@@ -147,6 +147,66 @@ def autopilot_observation(
     )
 
 
+def autopilot_observations(
+    imu: Sequence[ImuSample], first_ns: int, last_ns: int, autopilot: AutopilotConfig
+) -> list[Observation]:
+    """Its azimuths over a window, which tell how fast it turns: their errors change slowly."""
+    usable = [
+        s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
+    ]
+    slow = np.array([np.radians(autopilot.attitude_sigma_deg[2])])
+    noise = np.array([[_AZIMUTH_NOISE_RAD**2]])
+    out = []
+    for s in _spread(usable):
+        nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
+        azimuth = np.array([np.arctan2(nose[1], nose[0])])
+        out.append(
+            Observation(
+                s.stamp_ns,
+                "imu/data",
+                Kind.AZIMUTH,
+                azimuth,
+                _NOSE_B,
+                noise,
+                slow,
+                _AZIMUTH_TIME_S,
+            )
+        )
+    return out
+
+
+def _spread(samples: Sequence[ImuSample]) -> list[ImuSample]:
+    """Some of them, evenly."""
+    if not samples:
+        return []
+    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _HINTS, dtype=int))]
+
+
+def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | None:
+    """(3,) what the gyroscopes turn too fast by, rad/s, by the autopilot's attitudes.
+
+    Carried to the window's end each is turned by the bias over the time to it.
+    """
+    picked = _usable(window, imu)
+    if len(picked) < _HINTS:
+        return None
+    at = window.at([s.stamp_ns for s in picked])
+    at_end = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked])) @ (
+        window.to_end[at].swapaxes(1, 2)
+    )
+    turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
+    before_s = window.before_s[at] - window.before_s[at].mean()
+    return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
+
+
+def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
+    """Some samples of the window with an attitude, evenly."""
+    first, last = window.stamps_ns[0], window.stamps_ns[-1]
+    return _spread(
+        [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
+    )
+
+
 def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None:
     """(3, 3) the autopilot's attitude at the window's end, where most of its attitudes agree.
 
@@ -154,11 +214,9 @@ def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None
     within 5 deg of the one in their middle: one glitch does no harm, and an attitude that stands
     still while the body turns is none.
     """
-    first, last = window.stamps_ns[0], window.stamps_ns[-1]
-    usable = [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
-    if not usable:
+    picked = _usable(window, imu)
+    if not picked:
         return None
-    picked = [usable[k] for k in np.unique(np.linspace(0, len(usable) - 1, _HINTS, dtype=int))]
     to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
     reported = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked]))
     at_end = reported @ to_end.swapaxes(1, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import TypeVar
@@ -17,6 +18,9 @@ from tirgeo_ros.core.samples import (
 )
 
 _LEAST_INSTANTS = 3  # two fit always: a wrong one would not show
+#: Measurements kept for each second, by which a flood of them is bounded: five sources at 100 Hz.
+_MOST_HZ = 500
+_MOST_IMU_HZ = 1000
 _T = TypeVar("_T", bound=NavigationInput)
 
 
@@ -29,8 +33,8 @@ class AlignmentSamples:
     def __init__(self, keep_s: float, largest_gap_s: float) -> None:
         self._keep_ns = round(keep_s * 1e9)
         self._gap_ns = round(largest_gap_s * 1e9)
-        self._imu: deque[ImuSample] = deque()
-        self._aiding: deque[NavigationInput] = deque()
+        self._imu: deque[ImuSample] = deque(maxlen=math.ceil(keep_s * _MOST_IMU_HZ))
+        self._aiding: deque[NavigationInput] = deque(maxlen=math.ceil(keep_s * _MOST_HZ))
         self._first_ns = 0
         self._changed_ns = 0  # stamp of the last reading that differed from the one before
         self.frozen = False

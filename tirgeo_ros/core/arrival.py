@@ -1,7 +1,8 @@
 """Samples whose source does not stamp them: they count as measured when they arrived.
 
 The time from measurement to arrival, where it is known, is a parameter of the receiver
-(``rtk.delay_s``, ``gps.delay_s``), which the estimator takes off.
+(``rtk.delay_s``, ``gps.delay_s``), which the estimator takes off; of the pictures, in
+``video_latency_s``.
 """
 
 from __future__ import annotations
@@ -33,7 +34,12 @@ class Arrivals:
 
     def stamped(self, topic: str, sample: S, arrival_ns: int) -> S:
         """The sample; where its stamp is 0, with the time of its arrival as its stamp."""
-        if sample.stamp_ns != 0:
-            return sample
+        stamp_ns = self.stamp_ns(topic, sample.stamp_ns, arrival_ns)
+        return sample if stamp_ns == sample.stamp_ns else replace(sample, stamp_ns=stamp_ns)
+
+    def stamp_ns(self, topic: str, stamp_ns: int, arrival_ns: int) -> int:
+        """The stamp; where it is 0, the time of the arrival."""
+        if stamp_ns != 0:
+            return stamp_ns
         self._counts[topic] += 1
-        return replace(sample, stamp_ns=arrival_ns)
+        return arrival_ns

@@ -30,6 +30,7 @@ _SIZES = (0, 4, 5, 8)  # none, Brown, Brown with k3, rational
 _WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches further
 _FOLD_MARGIN = 0.98
 _CORNER_MARGIN = 1.1
+_MOST_PIXELS = 1 << 28  # 268 million: the largest camera that flies has 150
 # Far beyond any lens or sensor; what is larger would overflow further on.
 _LARGEST_PX = 1e6
 _LARGEST_COEFFICIENT = 1e9
@@ -88,6 +89,8 @@ class Camera:
             raise CameraError(
                 "camera: the calibration has impossible numbers; calibrate the lens again"
             )
+        if self.width * self.height > _MOST_PIXELS:
+            raise CameraError(f"camera: no camera has {self.width}x{self.height} pixels")
         if min(self.width, self.height) < 1 or min(self.fx, self.fy) <= 0:
             raise CameraError(
                 f"camera: size {self.width}x{self.height} and focal lengths {self.fx:g}, "

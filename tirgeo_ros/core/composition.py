@@ -69,8 +69,8 @@ class Mount:
     def from_config(cls, config: GimbalConfig) -> Mount:
         """Return the mount that a gimbal's parameters describe."""
         return cls(
-            config.lever_arm_b,
-            config.camera_offset_g,
+            config.aircraft.pivot_lever_b,
+            config.aircraft.camera_from_pivot_g,
             quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
             np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
             np.radians(np.array(config.reported_sigma_deg)) ** 2,

@@ -16,7 +16,16 @@ from tirgeo_ros.core.locating import Ground, locate
 from tirgeo_ros.core.painting import status_box
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, Stamp, composed, stamp, text_px
+from tirgeo_ros.core.text import (
+    TEXT_BGR,
+    Box,
+    Pixels,
+    Stamp,
+    composed,
+    passing_stamp,
+    stamp,
+    text_px,
+)
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
 _SAMPLES = 33
@@ -216,7 +225,7 @@ def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
     return PlacedRose(rose, box)
 
 
-@lru_cache(maxsize=360)
+@lru_cache(maxsize=16)  # 40 kB each: all of a turn would be 15 MB
 def _rose(heading_deg: int, size_px: int) -> Stamp:
     heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
     to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
@@ -224,7 +233,7 @@ def _rose(heading_deg: int, size_px: int) -> Stamp:
     needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
     letter = stamp("N", size_px, TEXT_BGR)
     at = np.rint(reach + _LETTER_TIMES * size_px * to_north - np.array(letter.size) / 2)
-    written = stamp(f"{heading_deg:03d}\u00b0", size_px, TEXT_BGR)
+    written = passing_stamp(f"{heading_deg:03d}\u00b0", size_px, TEXT_BGR)
     under = round(reach - written.size[0] / 2), 2 * reach - size_px // 4
     parts = [
         (_filled(reach + needle, 2 * reach, size_px), 0, 0),

@@ -8,26 +8,38 @@ its place and the epochs after it computed again: the result is the one that tim
 from __future__ import annotations
 
 import bisect
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.aiding.belief import Aiding, Belief, source_of
-from tirgeo_ros.core.aiding.control import Control
+from tirgeo_ros.core.aiding.belief import Aidlike, Belief, source_of
+from tirgeo_ros.core.aiding.control import PLACE, Control
 from tirgeo_ros.core.aiding.fusion import Fusion
 from tirgeo_ros.core.alignment import Alignment, Biases
+from tirgeo_ros.core.antenna_solution import at_antenna
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, states_of
+from tirgeo_ros.core.delays import longest_hold_s
+from tirgeo_ros.core.error_state import (
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    NoisePowers,
+    has_antenna,
+    states_of,
+)
 from tirgeo_ros.core.mechanisation import Mechanisation
 from tirgeo_ros.core.samples import Array, ImuSample, NavSolution, Outcome, Source, Verdict
 from tirgeo_ros.core.start import first_belief
 from tirgeo_ros.core.strapdown import Vector
 from tirgeo_ros.core.timeline import Carried, Epoch, Record, between, put
+from tirgeo_ros.core.vibration import Powers, VibrationMeter, clipped_powers
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
-#: Measurements may be ahead of the IMU by this, however little delay is allowed for.
-_HOLD_NS = 200_000_000
 _NONE: list[Verdict] = []
+_MOST_HZ = 500  # of measurements that are held: five sources at 100 Hz
+_RTK_POSITION = PLACE[Source.RTK_POSITION]
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
@@ -45,14 +57,27 @@ class _Pause(NamedTuple):
 
 
 class Ekf:
-    """The filter from its alignment on. Samples must be finite (see ``navigation``)."""
+    """The filter from its alignment on. Samples must be finite (see ``navigation``).
 
-    def __init__(self, config: EkfConfig, alignment: Alignment) -> None:
-        self._mechanisation = Mechanisation(config)
-        self._fusion = Fusion(config)
-        self._rate_density: list[float] = np.square(config.imu.angle_random_walk).tolist()
+    ``mechanisation`` and ``fusion`` stand for those that the parameters give (see ``whitening``).
+    """
+
+    def __init__(
+        self,
+        config: EkfConfig,
+        alignment: Alignment,
+        mechanisation: Mechanisation | None = None,
+        fusion: Fusion | None = None,
+    ) -> None:
+        self._mechanisation = mechanisation or Mechanisation(config)
+        self._fusion = fusion or Fusion(config)
+        self._noise_powers = NoisePowers(config.imu)
+        self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._keep_ns = round(config.max_delay_s * 1e9)
+        self._hold_ns = round(longest_hold_s(config) * 1e9)
+        self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
         states = states_of(config)
+        self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
         # Where a solution's covariance (9, 9) stands in the filter's, counted row by row.
         self._solution_entries = states * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
         belief = first_belief(config, alignment)
@@ -67,12 +92,15 @@ class Ekf:
         """Stamp of the newest IMU sample."""
         return self._epochs[-1].stamp_ns
 
-    def add_imu(self, sample: ImuSample) -> list[Verdict]:
+    def add_imu(self, sample: ImuSample, *, clipped: bool = False) -> list[Verdict]:
         """Carry the state to an IMU sample, which must be newer than all before.
 
-        Gives the verdicts on measurements that were held until now.
+        One that was at full scale lately (``clipped``) tells little of the force. Gives the
+        verdicts on measurements that were held until now.
         """
-        epoch = Epoch.after(self._epochs[-1], sample)
+        epoch = Epoch.after(self._epochs[-1], sample, self._meter)
+        if clipped:
+            epoch.vibration = clipped_powers(epoch.vibration)
         while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
             epoch.records.append(self._held.pop(0))
         epochs = self._epochs
@@ -85,7 +113,7 @@ class Ekf:
         found, self._resolved = self._resolved, []
         return found
 
-    def add_aiding(self, sample: Aiding, *, stale: bool = False) -> Verdict:
+    def add_aiding(self, sample: Aidlike, *, stale: bool = False) -> Verdict:
         """Put a measurement in its place; one that the IMU has not reached yet is held.
 
         ``stale``: it says what the one before said, so a refusal of it proves nothing.
@@ -94,7 +122,7 @@ class Ekf:
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
             reason = "older than max_delay_s or the alignment"
             return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
-        if stamp_ns > newest_ns + max(self._keep_ns, _HOLD_NS):
+        if stamp_ns > newest_ns + self._hold_ns:
             return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
         record = Record.of(sample, stale=stale)
         if stamp_ns > newest_ns:
@@ -105,6 +133,9 @@ class Ekf:
         return self._revised(index, record)
 
     def _hold(self, record: Record) -> Verdict:
+        if len(self._held) >= self._most_held:
+            reason = f"{self._most_held} others wait for imu/data"
+            return Verdict(record.source, Outcome.TOO_MANY, reason)
         record.held = True
         if not put(self._held, record):
             return Verdict(record.source, Outcome.REPEATED)
@@ -141,7 +172,7 @@ class Ekf:
         """
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
-        state, covariance = epoch.carried[:2]
+        state, covariance, control = epoch.carried[:3]
         rate_b, bias = epoch.rate_b, state.gyro_bias_b
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
         vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
@@ -156,12 +187,18 @@ class Ekf:
             self._rate_variance_b(covariance),
             covariance.take(self._solution_entries),
         )
-        return tuple.__new__(NavSolution, found)  # half the time of NavSolution(...)
+        solution: NavSolution = tuple.__new__(NavSolution, found)  # half of NavSolution(...)
+        if self._at_antenna:
+            solution = at_antenna(solution, epoch.carried.belief)
+        step = control.tracks[_RTK_POSITION].step
+        if step:  # RTK says that it is elsewhere: so uncertain is the place
+            solution.covariance[:3, :3] += np.outer(step, step)
+        return solution
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
         """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""
-        x, y, z = self._rate_density
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
+        x, y, z = self._noise_powers.of_gyroscopes(last.vibration)
         item = covariance.item
         if count == 0:  # one sample has no rate
             return item(9, 9), item(10, 10), item(11, 11)
@@ -178,6 +215,16 @@ class Ekf:
         """What the aids have done up to the newest IMU sample."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.control
+
+    @property
+    def vibration(self) -> Powers:
+        """What the IMU's readings show of its noise, lately."""
+        return self._epochs[-1].vibration
+
+    @property
+    def process_noise(self) -> str:
+        """Where the noise of the IMU comes from: the parameters, or its vibration."""
+        return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
 
     def biases(self) -> Biases:
         """What is known of the IMU, for another start."""
@@ -205,7 +252,8 @@ class Ekf:
                 continue
             carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
-            carried = self._applied(record, carried, between(start, end, now_ns)[1])
+            rate_b = between(start, end, now_ns)[1]
+            carried = self._applied(record, carried, rate_b, end.autopilot_q_nb)
             pause = _Pause(end.stamp_ns, record.order, number, carried)
         self._pause = pause
         if now_ns == start.stamp_ns:
@@ -213,7 +261,9 @@ class Ekf:
         else:
             end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
 
-    def _applied(self, record: Record, carried: Carried, rate_b: Vector) -> Carried:
+    def _applied(
+        self, record: Record, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
+    ) -> Carried:
         belief = self._mechanisation.followed(carried).belief
         x, y, z = belief.state.gyro_bias_b
         verdict, belief = self._fusion.fuse(
@@ -221,6 +271,7 @@ class Ekf:
             belief,
             (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
             stale=record.stale,
+            autopilot_q_nb=autopilot_q_nb,
         )
         self._tell(record, verdict)
         return Carried(*belief)

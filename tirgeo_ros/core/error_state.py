@@ -9,7 +9,8 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18     error of the headings      rad, only where the parameters ask for it
+18-20  RTK antenna's place in b   m, only where it is not measured
+last   error of the headings      rad, only where the parameters ask for it
 =====  =========================  =====
 
 With ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the
@@ -20,6 +21,7 @@ of error. The last two are first-order Gauss-Markov errors of a receiver, as the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -29,6 +31,7 @@ from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.strapdown import NavState, Rates, Rotation, Vector, normalised, quaternion_of
+from tirgeo_ros.core.vibration import STILL, Powers
 
 STATES = 15  # of the navigation itself
 ATTITUDE = slice(0, 3)
@@ -37,12 +40,23 @@ POSITION = slice(6, 9)
 GYRO_BIAS = slice(9, 12)
 ACCEL_BIAS = slice(12, 15)
 GPS_ERROR = slice(15, 18)
-HEADING_ERROR = 18
+ANTENNA = slice(18, 21)
 
 
 def states_of(config: EkfConfig) -> int:
     """Number of error states that the parameters ask for."""
-    return HEADING_ERROR + (config.heading.bias_sigma_deg > 0)
+    antenna = 3 if config.aircraft.rtk_lever_sigma_b.any() else 0
+    return GPS_ERROR.stop + antenna + (config.heading.bias_sigma_deg > 0)
+
+
+def has_antenna(states: int) -> bool:
+    """Whether the RTK antenna's place is among so many error states."""
+    return states >= ANTENNA.stop
+
+
+def heading_error(states: int) -> int | None:
+    """The index of the error of the headings among so many error states, or None."""
+    return states - 1 if states in {GPS_ERROR.stop + 1, ANTENNA.stop + 1} else None
 
 
 def dynamics(state: NavState, rates: Rates, imu: ImuConfig) -> Array:
@@ -129,6 +143,41 @@ def noise_density(imu: ImuConfig) -> Array:
     return np.concatenate([*walks, np.zeros(3), gyro, accel])
 
 
+class NoisePowers:
+    """The power densities of the IMU's white noise that the filter reckons with."""
+
+    def __init__(self, imu: ImuConfig) -> None:
+        walks = (*imu.angle_random_walk, *imu.velocity_random_walk)
+        self._least: Powers = tuple(w * w for w in walks)  # type: ignore[assignment]
+        self._gyro = imu.gyro_vibration_share**2
+        self._accel = imu.accel_vibration_share**2
+
+    def exceeded(self, vibration: Powers) -> bool:
+        """Whether a vibration makes any of them larger than configured."""
+        return self.under(vibration) != self._least
+
+    def of_gyroscopes(self, vibration: Powers) -> Vector:
+        """The three of the gyroscopes; asked for at every solution."""
+        share, least = self._gyro, self._least
+        x, y, z = vibration[0] * share, vibration[1] * share, vibration[2] * share
+        a, b, c = least[0], least[1], least[2]
+        return (x if x > a else a, y if y > b else b, z if z > c else c)  # noqa: FURB136 faster
+
+    def under(self, vibration: Powers) -> Powers:
+        """Those under a vibration: never less than the configured ones."""
+        a, b, c, d, e, f = self._least
+        x, y, z, u, v, w = vibration
+        gyro, accel = self._gyro, self._accel
+        return (
+            max(a, x * gyro),
+            max(b, y * gyro),
+            max(c, z * gyro),
+            max(d, u * accel),
+            max(e, v * accel),
+            max(f, w * accel),
+        )
+
+
 class CovariancePropagation:
     """Carries the covariance; keeps the workspace of that, which runs many times a second."""
 
@@ -139,25 +188,39 @@ class CovariancePropagation:
         self._f, self._q, self._a, self._transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
         imu, gps, heading = config.imu, config.gps, config.heading
-        receivers = [(s, gps.position_time_s) for s in gps.position_sigma_m]
-        receivers.append((math.radians(heading.bias_sigma_deg), heading.bias_time_s))
-        sigmas, times_s = np.array(receivers[: states - STATES]).T
+        slow = [(s, gps.position_time_s) for s in gps.position_sigma_m]
+        if has_antenna(states):
+            slow += [(0.0, math.inf)] * 3
+        if heading_error(states) is not None:
+            slow.append((math.radians(heading.bias_sigma_deg), heading.bias_time_s))
+        sigmas, times_s = np.array(slow).T
         decay = [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *times_s]
         self._f[range(9, states), range(9, states)] = -1 / np.array(decay)
         density = noise_density(imu)
-        self._walks: list[float] = density[:6].tolist()
+        self._noise_powers = NoisePowers(imu)
         # The driving noise of all that decays, as the diagonal of a matrix for one second.
         self._driving = np.diag(
             np.concatenate([np.zeros(9), density[9:], 2 * sigmas**2 / times_s])
         )
 
+    @property
+    def transition(self) -> Array:
+        """(n, n) of the newest step, a view."""
+        return np.asarray(self._transition)
+
     def step(
-        self, covariance: Array, state: NavState, rates: Rates, force_n: Vector, step_s: float
+        self,
+        covariance: Array,
+        state: NavState,
+        rates: Rates,
+        force_n: Vector,
+        step_s: float,
+        vibration: Powers = STILL,
     ) -> Array:
         """(n, n) covariance after a step: second-order transition, noise turned to ``n``.
 
         ``force_n`` (m/s2) is the mean specific force of the step, ``state`` and ``rates`` of an
-        instant within it.
+        instant within it, ``vibration`` what the IMU's readings show of its noise.
         """
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a
@@ -168,22 +231,22 @@ class CovariancePropagation:
         transition += self._identity
         transition.dot(covariance, out=self._half)
         out = self._half.dot(transition.T)
-        out += self._noise(rates.rotation_nb, step_s)
-        out += out.T.copy()
-        out *= 0.5
+        out += self._noise(rates.rotation_nb, step_s, vibration)
+        np.add(out, out.T, out=self._half)
+        np.multiply(self._half, 0.5, out=out)
         return np.asarray(out)
 
-    def _noise(self, rotation: Rotation, step_s: float) -> Array:
+    def _noise(self, rotation: Rotation, step_s: float, vibration: Powers) -> Array:
         """Random walks turned to ``n``, and the driving noise of the rest, over a step."""
         np.multiply(self._driving, step_s, out=self._q)
-        q, n, walks = self._flat_q, self._states, self._walks
+        q, n, walks = self._flat_q, self._states, self._noise_powers.under(vibration)
         _write_turned(q, 0, n, rotation, walks[0:3], step_s)
         _write_turned(q, 3 * n + 3, n, rotation, walks[3:6], step_s)
         return self._q
 
 
 def _write_turned(
-    q: memoryview[float], at: int, n: int, r: Rotation, density: list[float], step_s: float
+    q: memoryview[float], at: int, n: int, r: Rotation, density: Sequence[float], step_s: float
 ) -> None:
     """``R diag(density) R^T step_s`` into the 3 x 3 block that begins at flat index ``at``."""
     a, b, c = density[0] * step_s, density[1] * step_s, density[2] * step_s
@@ -206,7 +269,7 @@ def feedback(state: NavState, error: Array) -> NavState:
     north, east, down = e[6:9]
     latitude = state.latitude_rad + north / (meridian + state.height_m)
     cosine = math.cos(state.latitude_rad)
-    v, c = state.velocity_n, state.correction_n
+    v, c, p = state.velocity_n, state.correction_n, state.push_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
         normalised(hamilton(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
@@ -217,4 +280,5 @@ def feedback(state: NavState, error: Array) -> NavState:
         (g[0] + e[9], g[1] + e[10], g[2] + e[11]),
         (a[0] + e[12], a[1] + e[13], a[2] + e[14]),
         (c[0] + north, c[1] + east, c[2] + down),
+        (p[0] + e[3], p[1] + e[4], p[2] + e[5]),
     )

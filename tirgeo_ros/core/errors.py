@@ -1,12 +1,21 @@
 """The errors that tirgeo raises: one root, one child a subject.
 
 Each carries a message of one line that names the file, key or topic and says what to do; the
-command line prints it and nothing else.
+command line prints it and nothing else. What a message quotes may come from anywhere: it is shown
+as one line of a bounded length.
 """
+
+from __future__ import annotations
+
+from tirgeo_ros.core.wording import shown
 
 
 class TirgeoError(Exception):
     """Root of all errors that tirgeo raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the message as one line."""
+        return shown(super().__str__())
 
 
 class ConfigError(TirgeoError):

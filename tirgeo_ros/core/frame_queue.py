@@ -15,6 +15,7 @@ _JUMP_NS = 1_000_000_000
 _RATE_FRAMES = 10
 #: A second of video: more than any sensible wait for a pose.
 _MOST_WAITING = 30
+_LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
 _SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # and their dimensions
 
 
@@ -32,11 +33,13 @@ class FrameQueue:
 
     ``counts``: ``replaced`` frames gave way to a newer one, ``out_of_order`` ones were not newer
     than the one before, ``time_jumps`` are stamps that went back by more than a second (after
-    which the video goes on), ``invalid`` ones are no picture of 8 or 16 bits.
+    which the video goes on), ``invalid`` ones are no picture of 8 or 16 bits, ``too_large`` ones
+    have a side that no JPEG holds.
     """
 
     def __init__(self) -> None:
-        self.counts = {"replaced": 0, "out_of_order": 0, "time_jumps": 0, "invalid": 0}
+        self.counts = {"replaced": 0, "out_of_order": 0, "time_jumps": 0}
+        self.counts |= {"invalid": 0, "too_large": 0}
         self._frames: deque[Frame] = deque()
         self._stamps: deque[int] = deque(maxlen=_RATE_FRAMES)
 
@@ -52,6 +55,8 @@ class FrameQueue:
         """Take a frame in."""
         if not _is_picture(frame.pixels):
             self.counts["invalid"] += 1
+        elif max(frame.pixels.shape) > _LARGEST_PX:
+            self.counts["too_large"] += 1
         elif not self._in_order(frame.stamp_ns):
             self.counts["out_of_order"] += 1
         else:

@@ -42,7 +42,7 @@ from tirgeo_ros.core.samples import (
     CameraPose,
     JointSample,
 )
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.validity import joints_fault, usable_attitude
 
 _HISTORY_S = 3.0
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
@@ -133,9 +133,12 @@ class GimbalComposer:
     def diagnostics(self) -> dict[str, str]:
         """What the composer says of itself: the counts, and the north where it may be used.
 
-        ``joints`` says that the joints are computed ones.
+        ``joints`` says that the joints are computed ones, ``body_invalid_because`` what was wrong
+        with the newest body pose that was refused.
         """
         found = {name: str(number) for name, number in self.counts.items()}
+        if self._bodies.fault:
+            found["body_invalid_because"] = self._bodies.fault
         if self._computed:
             found["joints"] = "computed from the reported attitude"
         if self._choice != "encoders" or self._computed:
@@ -164,7 +167,7 @@ class GimbalComposer:
     def add_joints(self, sample: JointSample) -> list[CameraPose]:
         """Take the encoders' angles; the zero of yaw is taken out of those that one saw."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
-        if not all(map(math.isfinite, angles)):
+        if joints_fault(angles):
             self._counts["invalid"] += 1
             return []
         if not sample.computed:

@@ -36,6 +36,7 @@ class Window:
     velocity: Array  # (n, 3) S, m/s
     position: Array  # (n, 3) W, m
     rate_b: Array  # (n, 3) rad/s, in the body at the instant
+    taken: Array  # (6,) biases taken from the readings, gyroscope, then accelerometer
 
     def at(self, stamps_ns: Sequence[int]) -> npt.NDArray[np.intp]:
         """Indices of instants that are in the window."""
@@ -52,15 +53,16 @@ def integrate(imu: Sequence[ImuSample], stamps_ns: Sequence[int], biases: Biases
     inside = known[(known > first) & (known < last)]
     nodes = np.unique(np.concatenate([inside, np.array(stamps_ns, np.int64)]))
     readings = [[*s.angular_rate_b, *s.specific_force_b] for s in imu]
-    columns = np.array(readings).T - np.array([*biases.gyro_b, *biases.accel_b])[:, None]
+    taken = np.array([*biases.gyro_b, *biases.accel_b])
+    columns = np.array(readings).T - taken[:, None]
     # Seconds from the first: a float holds today's nanoseconds to a quarter of a microsecond.
     known_s, seconds = (known - first) * 1e-9, (nodes - first) * 1e-9
     values = np.stack([np.interp(seconds, known_s, column) for column in columns], -1)
-    return _integrated(nodes, seconds, values[:, :3], values[:, 3:])
+    return _integrated(nodes, seconds, values[:, :3], values[:, 3:], taken)
 
 
 def _integrated(
-    nodes: npt.NDArray[np.int64], seconds: Array, rate_b: Array, force_b: Array
+    nodes: npt.NDArray[np.int64], seconds: Array, rate_b: Array, force_b: Array, taken: Array
 ) -> Window:
     steps = np.diff(seconds)[:, None]
     turns = 0.5 * (rate_b[1:] + rate_b[:-1]) * steps
@@ -72,7 +74,7 @@ def _integrated(
     pushes = np.einsum("kij,kj->ki", middle, 0.5 * (force_b[1:] + force_b[:-1]) * steps)
     velocity = _sums_to_end(pushes)
     position = _sums_to_end((velocity[1:] + 0.5 * pushes) * steps)
-    return Window(nodes, seconds[-1] - seconds, to_end, velocity, position, rate_b)
+    return Window(nodes, seconds[-1] - seconds, to_end, velocity, position, rate_b, taken)
 
 
 def _sums_to_end(parts: Array) -> Array:

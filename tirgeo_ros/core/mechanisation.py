@@ -42,7 +42,7 @@ class Mechanisation:
     def whole(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
         """Through a whole interval without measurements."""
         if end.step_s <= _LARGEST_STEP_S:
-            return self._stepped(carried, end.mean_force_b, end.mean_rate_b, end.step_s)
+            return self._stepped(carried, end, end.mean_force_b, end.mean_rate_b, end.step_s)
         return self.part(carried, start, end, start.stamp_ns, end.stamp_ns)
 
     def part(
@@ -53,34 +53,34 @@ class Mechanisation:
         for step in range(steps):
             middle_ns = from_ns + (to_ns - from_ns) * (2 * step + 1) // (2 * steps)
             step_s = (to_ns - from_ns) * 1e-9 / steps
-            carried = self._stepped(carried, *between(start, end, middle_ns), step_s)
+            carried = self._stepped(carried, end, *between(start, end, middle_ns), step_s)
         if steps and to_ns == end.stamp_ns and end.step_s > _LOST_SAMPLES_S:
             return self._bridged(carried, start, end)
         return carried
 
     def _stepped(
-        self, carried: Carried, force_b: Vector, rate_b: Vector, step_s: float
+        self, carried: Carried, end: Epoch, force_b: Vector, rate_b: Vector, step_s: float
     ) -> Carried:
-        before, covariance, control, lag_s, start, middle = carried
+        before, covariance, control, lag_s, start, middle, _ = carried
         state, rates = propagate(before, force_b, rate_b, step_s)
         if start is None:
             start = before
         if middle is None or lag_s <= 0.5 * _COVARIANCE_STEP_S:
             middle = rates
         lag_s += step_s
-        lagging = (state, covariance, control, lag_s, start, middle)
+        lagging = (state, covariance, control, lag_s, start, middle, end.vibration)
         carried = tuple.__new__(Carried, lagging)  # half the time of Carried(...)
         return self.followed(carried) if lag_s >= _COVARIANCE_STEP_S else carried
 
     def followed(self, carried: Carried) -> Carried:
         """The belief with its covariance at the state's time."""
-        state, covariance, control, lag_s, start, rates = carried
+        state, covariance, control, lag_s, start, rates, vibration = carried
         if start is None or rates is None:
             return carried
         (n0, e0, d0), (n1, e1, d1) = start.velocity_n, state.velocity_n
         # The mean specific force: what the velocity changed by, less gravity.
         force_n = (n1 - n0) / lag_s, (e1 - e0) / lag_s, (d1 - d0) / lag_s - rates.gravity_m_s2
-        covariance = self._propagation.step(covariance, start, rates, force_n, lag_s)
+        covariance = self._propagation.step(covariance, start, rates, force_n, lag_s, vibration)
         return Carried(state, covariance, control)
 
     def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:

@@ -7,18 +7,24 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from tirgeo_ros.core.aiding.autopilot import AutopilotHeadings
 from tirgeo_ros.core.aiding.belief import Aiding, source_of
 from tirgeo_ros.core.aiding.control import AIDS
 from tirgeo_ros.core.alignment import Aligner, Alignment, Biases
+from tirgeo_ros.core.clock_offsets import ClockOffsets
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.delays import Delays, longest_hold_s
 from tirgeo_ros.core.ekf import Ekf
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.health import Health
+from tirgeo_ros.core.imu_axes import ImuAxes
+from tirgeo_ros.core.imu_clipping import Clipping
 from tirgeo_ros.core.imu_clock import ImuClock
+from tirgeo_ros.core.imu_silence import ImuSilence
 from tirgeo_ros.core.map_origin import MapOrigin
 from tirgeo_ros.core.passthrough import Passthrough
 from tirgeo_ros.core.rate import RateLimit
@@ -35,14 +41,15 @@ from tirgeo_ros.core.samples import (
     Source,
     Verdict,
 )
+from tirgeo_ros.core.stamp_order import StampOrder
 from tirgeo_ros.core.validity import fault_of, usable_attitude
+from tirgeo_ros.core.verdict_log import VerdictLog
+from tirgeo_ros.core.vibration import densities
 
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000
 #: The estimator's state is looked at so often.
 _WATCH_NS = 100_000_000
-#: So many aiding samples without one of the IMU, over the time-out of an aid: the IMU is silent.
-_AIDS_IN_SILENCE = 5
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
 _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
@@ -73,17 +80,16 @@ class Navigation:
 
     def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
         self._config = config
-        self._heard = heard
+        self._log = VerdictLog(heard)
         self._filtering = config.method in {"ekf", "ekf_heading"}
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
-        self._delay_ns = dict.fromkeys(AIDS, round(config.rtk.delay_s * 1e9))
-        self._delay_ns |= dict.fromkeys(_GPS, round(config.gps.delay_s * 1e9))
+        self._delays = Delays.from_config(config)
+        self._imu_axes = ImuAxes(config.aircraft)
         self._health = Health(config)
-        self._counts: Counter[tuple[Source, Outcome]] = Counter()
+        self._clipping = Clipping()
         self._resets: Counter[Source] = Counter()  # of the filters before this one
         self._last_reset = ""
-        self._test_ratios: dict[Source, float] = {}
         self._origin = MapOrigin(config, self._position_source)
         self._ekf: Ekf | None = None
         self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
@@ -102,14 +108,20 @@ class Navigation:
         self._why_again, self._lost = why, lost
         use_heading = self._config.method == "ekf_heading"
         self._aligner = Aligner(self._config, use_heading=use_heading, prior=prior)
+        self._order = StampOrder(
+            self._config.max_delay_s, longest_hold_s(self._config), self._aligner.keep_s
+        )
         self._passthrough = Passthrough(self._config, self._position_source)
         self._repeats = Repeats()
         self._rate = RateLimit(self._config.publish_rate_hz)
+        self._log.begin()
         self._newest: NavSolution | None = None
         self._rtk_status = FixStatus.NONE
         self._rtk_status_ns = 0
         self._newest_aid_ns = 0
-        self._aids_since_imu = 0
+        self._silence = ImuSilence()
+        self._clocks = ClockOffsets(self._config)
+        self._autopilot = AutopilotHeadings(self._config)
         self._watched_ns = 0
 
     @property
@@ -125,30 +137,32 @@ class Navigation:
 
     @property
     def _now_ns(self) -> int:
-        """The newest time that is known: the IMU's, or that of its aids while it is silent."""
-        imu_ns = self._imu_clock.newest_ns or 0
-        return max(imu_ns, self._newest_aid_ns) if self._imu_is_silent else imu_ns
+        """The newest time that is known: the IMU's, or as its aids tell while it is silent."""
+        imu_ns = self._imu_clock.newest_ns
+        if imu_ns is None:
+            return self._newest_aid_ns
+        return imu_ns + self._silence.length_ns if self._imu_is_silent else imu_ns
 
     @property
     def _imu_is_silent(self) -> bool:
-        timeout_ns = self._config.trust.aid_timeout_s * 1e9
-        silence_ns = self._newest_aid_ns - (self._imu_clock.newest_ns or 0)
-        return self._aids_since_imu >= _AIDS_IN_SILENCE and silence_ns > timeout_ns
+        return self._silence.length_ns > self._config.trust.aid_timeout_s * 1e9
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample. Whatever is in it, the state stays finite."""
         fault = fault_of(sample)
-        if fault:
-            source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
-            step = Step(Verdict(source, Outcome.INVALID, fault))
-        elif isinstance(sample, ImuSample):
-            step = self._process_imu(sample)
+        if isinstance(sample, ImuSample):
+            if fault:
+                step = Step(Verdict(Source.IMU, Outcome.INVALID, fault))
+            else:
+                step = self._process_imu(sample)
+            if step.verdict is _IMU_USED:  # nearly always
+                self._log.counts[_IMU_KEY] += 1
+                return step
+        elif fault:
+            step = Step(Verdict(source_of(sample), Outcome.INVALID, fault))
         else:
             step = Step(self._process_aiding(sample))
-        if step.verdict is _IMU_USED:  # nearly always
-            self._counts[_IMU_KEY] += 1
-        else:
-            self._count(step.verdict)
+        self._count(step.verdict)
         return step
 
     def status(self) -> NavigationStatus:
@@ -162,11 +176,16 @@ class Navigation:
             reason,
             self.rtk_status,
             self._heading_sigma_rad if state.navigating else math.nan,
-            {(a.value, b.value): number for (a, b), number in self._counts.items()},
-            {source.value: ratio for source, ratio in self._test_ratios.items()},
+            {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
+            {source.value: ratio for source, ratio in self._log.test_ratios.items()},
             (self._now_ns - self._entered[1]) * 1e-9,
             {source.value: number for source, number in resets.items()},
             last_reset,
+            dict(self._clipping.counts),
+            (*self._clipping.warnings(self._now_ns), *self._log.warnings(self._now_ns)),
+            self._log.nis(self._now_ns),
+            self._ekf.process_noise if self._ekf else "",
+            densities(self._ekf.vibration) if self._ekf else (),
         )
 
     def _reset_counts(self) -> tuple[Counter[Source], str]:
@@ -188,27 +207,36 @@ class Navigation:
 
     def _state(self) -> tuple[FilterState, str]:
         if self._imu_clock.newest_ns is not None and self._imu_is_silent:
-            silent_s = (self._newest_aid_ns - self._imu_clock.newest_ns) * 1e-9
+            silent_s = self._silence.length_ns * 1e-9
             return FilterState.WAITING, f"no imu/data for {silent_s:.1f} s"
         if not self._filtering:
             reason = self._passthrough.reason
             return (FilterState.WAITING if reason else FilterState.RUNNING), reason
+        clocks = self._clocks.text(self._imu_clock.newest_ns)
         if self._ekf is not None:
-            return self._health.state(self._ekf.control, self._ekf.newest_ns)
-        reason = "; ".join(filter(None, (self._why_again, self._aligner.reason)))
+            state, reason = self._health.state(
+                self._ekf.control, self._ekf.newest_ns, self._log.unused
+            )
+            return state, "; ".join(filter(None, (reason, clocks if reason else "")))
+        reason = "; ".join(filter(None, (self._why_again, clocks or self._aligner.reason)))
         if self._lost:
             return FilterState.LOST, reason
         begun = self._imu_clock.newest_ns is not None and self._newest_aid_ns
         return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
 
     def _process_imu(self, sample: ImuSample) -> Step:
+        if self._delays.imu_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
+        self._clipping.add(sample)  # in the sensor's own axes
+        if self._imu_axes.turned:
+            sample = self._imu_axes.to_body(sample)
         checked = self._imu_clock.check(sample)
         if not checked.use:
             return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
         begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
         if begins:
             self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
-        self._aids_since_imu = 0
+        self._silence.end()
         outcome, reason = self._take_imu(checked.use[0])
         for held in checked.use[1:]:
             outcome, reason = self._take_imu(held)
@@ -222,13 +250,14 @@ class Navigation:
     def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
         """A sample that goes on from the one before."""
         if self._ekf is not None:
-            for verdict in self._ekf.add_imu(sample):
+            clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
+            for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
                 self._count(verdict)
             if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
-                self._watch(self._ekf)
+                self._watch(self._ekf, sample)
             return Outcome.USED, ""
         if self._filtering:
-            self._start(self._aligner.add(sample))
+            self._align(sample)
             return Outcome.WAITING, ""
         self._passthrough.add_imu(sample)
         if usable_attitude(sample.autopilot_q_nb):
@@ -237,15 +266,17 @@ class Navigation:
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = source_of(sample)
-        delay_ns = self._delay_ns[source]
+        delay_ns = self._delays.aid_ns[source]
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
-        self._aids_since_imu += 1
+        self._silence.hear(source, sample.stamp_ns, self._imu_clock.newest_ns)
         self._newest_aid_ns = sample.stamp_ns
         if source not in METHOD_SOURCES[self._config.method]:
             return Verdict(source, Outcome.UNUSED)
-        if isinstance(sample, PositionSample) and source is Source.RTK_POSITION:
-            self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
+        if isinstance(sample, PositionSample):
+            self._health.hear(sample)
+            if source is Source.RTK_POSITION:
+                self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the value of the one before")
@@ -254,27 +285,55 @@ class Navigation:
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
         else:
-            verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
-            self._start(self._aligner.add(sample))
+            verdict = self._waiting(sample, source)
+        self._clocks.hear(verdict, sample.stamp_ns, self._imu_clock.newest_ns)
         self._origin.see(sample, verdict)
         return verdict
 
-    def _start(self, alignment: Alignment | None) -> None:
-        if alignment is None:
-            return
+    def _waiting(self, sample: Aiding, source: Source) -> Verdict:
+        """Take a sample to the alignment, unless the IMU's time is too far from it."""
+        far = self._order.out_of_reach(sample.stamp_ns)
+        if far is not None:
+            return Verdict(source, *far)
+        self._align(sample)
+        return Verdict(source, Outcome.WAITING, "not aligned yet")
+
+    def _align(self, sample: NavigationInput) -> None:
+        """Hand what is due to the alignment; once there is a state, the rest to the filter."""
+        due = iter(self._order.add(sample))
+        for verdict in self._order.given_up():
+            self._count(verdict)
+        for earlier in due:
+            alignment = self._aligner.add(earlier)
+            if alignment is not None:
+                self._start(alignment, [*due, *self._order.rest()])
+                return
+
+    def _start(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> None:
+        """Begin the filter; ``rest`` are samples that the alignment has not seen."""
         self._ekf = Ekf(self._config, alignment)
         self._why_again, self._lost = "", False
         self._origin.start_at(alignment.state)
-        for imu in alignment.imu[1:]:
-            self._ekf.add_imu(imu)  # nothing is held yet
-        for sample in alignment.later:
-            self._count(self._ekf.add_aiding(sample))  # type: ignore[arg-type]
+        later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
+        unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
+        for sample in (*later, *unseen):
+            verdicts = (
+                self._ekf.add_imu(sample)
+                if isinstance(sample, ImuSample)
+                else [self._ekf.add_aiding(sample)]
+            )
+            for verdict in verdicts:
+                self._count(verdict)
 
-    def _watch(self, ekf: Ekf) -> None:
-        """Look at the filter's health."""
+    def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
+        """Look at the filter's health; the autopilot's heading serves where no other does."""
         self._watched_ns = ekf.newest_ns
         belief = ekf.belief()
-        self._enter(self._health.state(belief.control, ekf.newest_ns)[0])
+        heading = self._autopilot.sample(sample, belief.covariance)
+        if heading is not None:
+            self._count(ekf.add_aiding(heading))
+            belief = ekf.belief()
+        self._enter(self._health.state(belief.control, ekf.newest_ns, self._log.unused)[0])
         why = self._health.lost(belief.control, belief.covariance)
         if why:
             spoiled = self._health.spoiled(belief.control, belief.covariance)
@@ -295,9 +354,4 @@ class Navigation:
         return solution
 
     def _count(self, verdict: Verdict) -> None:
-        source, outcome, _, ratio, _ = verdict
-        self._counts[source, outcome] += 1
-        if not math.isnan(ratio):
-            self._test_ratios[source] = ratio
-        if self._heard is not None:
-            self._heard(verdict)
+        self._log.add(verdict, self._imu_clock.newest_ns or self._newest_aid_ns)

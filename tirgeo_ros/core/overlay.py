@@ -93,6 +93,11 @@ class Overlay:
         return self._results | self._frames.counts | poses
 
     @property
+    def pose_fault(self) -> str:
+        """Why the newest pose that was refused was; empty where none was."""
+        return self._poses.fault
+
+    @property
     def waiting(self) -> int:
         """How many frames wait for a pose, or to be taken."""
         return len(self._frames)
@@ -127,10 +132,10 @@ class Overlay:
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
-        """The camera's calibration."""
+        """The camera's calibration. Raises CameraError where its pictures cannot be rectified."""
         if camera != self._camera:
-            self._camera = camera
             self._rectifier = Rectifier(camera) if self._rectify else None
+            self._camera = camera
             self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,11 +16,13 @@ from tirgeo_ros.core.text import (
     Pixels,
     Stamp,
     line_px,
-    stamp,
+    passing_stamp,
     text_px,
 )
+from tirgeo_ros.core.wording import cut
 
 NOTICE_BGR: Colour = (80, 200, 255)
+LONGEST_NOTICE = 300  # characters; with more a small picture would be all text
 
 _NOTICE_TIMES = 1.25  # the size of plain text
 #: What is left of the picture under the status line: so little that every colour of its text has
@@ -85,24 +88,26 @@ def _excess_px(fields: Sequence[Field], width_px: int, size_px: int) -> int:
 
 def _cut(field: Field, width_px: int, size_px: int) -> Field:
     """With as much of its detail as fits, or with none."""
-    for length in range(len(field.detail) - 1, _LEAST_DETAIL - 1, -1):
-        shorter = replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
-        if _written(shorter, size_px).size[0] <= width_px:
-            return shorter
-    return replace(field, detail="")
+
+    def cut_at(length: int) -> Field:
+        return replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
+
+    lengths = range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
+    fits = bisect_right(lengths, width_px, key=lambda n: _written(cut_at(n), size_px).size[0])
+    return cut_at(lengths[fits - 1]) if fits else replace(field, detail="")
 
 
 def _written(field: Field, size_px: int) -> Stamp:
-    return stamp(field.text + field.detail, size_px, field.colour)
+    return passing_stamp(field.text + field.detail, size_px, field.colour)
 
 
 def paint_notice(image: Pixels, notice: str) -> None:
-    """Write a notice across the upper part of the picture, in as many lines as it takes."""
+    """Write a notice, as far as ``LONGEST_NOTICE``, across the upper part of the picture."""
     width = image.shape[1]
     size_px = round(_NOTICE_TIMES * text_px(image))
     top = image.shape[0] // 8
-    for line in _wrapped(notice, size_px, width):
-        text = stamp(line, size_px, NOTICE_BGR)
+    for line in _wrapped(cut(notice, LONGEST_NOTICE), size_px, width):
+        text = passing_stamp(line, size_px, NOTICE_BGR)
         text.lay(image, (width - text.size[0]) // 2, top)
         top += text.size[1]
 
@@ -112,7 +117,10 @@ def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        fits = len(longer) <= LONGEST and stamp(longer, size_px, NOTICE_BGR).size[0] <= width_px
+        fits = (
+            len(longer) <= LONGEST
+            and passing_stamp(longer, size_px, NOTICE_BGR).size[0] <= width_px
+        )
         if lines[-1] and not fits:
             lines.append(word)
         else:

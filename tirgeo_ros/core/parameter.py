@@ -130,19 +130,26 @@ def config_from(kind: type[T], values: Mapping[str, object], where: str = "") ->
     """The dataclass tree ``kind`` with the dotted ``values`` in it, the rest at their defaults.
 
     Raises ConfigError for an unknown name, a wrong type or a value out of range; ``where`` (a
-    file, a node) begins the message.
+    file, a node) begins the message. An attribute ``renamed`` of ``kind`` says of old names what
+    to write instead.
     """
     known = {parameter.name: parameter for parameter in parameters_of(cast("type", kind))}
     lead = f"{where}: " if where else ""
     checked: dict[str, Value] = {}
     for name, value in values.items():
         if name not in known:
-            raise ConfigError(f"{lead}unknown parameter {name}{_suggestion(name, known)}")
+            raise ConfigError(lead + _unknown(name, known, getattr(kind, "renamed", {})))
         try:
             checked[name] = known[name].checked(value)
         except ConfigError as error:
             raise ConfigError(f"{lead}{error}") from None
     return _build(kind, checked, "")
+
+
+def _unknown(name: str, known: Mapping[str, Parameter], renamed: Mapping[str, str]) -> str:
+    if name in renamed:
+        return f"parameter {name} {renamed[name]}"
+    return f"unknown parameter {name}{_suggestion(name, known)}"
 
 
 def _suggestion(name: str, known: Mapping[str, Parameter]) -> str:

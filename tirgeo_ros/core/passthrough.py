@@ -37,7 +37,7 @@ class Passthrough:
         self._position_source = source
         rtk = source is Source.RTK_POSITION
         self._velocity_source = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
-        self._lever_b = (config.rtk if rtk else config.gps).lever_arm_b
+        self._lever_b = config.aircraft.antenna_b(source)
         self._default_covariance = np.diag(np.array(config.gps.position_sigma_m) ** 2)
         if rtk:
             self._default_covariance = np.eye(3) * config.rtk.position_sigma_floor_m**2

@@ -7,15 +7,13 @@ extrapolated here.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from enum import Enum
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from tirgeo_ros.core.attitude import slerp
 from tirgeo_ros.core.samples import Array, BodyPose, CameraPose
+from tirgeo_ros.core.validity import pose_fault
 
 T = TypeVar("T")
 P = TypeVar("P", BodyPose, CameraPose)
@@ -109,11 +107,13 @@ class PoseHistory(Generic[P]):
     """Body or camera poses of the newest ``span_s`` seconds.
 
     ``max_gap_s`` is the longest time between two poses that is interpolated across. ``invalid``
-    counts the poses that were refused, ``went_back`` the stamps that made it start again.
+    counts the poses that were refused, ``fault`` says why the newest of them was; ``went_back``
+    counts the stamps that made it start again.
     """
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
         self.invalid = 0
+        self.fault = ""
         self.max_gap_s = max_gap_s
         self._history: StampedHistory[P] = StampedHistory(span_s, max_gap_s)
 
@@ -140,9 +140,11 @@ class PoseHistory(Generic[P]):
         self._history.clear()
 
     def add(self, pose: P) -> bool:
-        """Take a pose; False, and counted, if it is not finite or turned by no unit quaternion."""
-        if not _is_sound(pose):
+        """Take a pose; False, and counted with the reason, if it cannot be one (``validity``)."""
+        fault = pose_fault(pose.position_n, attitude_of(pose), pose.covariance)
+        if fault:
             self.invalid += 1
+            self.fault = fault
             return False
         self._history.put(pose.stamp_ns, pose)
         return True
@@ -159,16 +161,6 @@ class PoseHistory(Generic[P]):
 def attitude_of(pose: BodyPose | CameraPose) -> Array:
     """``q_nb`` of a body pose, ``q_nc`` of a camera pose."""
     return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
-
-
-def _is_sound(pose: BodyPose | CameraPose) -> bool:
-    """Finite, and turned by a quaternion of unit length within what messages and sums leave."""
-    w, x, y, z = attitude_of(pose).tolist()
-    if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # nor is it for NaN and infinity
-        return False
-    # a sum, and one of squares, is finite only where every number in it is
-    squares = np.vdot(pose.covariance, pose.covariance)
-    return math.isfinite(sum(pose.position_n.tolist())) and math.isfinite(squares)
 
 
 def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:

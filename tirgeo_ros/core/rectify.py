@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.errors import CameraError
 from tirgeo_ros.core.polylines import BoolArray
 from tirgeo_ros.core.text import Pixels
 
@@ -18,6 +19,7 @@ Places = npt.NDArray[np.float32]
 
 _GROUND_BGR, _HATCH_BGR, _EDGE_BGR = (24, 24, 24), (40, 40, 110), (60, 60, 230)
 _HATCH_PX = 12
+_MOST_PIXELS = 10_000_000  # cinema 4K has 9; the maps take 80 bytes for each while they are made
 
 
 class Rectifier:
@@ -27,6 +29,10 @@ class Rectifier:
     """
 
     def __init__(self, camera: Camera) -> None:
+        """Raise CameraError for more pixels than memory should go to."""
+        if camera.width * camera.height > _MOST_PIXELS:
+            size = f"{camera.width}x{camera.height}"
+            raise CameraError(f"camera: {size} pixels are too many to rectify: set rectify false")
         self.camera = Camera(
             camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
         )

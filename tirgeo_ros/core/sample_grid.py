@@ -144,7 +144,7 @@ class SampleGrid:
         self._shaking += float(((times - phase - slots) ** 2).sum())
         lowest = int(slots[0]) if fresh else 1
         slots = np.maximum(slots, lowest) - lowest
-        sums, counts = _binned(slots, values)
+        sums, counts = binned(slots, values)
         empty = counts == 0
         self.irregularities.gaps += int((empty[1:] & ~empty[:-1]).sum() + empty[0])
         self.irregularities.missing += max(len(counts) - len(values), 0)
@@ -153,7 +153,8 @@ class SampleGrid:
         return Piece(round(begin_ns), fresh, sums, counts)
 
 
-def _binned(slots: Stamps, values: Array) -> tuple[Array, Array]:
+def binned(slots: Stamps, values: Array) -> tuple[Array, Array]:
+    """Sums (n, channels) and numbers (n,) of the samples in each slot; ``slots`` does not fall."""
     size = int(slots[-1]) + 1
     if size == len(slots):  # each slot once, as ``slots`` does not fall
         counts = np.bincount(slots, minlength=size)

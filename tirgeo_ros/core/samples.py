@@ -34,6 +34,7 @@ class Source(Enum):
     RTK_HEADING = "rtk_heading"
     GPS_POSITION = "gps_position"
     GPS_VELOCITY = "gps_velocity"
+    AUTOPILOT_HEADING = "autopilot_heading"
 
     # Members are single objects: Enum's own hash, of the name, costs ten times as much.
     __hash__ = object.__hash__
@@ -79,6 +80,15 @@ class HeadingSample:
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
     variance_rad2: float  # not positive: not known
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotHeading:
+    """The nose's azimuth by the autopilot's own attitude; the filter's last resort."""
+
+    stamp_ns: int
+    heading_rad: float  # 0 = true north, clockwise
+    variance_rad2: float
 
 
 NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
@@ -150,6 +160,7 @@ class Outcome(Enum):
     GATED = "gated"  # the innovation is larger than the gate allows
     TOO_OLD = "too_old"  # older than the history
     TOO_NEW = "too_new"  # measured after the newest IMU sample can reach
+    TOO_MANY = "too_many"  # more of them wait for the IMU than are kept: given up
     OUT_OF_ORDER = "out_of_order"  # an IMU stamp not later than the one before
     TIME_JUMP = "time_jump"  # the clock went back: the filter starts again
     GAP = "gap"  # IMU samples missing for too long: the filter starts again
@@ -172,6 +183,7 @@ class Verdict(NamedTuple):
     reason: str = ""
     test_ratio: float = float("nan")  # innovation over gate, squared; > 1 is refused
     innovation: tuple[float, ...] = ()
+    nis: float = float("nan")  # normalised innovation squared over its degrees of freedom
 
     @property
     def used(self) -> bool:
@@ -212,3 +224,10 @@ class NavigationStatus:
     state_s: float = 0.0  # for how long it has been in this state
     resets: dict[str, int] = field(default_factory=dict)  # source -> number
     last_reset: str = ""  # what the newest reset changed, and by how much
+    clipped: dict[str, int] = field(default_factory=dict)  # channel of the IMU -> samples
+    warnings: tuple[str, ...] = ()  # what is wrong although it navigates, with reasons
+    nis: dict[str, float] = field(default_factory=dict)  # source -> mean of 30 s over degrees
+    process_noise: str = ""  # where the filter's noise of the IMU comes from
+    vibration: tuple[
+        float, ...
+    ] = ()  # densities: rad/sqrt(s) of gyroscopes, m/s/sqrt(s) of accel.

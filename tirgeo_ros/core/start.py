@@ -11,9 +11,17 @@ from tirgeo_ros.core.aiding.control import Control, Receivers, Track
 from tirgeo_ros.core.alignment import Alignment
 from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import GPS_ERROR, HEADING_ERROR, POSITION, STATES, states_of
+from tirgeo_ros.core.error_state import (
+    ANTENNA,
+    GPS_ERROR,
+    POSITION,
+    STATES,
+    has_antenna,
+    heading_error,
+    states_of,
+)
 from tirgeo_ros.core.samples import Array, Source
-from tirgeo_ros.core.strapdown import Vector, rotate
+from tirgeo_ros.core.strapdown import Vector, matrix, rotate
 
 
 def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
@@ -22,7 +30,9 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     covariance = np.zeros((states, states))
     covariance[:STATES, :STATES] = alignment.covariance
     covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
-    if states > HEADING_ERROR:
+    if has_antenna(states):
+        _add_antenna(config, alignment, covariance)
+    if heading_error(states) is not None:
         _add_heading_error(config, alignment, covariance)
     control = Control(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
@@ -40,6 +50,15 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     return Belief(alignment.state, covariance, control)
 
 
+def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
+    """The RTK antenna's place, which a position found from it is off by, negated."""
+    effect = np.zeros((len(covariance), 3))
+    effect[ANTENNA] = np.eye(3)
+    if Source.RTK_POSITION in alignment.sources:
+        effect[POSITION] = -matrix(rotation_of(alignment.state.q_nb))
+    covariance += effect @ np.diag(config.aircraft.rtk_lever_sigma_b**2) @ effect.T
+
+
 def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
     """The headings' slow error, which a heading from them has too, negated.
 
@@ -47,10 +66,11 @@ def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Arra
     ``R_true l = R l + phi x R l``.
     """
     effect = np.zeros(len(covariance))
-    effect[HEADING_ERROR] = -1.0
+    effect[-1] = -1.0
     if Source.RTK_HEADING in alignment.sources:
-        receiver = config.rtk if Source.RTK_POSITION in alignment.sources else config.gps
-        lever_b: Vector = tuple(receiver.lever_arm_b.tolist())
+        rtk = Source.RTK_POSITION in alignment.sources
+        antenna_b = config.aircraft.antenna_b(Source.RTK_POSITION if rtk else Source.GPS_POSITION)
+        lever_b: Vector = tuple(antenna_b.tolist())
         north, east, _ = rotate(rotation_of(alignment.state.q_nb), lever_b)
         effect[2], effect[POSITION] = 1.0, (east, -north, 0.0)
     covariance += math.radians(config.heading.bias_sigma_deg) ** 2 * np.outer(effect, effect)

@@ -21,6 +21,7 @@ _LEAST = np.array([0.005] * 3 + [0.05] * 3)  # 0.3 deg/s; 0.3 deg of tilt
 _SHAKEN = 3.0  # times the usual scatter within a second
 _FEWEST = 20  # seconds that tell what is usual
 _FEWEST_OF_DRIFT = 120
+_ALL_ALONG_RAD_S = 0.01  # usual change of turning over two seconds: no sensor at rest has it
 _JOIN_S = 5.0  # moved seconds no farther apart make one interval
 _SURE = 5.0  # standard deviations of a slope of white noise
 _STEADY = 0.9  # share of a series' variance that its slope or its settling explains
@@ -79,9 +80,23 @@ def movements(seconds: Seconds) -> list[Interval]:
     # From the second before to the second after: an IMU that stays tilted has moved once.
     jumps = np.abs(seconds.means[2:] - seconds.means[:-2])
     usual = 1.4826 * np.median(jumps, axis=0)
+    if usual[:3].max() > _ALL_ALONG_RAD_S:  # then nothing stands out
+        return [Interval(float(seconds.starts_s[0]), float(seconds.starts_s[-1]) + 1.0)]
     moved[1:-1] = (jumps > np.maximum(_SCATTERS * usual, _LEAST)).any(axis=1)
     limit = np.maximum(_SHAKEN * np.median(seconds.scatters, axis=0), _LEAST)
     return _intervals(seconds.starts_s[moved | (seconds.scatters > limit).any(axis=1)])
+
+
+def largest_move(seconds: Seconds, found: Sequence[Interval]) -> tuple[float, float]:
+    """By how much the IMU moved in these intervals: rad/s, m/s2; the worst axis of the worst."""
+    moves = [np.zeros(6)]
+    for one in found:
+        # From the second before, for what it turned away from.
+        inside = (seconds.starts_s >= one.from_s - 1.5) & (seconds.starts_s < one.to_s)
+        spread = np.ptp(seconds.means[inside], axis=0)
+        moves.append(np.maximum(spread, seconds.scatters[inside].max(axis=0)))
+    worst = np.max(moves, axis=0)
+    return float(worst[:3].max()), float(worst[3:].max())
 
 
 def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> Interval:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.geodesy import EARTH_RATE_RAD_S, earth_at
 from tirgeo_ros.core.samples import Array
 
@@ -32,6 +31,7 @@ class NavState(NamedTuple):
     gyro_bias_b: Vector  # rad/s, to be taken from the reading
     accel_bias_b: Vector  # m/s2, to be taken from the reading
     correction_n: Vector  # m, sum of all position corrections so far
+    push_n: Vector = (0.0, 0.0, 0.0)  # m/s, sum of all velocity corrections so far
 
 
 class Rates(NamedTuple):
@@ -86,7 +86,8 @@ def propagate(
     Written out in scalars in one piece: it runs at every IMU sample, and again for each when a
     measurement comes late, and calls would cost as much as the arithmetic.
     """
-    (w, x, y, z), (north, east, down), latitude, longitude, height, gyro, accel, moved = state
+    (w, x, y, z), (north, east, down), latitude, longitude, height, *rest = state
+    gyro, accel, moved, pushed = rest
     # Readings without their biases; the body turns during the step: the force at its middle.
     tx = (angular_rate_b[0] - gyro[0]) * step_s
     ty = (angular_rate_b[1] - gyro[1]) * step_s
@@ -97,7 +98,11 @@ def propagate(
     fx = ax + 0.5 * (ty * az - tz * ay)
     fy = ay + 0.5 * (tz * ax - tx * az)
     fz = az + 0.5 * (tx * ay - ty * ax)
-    rotation = r0, r1, r2, r3, r4, r5, r6, r7, r8 = rotation_of((w, x, y, z))
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    wx, wy, wz = w * x, w * y, w * z
+    r0, r1, r2 = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    r3, r4, r5 = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    r6, r7, r8 = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
     fn = r0 * fx + r1 * fy + r2 * fz
     fe = r3 * fx + r4 * fy + r5 * fz
     fd = r6 * fx + r7 * fy + r8 * fz
@@ -123,7 +128,13 @@ def propagate(
         longitude_1 = math.remainder(longitude_1, 2 * math.pi)
     # Attitude: the body's turn on the right, the axes' on the left. The latter is below 1e-6 rad
     # in a step: its rotation vector's half is its quaternion, to 1e-12.
-    qw, qx, qy, qz = quaternion_of(tx, ty, tz)
+    angle2 = tx * tx + ty * ty + tz * tz
+    if angle2 < 1e-6:  # as quaternion_of
+        qw, scale = 1 - angle2 / 8 + angle2 * angle2 / 384, 0.5 - angle2 / 48
+    else:
+        angle = math.sqrt(angle2)
+        qw, scale = math.cos(0.5 * angle), math.sin(0.5 * angle) / angle
+    qx, qy, qz = scale * tx, scale * ty, scale * tz
     n, e, d = -half * wn, -half * over_e, -half * wd
     w, x, y, z = (
         w - n * x - e * y - d * z,
@@ -149,12 +160,13 @@ def propagate(
                 gyro,
                 accel,
                 moved,
+                pushed,
             ),
         ),
         tuple.__new__(
             Rates,
             (
-                rotation,
+                (r0, r1, r2, r3, r4, r5, r6, r7, r8),
                 (fn, fe, fd),
                 (earth_n, 0.0, earth_d),
                 (over_n, over_e, over_d),

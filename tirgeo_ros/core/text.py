@@ -18,13 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.wording import cut
 
 Pixels = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
-_CACHED = 1024
+_CACHED, _PASSING = 1024, 24  # texts
 #: Of these parts of a picture's width and height is a text: 9 px on a phone 360 px wide.
 _WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
@@ -109,14 +110,24 @@ class Stamp:
         cv2.add(below, ink, dst=below)
 
 
-@lru_cache(maxsize=_CACHED)
 def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
-    """A text in a BGR colour with a dark halo. Control characters become spaces."""
-    shown = "".join(c if c.isprintable() else " " for c in text)
-    if len(shown) > LONGEST:
-        shown = shown[: LONGEST - 1] + "\u2026"
-    alpha = coverage(shown, size_px)
+    """A text in a BGR colour with a dark halo, cut at ``LONGEST``. Controls become spaces."""
+    return _stamp(cut(text, LONGEST), size_px, colour)
+
+
+def passing_stamp(text: str, size_px: int, colour: Colour) -> Stamp:
+    """The same of words of the moment, which will not come again: few are remembered."""
+    return _kept_briefly(cut(text, LONGEST), size_px, colour)
+
+
+def _rendered(text: str, size_px: int, colour: Colour) -> Stamp:
+    alpha = coverage("".join(c if c.isprintable() else " " for c in text), size_px)
     return Stamp.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
+
+
+_stamp = lru_cache(maxsize=_CACHED)(_rendered)
+#: Seconds that are counted, in a reason of 60 characters, would fill the other with 70 MB.
+_kept_briefly = lru_cache(maxsize=_PASSING)(_rendered)
 
 
 def composed(width: int, height: int, parts: Sequence[tuple[Stamp, int, int]]) -> Stamp:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from tirgeo_ros.core.aiding.belief import Aiding, Belief, source_of
+from tirgeo_ros.core.aiding.belief import Aidlike, Belief, source_of
 from tirgeo_ros.core.aiding.control import PLACE, Control
 from tirgeo_ros.core.samples import Array, ImuSample, Outcome, Source, Verdict
 from tirgeo_ros.core.strapdown import NavState, Rates, Vector
+from tirgeo_ros.core.vibration import STILL, Powers, VibrationMeter
 
 
 class Carried(NamedTuple):
@@ -20,6 +21,7 @@ class Carried(NamedTuple):
     lag_s: float = 0.0
     start: NavState | None = None  # the state that the covariance belongs to
     rates: Rates | None = None  # about the middle of the lag
+    vibration: Powers = STILL  # of the IMU, lately
 
     @property
     def belief(self) -> Belief:
@@ -34,7 +36,7 @@ class Record:
     stamp_ns: int
     order: tuple[int, int]  # of one instant, always in the same order
     source: Source
-    sample: Aiding
+    sample: Aidlike
     stale: bool = False  # it says what the one before said
     held: bool = False  # it came before the IMU reached it
     verdict: Verdict | None = None
@@ -45,7 +47,7 @@ class Record:
         return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
     @classmethod
-    def of(cls, sample: Aiding, *, stale: bool = False) -> Record:
+    def of(cls, sample: Aidlike, *, stale: bool = False) -> Record:
         """The record of a sample."""
         source = source_of(sample)
         return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
@@ -62,6 +64,8 @@ class Epoch:
     step_s: float = 0.0  # length of the interval
     mean_force_b: Vector = (0.0, 0.0, 0.0)
     mean_rate_b: Vector = (0.0, 0.0, 0.0)
+    vibration: Powers = STILL
+    autopilot_q_nb: Array | None = None
     records: list[Record] = field(default_factory=list)  # of the interval, in order
 
     @classmethod
@@ -71,18 +75,25 @@ class Epoch:
         return cls(stamp_ns, tuple(force), tuple(rate), Carried(*belief))
 
     @classmethod
-    def after(cls, before: Epoch, sample: ImuSample) -> Epoch:
+    def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Epoch:
         """The epoch of the next sample; its belief is yet that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
+        step_s = (sample.stamp_ns - before.stamp_ns) * 1e-9
+        fx, fy, fz = force
+        wx, wy, wz = rate
+        gx, gy, gz = before.force_b
+        vx, vy, vz = before.rate_b
         return cls(
             sample.stamp_ns,
             force,
             rate,
             before.carried,
-            (sample.stamp_ns - before.stamp_ns) * 1e-9,
-            mixed(before.force_b, force, 0.5),
-            mixed(before.rate_b, rate, 0.5),
+            step_s,
+            (0.5 * (gx + fx), 0.5 * (gy + fy), 0.5 * (gz + fz)),
+            (0.5 * (vx + wx), 0.5 * (vy + wy), 0.5 * (vz + wz)),
+            meter.add(step_s, force, rate),
+            sample.autopilot_q_nb,
         )
 
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+import numpy as np
+
+from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.samples import (
     Array,
     HeadingSample,
@@ -12,12 +16,16 @@ from tirgeo_ros.core.samples import (
     PositionSample,
 )
 
+#: Where there is air to fly in, and a good deal more.
 LARGEST_HEIGHT_M = 50_000.0
+#: No two such places are further apart: the earth's diameter (WGS84) and twice the height.
+_LARGEST_DISTANCE_M = 2 * (SEMI_MAJOR_AXIS_M + LARGEST_HEIGHT_M)
 # Beyond the full scale of any IMU on an aircraft (40 g, 4000 deg/s), and its fastest flight.
 _LARGEST_FORCE_M_S2 = 400.0
 _LARGEST_RATE_RAD_S = 70.0
 _LARGEST_SPEED_M_S = 1e3
-_LARGEST_VARIANCE = 1e30
+_LARGEST_ANGLE_RAD = 1e6  # a joint that turns on, once a second, for two days
+_LARGEST_VARIANCE = 1e30  # m2, (m/s)2, rad2: some send as much for "unknown"
 _ROUNDING = 1e-6  # of a covariance that was sent in single precision
 
 
@@ -26,8 +34,8 @@ def fault_of(sample: NavigationInput) -> str:
     if isinstance(sample, ImuSample):
         return _imu_fault(sample)
     if isinstance(sample, HeadingSample):
-        finite = math.isfinite(sample.heading_rad) and math.isfinite(sample.variance_rad2)
-        return "" if finite else "heading is not finite"
+        known = math.isfinite(sample.heading_rad) and abs(sample.variance_rad2) < _LARGEST_VARIANCE
+        return "" if known else "heading is not finite"
     if isinstance(sample, PositionSample):
         return _position_fault(sample) or _covariance_fault(sample.covariance_n)
     velocity_n = sample.velocity_n.tolist()
@@ -35,6 +43,27 @@ def fault_of(sample: NavigationInput) -> str:
         finite = all(map(math.isfinite, velocity_n))
         return f"velocity is {'out of range' if finite else 'not finite'}"
     return _covariance_fault(sample.covariance_n)
+
+
+def pose_fault(position_n: Array, q: Array, covariance: Array) -> str:
+    """Why a pose in a tangent plane cannot be used: (3,) m, (4,) wxyz, (6, 6); or empty.
+
+    The quaternion is of unit length within what messages and sums leave.
+    """
+    if not _within(position_n.tolist(), _LARGEST_DISTANCE_M):
+        return "position is not finite, or not on this earth"
+    w, x, y, z = q.tolist()
+    if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # nor is it for NaN and infinity
+        return "attitude is no unit quaternion"
+    # No entry of a covariance is larger than the largest variance.
+    if not np.vdot(covariance, covariance) < covariance.size * _LARGEST_VARIANCE**2:
+        return "covariance is not finite"
+    return "" if covariance.diagonal().min() > -_ROUNDING else "covariance is not positive"
+
+
+def joints_fault(angles_rad: tuple[float, float, float]) -> str:
+    """Why angles of joints cannot be used, or an empty string."""
+    return "" if _within(angles_rad, _LARGEST_ANGLE_RAD) else "angle is not finite or no angle"
 
 
 def usable_attitude(q: Array | None) -> bool:
@@ -50,28 +79,32 @@ def _imu_fault(sample: ImuSample) -> str:
     return f"force or rate is {'out of range' if finite else 'not finite'}"
 
 
-def _within(vector: list[float], limit: float) -> bool:
+def _within(vector: Sequence[float], limit: float) -> bool:
     """Whether no entry is larger; false for a NaN."""
     x, y, z = vector
     return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
 
 
-def _position_fault(sample: PositionSample) -> str:
-    place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
-    if not all(math.isfinite(value) for value in place):
+def place_fault(latitude_rad: float, longitude_rad: float, height_m: float) -> str:
+    """Why a place cannot be one of this earth's, or an empty string."""
+    if not all(map(math.isfinite, (latitude_rad, longitude_rad, height_m))):
         return "position is not finite"
-    if abs(sample.latitude_rad) > math.pi / 2 or abs(sample.longitude_rad) > 2 * math.pi:
+    if abs(latitude_rad) > math.pi / 2 or abs(longitude_rad) > 2 * math.pi:
         return "latitude or longitude is out of range"
+    return "" if abs(height_m) < LARGEST_HEIGHT_M else "height is out of range"
+
+
+def _position_fault(sample: PositionSample) -> str:
     if sample.latitude_rad == 0 and sample.longitude_rad == 0:
         return "position is 0, 0: receivers say so when they have none"
-    return "" if abs(sample.height_m) < LARGEST_HEIGHT_M else "height is out of range"
+    return place_fault(sample.latitude_rad, sample.longitude_rad, sample.height_m)
 
 
 def _covariance_fault(covariance: Array) -> str:
-    rows = covariance.tolist()
-    if not all(-_LARGEST_VARIANCE < value < _LARGEST_VARIANCE for row in rows for value in row):
+    (a, b, c), (b2, d, e), (c2, e2, f) = covariance.tolist()
+    total = abs(a) + abs(b) + abs(c) + abs(d) + abs(e) + abs(f) + abs(b2) + abs(c2) + abs(e2)
+    if not total < _LARGEST_VARIANCE:  # nor is a NaN
         return "covariance is not finite"
-    (a, b, c), (b2, d, e), (c2, e2, f) = rows
     if a <= 0 or d <= 0 or f <= 0:  # the message says that it does not know
         return ""
     largest = max(a, d, f)

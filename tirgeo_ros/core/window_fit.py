@@ -25,9 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.attitude import matrix_from_rotvec, skew, wrap_pi
-from tirgeo_ros.core.config import ImuConfig
 from tirgeo_ros.core.inertial_window import Biases, Window
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.vibration import Powers
 
 _NOISE_STEP_NS = 20_000_000
 _NOISE_STEPS = 100
@@ -75,7 +75,7 @@ class Fit:
 class _Terms:
     """What the model needs of each observation: its scalars, its body vector, its IMU errors."""
 
-    def __init__(self, window: Window, seen: Sequence[Observation], imu: ImuConfig) -> None:
+    def __init__(self, window: Window, seen: Sequence[Observation], powers: Powers) -> None:
         at = window.at([o.stamp_ns for o in seen])
         kinds = np.array([o.kind.value for o in seen])
         self._is_velocity = kinds == Kind.VELOCITY.value
@@ -94,8 +94,7 @@ class _Terms:
         self.of_biases = np.einsum("kmij,m->kij", kernels, steps)
         swing = self._is_velocity[:, None, None] * (window.to_end[at] @ skew(arms))
         self.of_biases[:, :, :3] += swing
-        density = np.square([*imu.angle_random_walk, *imu.velocity_random_walk])
-        flat = (kernels * np.sqrt(density * steps[:, None, None])).swapaxes(1, 2)
+        flat = (kernels * np.sqrt(np.array(powers) * steps[:, None, None])).swapaxes(1, 2)
         flat = flat.reshape(3 * len(seen), -1)
         self.imu_noise = flat @ flat.T  # (3 m, 3 m) in the last body frame
 
@@ -140,18 +139,20 @@ def fit(
     start_nb: Array,
     gravity_m_s2: float,
     biases: Biases,
-    imu: ImuConfig,
+    powers: Powers,
 ) -> Fit:
     """Fit the state to the observations; ``settled`` where the steps came to an end.
 
-    ``start_nb`` (3, 3) is an attitude right to some tens of degrees; ``biases`` are those that
-    ``integrate`` took out. The observations must hold azimuths, velocities or positions at three
-    instants, and a position.
+    ``start_nb`` (3, 3) is an attitude right to some tens of degrees; ``biases`` are what is known
+    before, near those that ``integrate`` took out; ``powers`` are the densities of the IMU's
+    white noise. The observations must hold azimuths, velocities or positions at three instants,
+    and a position.
     """
-    terms = _Terms(window, seen, imu)
+    terms = _Terms(window, seen, powers)
     measured = _measured_noise(seen)
     prior = np.zeros((15, 15))
     prior[9:, 9:] = np.linalg.inv(biases.covariance)
+    beside = window.taken - np.array([*biases.gyro_b, *biases.accel_b])
     rotation, rest = start_nb, np.zeros(12)
     for _ in range(_ITERATIONS):
         projection = _projections(seen, terms.body @ rotation.T)
@@ -162,7 +163,7 @@ def fit(
         white = root @ design
         information = white.T @ white + prior
         gradient = white.T @ (root @ residual)
-        gradient[9:] -= prior[9:, 9:] @ rest[6:]
+        gradient[9:] -= prior[9:, 9:] @ (rest[6:] + beside)
         step = np.linalg.solve(information, gradient)
         rotation = matrix_from_rotvec(np.asarray(step[:3], float)) @ rotation
         rest = rest + step[3:]
@@ -170,7 +171,7 @@ def fit(
         if settled:
             break
     left = residual - design @ step
-    return _result(rotation, rest, biases, information, settled, (seen, left, design, noise))
+    return _result(rotation, rest, window.taken, information, settled, (seen, left, design, noise))
 
 
 def _residual(
@@ -239,7 +240,7 @@ def _measured_noise(seen: Sequence[Observation]) -> Array:
 def _result(
     rotation: Array,
     rest: Array,
-    biases: Biases,
+    taken: Array,
     information: Array,
     settled: bool,
     left: tuple[Sequence[Observation], Array, Array, Array],
@@ -261,7 +262,7 @@ def _result(
         rotation,
         rest[:3],
         rest[3:6],
-        rest[6:] + np.array([*biases.gyro_b, *biases.accel_b]),
+        rest[6:] + taken,
         covariance,
         float(np.sqrt(max(known[0, 0], known[1, 1]))),
         parts,

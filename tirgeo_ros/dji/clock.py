@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tirgeo_ros.core.config.aircraft import DjiClockConfig
+from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.counter import LONGEST_EXTRA_NS, RunningCounter
 from tirgeo_ros.dji.envelope import LowerEnvelope
 

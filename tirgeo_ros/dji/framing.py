@@ -31,7 +31,7 @@ _FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequenc
 _CRC16, _CRC32 = Struct("<H"), Struct("<I")
 _SOF = 0xAA
 _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
-_PLAIN, _AES_256 = 0, 1
+PLAIN, _AES_256 = 0, 1
 
 
 class Frame(NamedTuple):
@@ -184,7 +184,7 @@ class FrameReader:
             whole[HEADER_BYTES:-_CRC32_BYTES],
             is_encrypted=False,
         )
-        return self._decrypted(frame) if frame.encryption != _PLAIN else frame
+        return self._decrypted(frame) if frame.encryption != PLAIN else frame
 
     def _decrypted(self, frame: Frame) -> Frame:
         """In clear, if it can be; counted."""

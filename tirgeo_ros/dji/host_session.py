@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from tirgeo_ros.core.config.aircraft import RATE_CODES, DjiHostConfig
+from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.activation import Activation
 from tirgeo_ros.dji.commands import SetRates, decode_code, encode_request, explain

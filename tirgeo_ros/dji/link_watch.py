@@ -1,7 +1,7 @@
 """What to tell a person about the serial link: a word, a line and a level.
 
 The port's own state tells whether it is open; what comes through it tells whether the cable, the
-aircraft's settings and the rate are right.
+aircraft's settings, the rate and the key are right.
 """
 
 from __future__ import annotations
@@ -17,6 +17,10 @@ PATIENCE_S = 2.0
 _STEP_S = 0.1  # between the looks that are remembered
 #: Bytes so soon after a frame are the beginning of one that was cut, not another rate's.
 _CUT_FRAME_S = 0.2
+
+#: Of frames that come, as many locked ones (percent) mean that the key is not the aircraft's. Of
+#: those that a wrong key opens, one in 256 looks right by chance.
+_LOCKED_PERCENT = 90
 
 #: Rates of DJI's own samples and wrapper, the likelier one first.
 USUAL_BAUDS = (921600, 230400, 115200, 1000000)
@@ -42,6 +46,7 @@ class LinkCondition(Enum):
     WAITING = "waiting"  # just opened
     SILENT = "silent"  # open, no bytes
     WRONG_BAUD = "wrong_baud"  # bytes, no frame
+    WRONG_KEY = "wrong_key"  # frames, but encrypted with another key or with one that is not given
     RECEIVING = "receiving"
 
 
@@ -67,17 +72,18 @@ class _Look(NamedTuple):
     now_s: float
     byte_count: int
     frame_count: int
+    locked_count: int
 
 
 class LinkWatch:
-    """Watches the port ``port`` that is read with ``baud``."""
+    """Watches the port ``port`` that is read with ``baud``, and with a key or without."""
 
-    def __init__(self, port: str, baud: int) -> None:
-        self._port, self._baud = port, baud
+    def __init__(self, port: str, baud: int, *, has_key: bool = False) -> None:
+        self._port, self._baud, self._has_key = port, baud, has_key
         self._looks: deque[_Look] = deque()
         self._heard_bytes_s = self._heard_frame_s = float("-inf")
         self._opened_s = float("-inf")
-        self._last = _Look(0.0, 0, 0)
+        self._last = _Look(0.0, 0, 0, 0)
         self._report: LinkReport | None = None
 
     @property
@@ -86,15 +92,21 @@ class LinkWatch:
         return self._report
 
     def look(
-        self, now_s: float, state: LinkState, message: str, byte_count: int, frame_count: int
+        self,
+        now_s: float,
+        state: LinkState,
+        message: str,
+        byte_count: int,
+        frame_count: int,
+        locked_count: int = 0,
     ) -> LinkReport | None:
         """Take the port's state and message, and how many bytes and frames came in all.
 
         Returns the report if the condition is another than at the last look, else None.
-        ``now_s``: a steady clock's.
+        ``now_s``: a steady clock's. ``locked_count``: of the frames those that no key opened.
         """
         if state is LinkState.OPEN:
-            condition = self._listen(_Look(now_s, byte_count, frame_count))
+            condition = self._listen(_Look(now_s, byte_count, frame_count, locked_count))
             message = self._message(condition)
         else:
             self._looks.clear()
@@ -106,13 +118,20 @@ class LinkWatch:
     def _listen(self, look: _Look) -> LinkCondition:
         self._note(look)
         if look.now_s - self._heard_frame_s < PATIENCE_S:
-            return LinkCondition.RECEIVING
+            return LinkCondition.WRONG_KEY if self._locked else LinkCondition.RECEIVING
         if look.now_s - self._opened_s < PATIENCE_S:
             return LinkCondition.WAITING
         garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
         if garbage and look.now_s - self._heard_bytes_s < PATIENCE_S:
             return LinkCondition.WRONG_BAUD
         return LinkCondition.SILENT
+
+    @property
+    def _locked(self) -> bool:
+        """Whether nearly all frames of the last two seconds are locked."""
+        first, last = self._looks[0], self._last
+        locked = last.locked_count - first.locked_count
+        return 0 < _LOCKED_PERCENT * (last.frame_count - first.frame_count) <= 100 * locked
 
     def _note(self, look: _Look) -> None:
         if not self._looks:  # what came before the port was open does not count
@@ -142,6 +161,12 @@ class LinkWatch:
             return (
                 f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
                 "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
+            )
+        if condition is LinkCondition.WRONG_KEY:
+            wrong = "is not the aircraft's" if self._has_key else "is not set"
+            return (
+                f"frames come, but they are encrypted and the parameter key {wrong}: set it to "
+                "the app key with which the aircraft was activated (DJI's developer site)"
             )
         others = ", ".join(str(baud) for baud in USUAL_BAUDS if baud != self._baud)
         return (

@@ -9,11 +9,11 @@ from __future__ import annotations
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clock import AircraftClock
 from tirgeo_ros.dji.encryption import parse_key
-from tirgeo_ros.dji.framing import Frame, FrameReader
+from tirgeo_ros.dji.framing import PLAIN, Frame, FrameReader
 from tirgeo_ros.dji.host_session import HostSession
 from tirgeo_ros.dji.readings import Reading
 from tirgeo_ros.dji.subscription import PackageTable
-from tirgeo_ros.dji.telemetry import Clocks, Telemetry
+from tirgeo_ros.dji.telemetry import PUSH_SET, Clocks, Telemetry
 from tirgeo_ros.dji.tick_clock import LONG_TICK_NS, TickClock
 
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
@@ -35,6 +35,7 @@ class SerialRoad:
         self._telemetry = Telemetry(clocks, packages)
         self._host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
+        self._locked = 0
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
 
     def take(
@@ -73,6 +74,7 @@ class SerialRoad:
     def _read(self, frames: list[Frame], arrivals: list[int], now_s: float) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
+            self._locked += _is_locked(frame)
             self._host.take(frame, now_s)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
@@ -92,6 +94,11 @@ class SerialRoad:
         return self._frames.counts["frames"]
 
     @property
+    def locked(self) -> int:
+        """How many of the frames were encrypted, and not opened by the key or by none."""
+        return self._locked
+
+    @property
     def host_message(self) -> str:
         """What the host's side says to a person."""
         return self._host.message
@@ -109,3 +116,9 @@ class SerialRoad:
         for name, clock in clocks.items():
             found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
         return found | self._host.diagnostics
+
+
+def _is_locked(frame: Frame) -> bool:
+    """Whether a frame's data is unread, or makes no sense: what an aircraft sends is pushed."""
+    opened = frame.encryption != PLAIN and not frame.is_ack
+    return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)

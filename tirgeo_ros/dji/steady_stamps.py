@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tirgeo_ros.core.config.aircraft import DjiClockConfig
+from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.clock import AircraftClock
 from tirgeo_ros.dji.envelope import Point, middle_slope
 

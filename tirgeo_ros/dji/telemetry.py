@@ -31,7 +31,7 @@ from tirgeo_ros.dji.readings import (
 from tirgeo_ros.dji.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.subscription import PackageTable, Push, decode_push
 
-_PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
+PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
 _RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
 _GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
 _RAW_DEG = math.radians(1e-7)
@@ -77,9 +77,9 @@ class Telemetry:
 
     def read(self, frame: Frame, arrival_ns: int) -> list[Reading]:
         """The readings of a frame that came in at ``arrival_ns``, in the order of their use."""
-        if frame.cmd_set == _PUSH_SET and frame.cmd_id == _BROADCAST:
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
             return self._read_broadcast(frame.value, arrival_ns)
-        if frame.cmd_set == _PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
             return self._read_push(frame.value, arrival_ns)
         self._traffic.take(frame)
         self._counts["other"] += 1

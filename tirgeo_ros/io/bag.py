@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from bisect import bisect_left
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from mmap import mmap
@@ -23,6 +22,8 @@ from tirgeo_ros.io.mcap_contents import (
     header_of,
     read_segment,
 )
+from tirgeo_ros.io.time_order import Placed, in_time_order
+from tirgeo_ros.io.whole_files import check_place, part_of
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
@@ -38,10 +39,6 @@ class BagMessage(NamedTuple):
     log_time_ns: int
     publish_time_ns: int
     data: bytes  # CDR
-
-
-#: A message behind what it is ordered by: log time, then its place in the file.
-_Placed = tuple[int, int, int, BagMessage]
 
 
 class BagReader:
@@ -62,9 +59,14 @@ class BagReader:
             raise BagError(f"{self.path}: no message can be read; {self.damage or 'it has none'}")
 
     def topics(self) -> dict[str, str]:
-        """Every topic in the bag with the name of its type."""
+        """Every topic of which the bag has messages, with the name of its type.
+
+        One that was advertised to a recorder and stayed silent is none.
+        """
         found: dict[str, str] = {}
-        for channel in self._contents.channels.values():
+        for key, channel in self._contents.channels.items():
+            if key in self._contents.empty:
+                continue
             schema = self._contents.schemas.get(channel.schema_id)
             found.setdefault(channel.topic, schema.name if schema else "")
         return dict(sorted(found.items()))
@@ -101,15 +103,12 @@ class BagReader:
 
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
         self._read = 0
-        pending: list[_Placed] = []
         with mapped(self.path) as data:
-            for segment in self._chosen(types, start_ns):
-                ready = bisect_left(pending, (segment.start_ns,))
-                yield from (message for *_, message in pending[:ready])
-                pending = pending[ready:]
-                pending += self._loaded(data, segment, types, start_ns)
-                pending.sort()
-            yield from (message for *_, message in pending)
+            parts = (
+                (segment.start_ns, self._loaded(data, segment, types, start_ns))
+                for segment in self._chosen(types, start_ns)
+            )
+            yield from in_time_order(parts, self.path)
 
     def _chosen(self, types: dict[int, tuple[str, str]], start_ns: int) -> list[Segment]:
         wanted = types.keys()
@@ -125,15 +124,13 @@ class BagReader:
 
     def _loaded(
         self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
-    ) -> list[_Placed]:
+    ) -> Iterator[Placed[BagMessage]]:
         raw = read_segment(data, segment.offset, segment.length, self._contents)
-        found = [
-            (log, segment.offset, number, BagMessage(*types[channel], log, publish, body))
-            for number, (channel, log, publish, body) in enumerate(raw)
-            if channel in types and log >= start_ns
-        ]
-        self._read += len(found)
-        return found
+        for number, (channel, log, publish, body) in enumerate(raw):
+            if channel in types and log >= start_ns:
+                self._read += 1
+                message = BagMessage(*types[channel], log, publish, body)
+                yield log, segment.offset, number, message
 
     def _checked_types(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
         """Channel to topic and type, of the topics that are wanted."""
@@ -175,14 +172,13 @@ class BagWriter:
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}
         self._schemas: dict[str, int] = {}
-        self._part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._part = part_of(self.path)
         self._file: IO[bytes]
         self._writer: Writer
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the bag to be."""
-        if self.path.exists() and not self.path.is_file():  # a device would be replaced
-            raise BagError(f"{self.path}: not a file; give the bag another name")
+        check_place(self.path, BagError)
         with self._errors():
             self._file = self._part.open("wb")
             self._writer = Writer(self._file, compression=CompressionType.ZSTD)

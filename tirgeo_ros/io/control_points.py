@@ -11,7 +11,6 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -19,7 +18,8 @@ import pyproj
 from tirgeo_ros.core.errors import SurveyError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.crs import to_wgs84
-from tirgeo_ros.io.survey import Mark, SurveyPoint, load_marks, load_survey
+from tirgeo_ros.io.survey import Mark, SurveyPoint, check_rows, load_marks, load_survey
+from tirgeo_ros.io.text_file import read_text
 
 PathLike = str | os.PathLike[str]
 
@@ -79,7 +79,8 @@ def _matched(
 
 
 def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
-    lines = _lines(path)
+    lines = read_text(path, SurveyError).splitlines()
+    check_rows(path, len(lines))
     comments = [line for line in lines if line.startswith("#")]
     named = [line.partition(":")[2].strip() for line in comments if line.startswith("#CRS:")]
     crs = points_crs or (named[0] if named else "")
@@ -129,15 +130,6 @@ def _same(one: str, other: str) -> bool:
     except pyproj.exceptions.CRSError:
         return True  # that it is none is told where it is used
     return bool(first.equals(second, ignore_axis_order=True)) or first.name == second.name
-
-
-def _lines(path: PathLike) -> list[str]:
-    try:
-        return Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise SurveyError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise SurveyError(f"{path}: not a text file in UTF-8") from None
 
 
 def _short(crs: str) -> str:

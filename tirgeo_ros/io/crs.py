@@ -69,15 +69,20 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
                 f"{where}: heights of {system.name} are none above the ellipsoid: left out",
             )
         laid[:, 2] = np.nan
-    transformer = _transformer(system)
+    transformer = _transformer(system, where)
     laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
     if len(laid):
         remarks += _shift_remarks(transformer, system, where)
     return laid, remarks
 
 
-def _transformer(system: pyproj.CRS) -> pyproj.Transformer:
-    return pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
+def _transformer(system: pyproj.CRS, where: str) -> pyproj.Transformer:
+    try:
+        return pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
+    except ProjError:
+        raise MapError(
+            f"{where}: there is no way from {system.name} to WGS84: is it of the Earth?"
+        ) from None
 
 
 def _shift_remarks(

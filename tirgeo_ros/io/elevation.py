@@ -20,6 +20,8 @@ from tirgeo_ros.core.samples import Array
 from tirgeo_ros.core.terrain import GridOf, Terrain
 from tirgeo_ros.io.elevation_grid import Tile, read_grid
 from tirgeo_ros.io.file_list import named_files
+from tirgeo_ros.io.memory import bounded_memory
+from tirgeo_ros.io.offline import check_closed, elsewhere, read_map
 
 PathLike = str | os.PathLike[str]
 
@@ -42,22 +44,32 @@ _UNITS_M = {
 }
 
 
-def load_terrain(dem: PathLike, undulation_m: float = 0.0) -> Terrain:
+def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = False) -> Terrain:
     """The elevation model of a raster file, in any coordinate system, whole.
 
     ``dem`` is a file, or several with commas: tiles of one grid, of which the first that has a
     height gives it. ``undulation_m`` is the height of the files' zero above the ellipsoid; it is
     added. No data and masked pixels become nan. A file's heights are those of its pixels' middles,
     whether it calls them areas or points. ``notes`` of the result says what a person should know:
-    more than one band, heights in feet, a vertical datum that is no ellipsoid's.
+    more than one band, heights in feet, a vertical datum that is no ellipsoid's. ``network``:
+    what a file names elsewhere may be fetched.
 
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
-    read, has no coordinate system, or is too large for the disk.
+    read, has no coordinate system of the Earth, or is too large.
     """
     paths = named_files(os.fspath(dem))
     if not paths:
         raise ElevationError(f"{os.fspath(dem)!r}: names no elevation model")
+    try:
+        with bounded_memory():
+            return read_map(partial(_loaded, paths, undulation_m), network=network)
+    except MemoryError:
+        raise ElevationError(f"{paths[0]}: does not fit into memory") from None
+
+
+def _loaded(paths: list[str], undulation_m: float) -> Terrain:
     rasterio = _rasterio(paths[0])
+    check_closed()
     with ExitStack() as opened:
         opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
         tiles, notes = [], []
@@ -76,7 +88,8 @@ def _readable(rasterio: Any, path: str) -> Iterator[None]:
         yield
     except (rasterio.errors.RasterioError, OSError) as error:
         first = str(error).partition("\n")[0]
-        raise ElevationError(f"{path}: cannot be read as a raster: {first}") from None
+        hint = elsewhere(f"{path} {first}")
+        raise ElevationError(f"{path}: cannot be read as a raster: {first}{hint}") from None
 
 
 def ground_of(config: OverlayConfig) -> Ground | None:
@@ -86,7 +99,9 @@ def ground_of(config: OverlayConfig) -> Ground | None:
     """
     if math.isfinite(config.ground_height_m):
         return config.ground_height_m
-    return load_terrain(config.dem, config.dem_undulation_m) if config.dem else None
+    if not config.dem:
+        return None
+    return load_terrain(config.dem, config.dem_undulation_m, network=config.network)
 
 
 def _rasterio(path: PathLike) -> Any:
@@ -102,6 +117,9 @@ def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple
     """An open file as a tile, and what to tell of it: (file, note)."""
     if source.crs is None or source.transform.is_identity:
         raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
+    a, b, c, d, e, f = (float(x) for x in tuple(source.transform)[:6])
+    if not all(map(math.isfinite, (c, f, a * e - b * d))) or not a * e - b * d:
+        raise ElevationError(f"{path}: its pixels cover no ground; place it (gdal_edit -a_ullr)")
     if source.dtypes[0].startswith("complex"):
         raise ElevationError(f"{path}: complex numbers are no heights")
     system = _system(path, source)
@@ -130,6 +148,11 @@ def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrai
         return Terrain(heights, _grid_of(system, transform, heights.shape), notes)
     except ElevationError as error:
         raise ElevationError(f"{name}: {error}") from None
+    except pyproj.exceptions.ProjError:
+        raise ElevationError(
+            f"{name}: there is no way from WGS84 to its coordinate system {system.name!r}: is it "
+            "of the Earth?"
+        ) from None
 
 
 def _system(name: str, source: Any) -> pyproj.CRS:

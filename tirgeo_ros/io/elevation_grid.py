@@ -17,6 +17,8 @@ from tirgeo_ros.core.errors import ElevationError
 #: More nodes than this are kept in a file that is mapped, and read where they are asked for: as
 #: float32 a quarter of a gigabyte.
 MOST_IN_MEMORY = 64_000_000
+#: More are refused: they would take more than some seconds to read, and to look through.
+_MOST_BYTES = 600_000_000
 _AT_ONCE = 12_000_000  # nodes read from a file
 #: Of a pixel: by so much tiles may be beside each other's grid. The surface moves as far.
 _OFF_PIXELS = 0.01
@@ -58,6 +60,12 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
     columns = max(each.column + each.tile.source.width for each in placed)
     rows = max(each.row + each.tile.source.height for each in placed)
     dtype = np.result_type(*map(_dtype, tiles))
+    if rows * columns * dtype.itemsize > _MOST_BYTES:
+        raise ElevationError(
+            f"{tiles[0].name}: {columns} x {rows} pixels, and at most "
+            f"{_MOST_BYTES // dtype.itemsize / 1e6:g} million are taken; cut out the flight's "
+            "surroundings (gdal_translate -projwin)"
+        )
     strips = _strips(placed, (rows, columns), dtype, guard)
     heights = _kept(strips, (rows, columns), dtype, tiles[0].name)
     return heights, _moved(tiles[0].source.transform, left, top)

@@ -1,4 +1,8 @@
-"""A map read and laid by another process, so that a running video does not wait for it.
+"""A map read and laid in a process of its own, so that the video does not wait for it.
+
+    child = MapChild()
+    contents = child.read(config)      # raises what the reading raises
+    laid = child.lay(plane)            # of what was read; as often as ``read`` was called
 
 A thread would not do: readers and parsers hold the interpreter, and each frame stands behind them
 at every call that it makes meanwhile. For the same reason the layers stay over there: to take in
@@ -7,18 +11,18 @@ a hundred thousand features takes most of a second, the map that is made of them
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import tirgeo_ros
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.draping import check_heights
 from tirgeo_ros.core.errors import MapError, TirgeoError
@@ -26,6 +30,12 @@ from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_drawing import LaidMap, lay_layers
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.memory import bounded_memory
+from tirgeo_ros.io.own_python import python_command
+
+_RUN = "from tirgeo_ros.io.map_child import main; main()"
+_SAID_BYTES = 4000  # of a child's last words; a traceback has as many
+_PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +47,22 @@ class MapContents:
 
 
 class MapChild:
-    """Reads one map at a time, then lays it; ``stop``, from another thread, ends either."""
+    """Reads one map at a time, then lays it; ``stop``, from another thread, ends either.
+
+    The process lives no longer than the thread that called ``read``.
+    """
 
     def __init__(self) -> None:
         self._stopped = False
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
+        self._listener: _Listener | None = None
         self._name = ""
+
+    @property
+    def said(self) -> str:
+        """The end of what the process of the last reading has said on stderr."""
+        return "" if self._listener is None else self._listener.text()
 
     def stop(self) -> None:
         """End what is under way; nothing begins from here on."""
@@ -64,6 +83,7 @@ class MapChild:
             if self._stopped:
                 raise MapError(f"{self._name}: not read: stopped")
             self._process = _started()
+            self._listener = _Listener(self._process)
         contents = self._answer(config)
         assert isinstance(contents, MapContents)
         return contents
@@ -89,7 +109,8 @@ class MapChild:
         except (EOFError, OSError, pickle.UnpicklingError):
             code = process.wait()  # for its end of a pipe is closed
             self._end()
-            raise MapError(f"{self._name}: its reader ended (exit code {code})") from None
+            last = f": {self.said.splitlines()[-1]}" if self.said else ""
+            raise MapError(f"{self._name}: its reader ended (exit code {code}){last}") from None
         if isinstance(found, TirgeoError):
             self._end()
             raise found
@@ -99,28 +120,47 @@ class MapChild:
         """Be done with the process, if there is one."""
         with self._lock:
             process, self._process = self._process, None
-        if process is not None:
-            process.kill()
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
             with suppress(OSError):  # a task that it never took
-                process.communicate()
+                pipe.close()  # type: ignore[union-attr]
+        if self._listener is not None:
+            self._listener.join()
+
+
+class _Listener(threading.Thread):
+    """Takes what a process says on stderr, however much that is, and keeps the end of it."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        super().__init__(name="map reader's words", daemon=True)
+        assert process.stderr is not None
+        self._pipe = process.stderr
+        self._kept = b""
+        self.start()
+
+    def run(self) -> None:
+        """Listen until the process has ended."""
+        with self._pipe as pipe:
+            while said := os.read(pipe.fileno(), _SAID_BYTES):
+                self._kept = (self._kept + said)[-_SAID_BYTES:]
+
+    def text(self) -> str:
+        """Lines without what a terminal would obey."""
+        lines = self._kept.decode(errors="replace").strip().splitlines()
+        return "\n".join("".join(x if x.isprintable() else "?" for x in line) for line in lines)
 
 
 def _started() -> subprocess.Popen[bytes]:
     # Imported, not run as a module: what it pickles must go by this module's name.
-    return subprocess.Popen(
-        [sys.executable, "-c", "from tirgeo_ros.io.map_child import main; main()"],
+    return subprocess.Popen(  # noqa: S603  this very Python
+        python_command(_RUN, str(os.getpid())),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=_environment(),
+        stderr=subprocess.PIPE,
     )
-
-
-def _environment() -> dict[str, str]:
-    """The environment, with the package where it was found."""
-    source = str(Path(tirgeo_ros.__file__).resolve().parents[1])
-    paths = [source, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
 
 
 def main() -> None:
@@ -128,15 +168,28 @@ def main() -> None:
 
     To stdout goes what there is in the map, then the map as it lies, or why there is none.
     """
+    _end_with(int(sys.argv[1]))
     os.nice(5)  # the video comes first
+    config = pickle.load(sys.stdin.buffer)  # noqa: S301  from our own parent
     try:
-        _work(pickle.load(sys.stdin.buffer))  # noqa: S301  from our own parent
+        with bounded_memory():
+            _work(config)
     except TirgeoError as error:
         _say(error)
+    except MemoryError:
+        _say(MapError(f"{config.map}: the map does not fit into memory"))
+
+
+def _end_with(parent: int) -> None:
+    """Have the kernel end this process when its parent ends, however that ends (Linux)."""
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it has ended already
+        sys.exit(1)
 
 
 def _work(config: OverlayConfig) -> None:
-    layers = load_layers(config.map, config.style, config.label_field)
+    layers = load_layers(config.map, config.style, config.label_field, network=config.network)
     found = ground_of(config)
     ground = math.nan if found is None else found
     check_heights(layers, ground)

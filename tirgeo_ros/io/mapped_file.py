@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from mmap import ACCESS_READ, mmap
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
 
 from tirgeo_ros.core.errors import BagError
@@ -22,3 +22,13 @@ def mapped(path: Path) -> Iterator[mmap]:
                 yield data
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def part_of_file(data: mmap, start: int, length: int) -> bytes:
+    """Return a copy of a part, and give the system back what it mapped so far.
+
+    Else all of a file that was read once counts as this process's memory until it is closed.
+    """
+    part = data[start : start + length]
+    data.madvise(MADV_DONTNEED)
+    return part

@@ -7,19 +7,21 @@ is found, what is broken is stepped over and noted.
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from mmap import mmap
 
-import zstandard
-from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+from mcap.stream_reader import StreamReader
+
+from tirgeo_ros.io.mapped_file import part_of_file
+from tirgeo_ros.io.unpacking import unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -34,8 +36,6 @@ _PRIVATE = 0x80  # opcodes from here on belong to applications and are stepped o
 # What the parsers raise for bytes that are no such record.
 _BROKEN = (
     McapError,
-    CRCValidationError,
-    zstandard.ZstdError,
     RuntimeError,
     struct.error,
     ValueError,
@@ -66,6 +66,7 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     count: int | None = None  # messages in the file, where known
+    empty: set[int] = field(default_factory=set)  # channels that are known to have no message
     losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
 
     def add(self, opcode: int, body: bytes) -> None:
@@ -82,7 +83,8 @@ def header_of(data: mmap) -> Header | None:
     """The file's header; None where it is broken."""
     try:
         opcode, length = _RECORD.unpack_from(data, len(MAGIC))
-        body = data[len(MAGIC) + _RECORD.size :][:length] if opcode == Opcode.HEADER else b""
+        begin = len(MAGIC) + _RECORD.size
+        body = data[begin : begin + length] if opcode == Opcode.HEADER else b""
         header: Header = Header.read(ReadDataStream(BytesIO(body)))
     except _BROKEN:
         return None
@@ -109,16 +111,18 @@ def _summary(data: mmap) -> Contents | None:
     covered = len(summary) - len(MAGIC) - 4
     if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
         raise McapError("checksum of the index is wrong")
-    found = Contents()
-    for record in StreamReader(BytesIO(summary), skip_magic=True).records:
+    found, numbers = Contents(), {}
+    for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
         if isinstance(record, Schema):
             found.schemas[record.id] = record
         elif isinstance(record, Channel):
             found.channels[record.id] = record
         elif isinstance(record, Statistics):
             found.count = record.message_count
+            numbers = record.channel_message_counts
         elif isinstance(record, ChunkIndex):
             found.segments.append(_indexed(record))
+    found.empty = {key for key in found.channels if numbers and not numbers.get(key)}
     return found if found.segments and found.channels else None
 
 
@@ -147,11 +151,13 @@ def _walked(data: mmap) -> Contents:
     """The contents by every record from the first one on."""
     found = Contents(count=0)
     for offset, length in _ranges(data, found):
-        messages = list(read_segment(data, offset, length, found))
-        if messages:
-            times = [message[1] for message in messages]
-            found.segments.append(Segment(min(times), max(times), offset, length))
-            found.count = (found.count or 0) + len(messages)
+        number, first_ns, last_ns = 0, sys.maxsize, 0
+        for _, log_time_ns, _, _ in read_segment(data, offset, length, found):
+            number += 1
+            first_ns, last_ns = min(first_ns, log_time_ns), max(last_ns, log_time_ns)
+        if number:
+            found.segments.append(Segment(first_ns, last_ns, offset, length))
+            found.count = (found.count or 0) + number
     return found
 
 
@@ -210,7 +216,7 @@ def _is_chunk(data: mmap, at: int, marker_size: int) -> bool:
 
 def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Iterator[RawMessage]:
     """The messages in a range of records; what is broken goes to ``found.losses``."""
-    part = data[offset : offset + length]
+    part = part_of_file(data, offset, length)
     at = 0
     while at < len(part):
         opcode, end = _record_at(part, at)
@@ -231,22 +237,15 @@ def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
     cut = len(body) < size
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-        if cut:
-            found.losses[offset] = f"the chunk at byte {offset} is cut off"
-            return _unpacked_beginning(chunk)
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(length)
     except _BROKEN as error:
         found.losses[offset] = f"the chunk at byte {offset} is damaged ({_reason(error)})"
         return b""
-
-
-def _unpacked_beginning(chunk: Chunk) -> bytes:
-    if chunk.compression == "zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(chunk.data)
-    if chunk.compression == "lz4":
-        return bytes(LZ4FrameDecompressor().decompress(chunk.data))
-    return chunk.data
+    inside, fault = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if not (cut or fault) and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
+        fault = "is damaged (its checksum is wrong)"
+    if cut or fault:
+        found.losses[offset] = f"the chunk at byte {offset} {fault or 'is cut off'}"
+    return inside if cut or not fault else b""
 
 
 def _messages(records: bytes, offset: int, found: Contents) -> Iterator[RawMessage]:
@@ -255,7 +254,7 @@ def _messages(records: bytes, offset: int, found: Contents) -> Iterator[RawMessa
     while at + _RECORD.size <= end:
         opcode, length = _RECORD.unpack_from(records, at)
         at += _RECORD.size
-        if at + length > end:
+        if at + length > end or not opcode:
             found.losses.setdefault(offset, f"the record at byte {offset} is cut off")
             return
         if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:

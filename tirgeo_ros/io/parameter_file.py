@@ -10,14 +10,14 @@ import difflib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
-from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import config_from, parameters_of
+from tirgeo_ros.io.text_file import read_text
 
 T = TypeVar("T")
 PathLike = str | os.PathLike[str]
@@ -25,8 +25,11 @@ PathLike = str | os.PathLike[str]
 Files = PathLike | Sequence[PathLike] | None
 
 _MARK = "ros__parameters"
+_MOST_BYTES = 1 << 17  # seven times the longest file of this package; a second or two to read
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
 _EVERY_NODE_PREFIX = "qos_overrides."
+
+_SHOWN = 60  # characters of a value that is refused
 
 Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
 
@@ -35,11 +38,7 @@ def load_yaml(path: str | os.PathLike[str]) -> Any:
     """What a YAML file holds, plain values as rcl reads them. ConfigError if it is not YAML."""
     try:
         # The loader is a safe one: it makes plain values alone.
-        return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)  # noqa: S506
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+        return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}: {_explained(error)}") from None
     except RecursionError:
@@ -110,6 +109,8 @@ def _check(path: str | os.PathLike[str], pattern: str, values: Mapping[str, obje
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
     names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
     for key, value in _own(values).items():
+        if key in RENAMED and key not in names:
+            raise ConfigError(f"{path}: parameter {key} {RENAMED[key]}")
         if key not in names:
             near = difflib.get_close_matches(key, names, n=1)
             hint = f" (did you mean {near[0]}?)" if near else ""
@@ -186,10 +187,30 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
             raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
         return super().compose_node(parent, index)
 
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """A value; one that its tag or its length does not allow is refused with its line.
+
+        So is half of a pair of surrogates, which no file and no message can hold.
+        """
+        try:
+            made = super().construct_object(node, deep)
+            if isinstance(made, str):
+                made.encode()
+            elif isinstance(made, int) and made.bit_length() > 63:
+                made = float(made)  # as rcl has it
+        except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
+            kind = node.tag.rpartition(":")[2]
+            text = repr(getattr(node, "value", ""))[:_SHOWN]
+            raise yaml.constructor.ConstructorError(
+                None, None, f"{text} is no {kind}", node.start_mark
+            ) from None
+        return made
+
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """A mapping in which no key stands twice: the first one would be lost unseen."""
         seen = set()
-        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"key {key.value} stands twice", key.start_mark

@@ -14,10 +14,15 @@ Value = float | int | bool | str | Sequence[float]
 
 
 def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
-    """A ROS 2 parameter file: dotted names by node, under ``head`` as comment lines."""
+    """A ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
+
+    The empty name is all nodes.
+    """
     comment = "".join(f"# {line}".rstrip() + "\n" for line in head.splitlines())
     tree = {
-        f"/**/{node}": {"ros__parameters": {name: _plain(v) for name, v in values.items()}}
+        f"/**/{node}".rstrip("/"): {
+            "ros__parameters": {name: _plain(v) for name, v in values.items()}
+        }
         for node, values in nodes.items()
     }
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)

@@ -18,6 +18,8 @@ from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.polylines import BoolArray
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.control_points import downward
+from tirgeo_ros.io.maps.table import check_count
+from tirgeo_ros.io.memory import bounded_memory
 
 _LEFT_OUT = ("crs", "bbox")  # said of other coordinates
 
@@ -27,10 +29,18 @@ class PixelFeatures:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self._features = self._read()
+        try:
+            with bounded_memory():
+                self._take(self._read())
+        except MemoryError:
+            raise MapError(f"{path}: does not fit into memory; split it") from None
+
+    def _take(self, features: list[dict[str, Any]]) -> None:
+        check_count(len(features), str(self._path))
+        self._features = features
         pairs: list[tuple[float, float]] = []
         self._owners: list[int] = []
-        for number, feature in enumerate(self._features, 1):
+        for number, feature in enumerate(features, 1):
             found = list(self._positions(number, feature.get("geometry")))
             pairs += found
             self._owners += [number - 1] * len(found)
@@ -74,7 +84,7 @@ class PixelFeatures:
         """Pixels of a geometry in the order in which ``_placed`` puts them back."""
         try:
             yield from _pairs(geometry)
-        except (KeyError, TypeError, ValueError, IndexError, RecursionError):
+        except (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError):
             raise MapError(
                 f"{self._path}: feature {number} has coordinates that are no column and row"
             ) from None

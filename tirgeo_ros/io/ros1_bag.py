@@ -22,6 +22,7 @@ from tirgeo_ros.core.errors import BagError, MessageError
 from tirgeo_ros.io.mapped_file import mapped
 from tirgeo_ros.io.ros1_contents import Chunk, Connection, contents_of
 from tirgeo_ros.io.ros1_records import MAGIC
+from tirgeo_ros.io.time_order import Placed, in_time_order
 
 # What the decoders raise for bytes that are no such message.
 _UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
@@ -87,21 +88,15 @@ class Ros1Bag:
         """Messages in order of the times when they were recorded, of these topics."""
         self._read = 0
         self._unknown.clear()
-        pending: list[tuple[int, int, int, Ros1Message]] = []
         with mapped(self.path) as data:
-            for chunk in self._contents.chunks:
-                ready = [item for item in pending if item[0] < (chunk.start_ns or 0)]
-                yield from (message for *_, message in ready)
-                pending = pending[len(ready) :]
-                pending += self._loaded(data, chunk, topics)
-                pending.sort()
-            yield from (message for *_, message in pending)
+            chunks = self._contents.chunks
+            parts = ((chunk.start_ns or 0, self._loaded(data, chunk, topics)) for chunk in chunks)
+            yield from in_time_order(parts, self.path)
 
     def _loaded(
         self, data: mmap, chunk: Chunk, topics: Collection[str] | None
-    ) -> list[tuple[int, int, int, Ros1Message]]:
-        """The messages of a chunk behind what they are ordered by: time, place in the file."""
-        found = []
+    ) -> Iterator[Placed[Ros1Message]]:
+        """The messages of a chunk."""
         for number, raw in enumerate(self._contents.messages(data, chunk)):
             connection = self._contents.connections.get(raw.connection)
             if connection is None:
@@ -109,9 +104,8 @@ class Ros1Bag:
             elif topics is None or connection.topic in topics:
                 name, typename, _ = connection
                 message = Ros1Message(name, typename, raw.record_ns, raw.connection, raw.data)
-                found.append((raw.record_ns, chunk.offset, number, message))
-        self._read += len(found)
-        return found
+                self._read += 1
+                yield raw.record_ns, chunk.offset, number, message
 
     def decoded(self, message: Ros1Message) -> Any:
         """The message with the fields of its definition in the bag; times have sec, nanosec.

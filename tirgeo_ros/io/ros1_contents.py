@@ -8,16 +8,15 @@ over and noted.
 
 from __future__ import annotations
 
-import bz2
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from mmap import mmap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from lz4.frame import LZ4FrameDecompressor
 
 from tirgeo_ros.core.errors import BagError
+from tirgeo_ros.io.mapped_file import part_of_file
 from tirgeo_ros.io.ros1_records import (
     MAGIC,
     Bytes,
@@ -28,13 +27,7 @@ from tirgeo_ros.io.ros1_records import (
     record_at,
     records,
 )
-
-_PIECE = 1 << 16  # a chunk is unpacked in pieces of so many bytes: of a cut one, to the last whole
-_BROKEN = (RuntimeError, OSError, EOFError, ValueError, MemoryError)
-_UNPACKERS: dict[str, Callable[[], Any]] = {
-    "bz2": bz2.BZ2Decompressor,
-    "lz4": LZ4FrameDecompressor,
-}
+from tirgeo_ros.io.unpacking import unpacked
 
 
 class Connection(NamedTuple):
@@ -80,21 +73,21 @@ class Contents:
     connections: dict[int, Connection] = field(default_factory=dict)
     losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
 
-    def messages(self, data: mmap, chunk: Chunk) -> list[RawMessage]:
+    def messages(self, data: mmap, chunk: Chunk) -> Iterator[RawMessage]:
         """The messages in a chunk; connections that are described in it are taken in."""
-        unpacked = self._unpacked(data, chunk)
-        found = []
-        for record in records(unpacked, 0, len(unpacked)):
+        inside = self._unpacked(data, chunk)
+        number = 0
+        for record in records(inside, 0, len(inside)):
             if isinstance(record, Lost) or record.cut:
                 self.lose(chunk, "is cut off or damaged")
             elif record.op == Op.CONNECTION:
-                self.connect(unpacked, record)
+                self.connect(inside, record)
             elif record.op == Op.MESSAGE:
-                body = unpacked[record.offset : record.end]
-                found.append(RawMessage(record.time_ns, record.number(b"conn"), body))
-        if len(found) < chunk.indexed:
+                body = inside[record.offset : record.end]
+                number += 1
+                yield RawMessage(record.time_ns, record.number(b"conn"), body)
+        if number < chunk.indexed:
             self.lose(chunk, "is damaged")
-        return found
 
     def connect(self, data: Bytes, record: Record) -> None:
         """Take in the description of a connection."""
@@ -112,38 +105,15 @@ class Contents:
         self.connections.setdefault(record.number(b"conn"), connection)
 
     def _unpacked(self, data: mmap, chunk: Chunk) -> bytes:
-        packed = data[chunk.offset : chunk.offset + chunk.length]
-        if chunk.compression == "none":
-            return packed
-        unpacker = _UNPACKERS.get(chunk.compression)
-        if unpacker is None:
-            self.lose(chunk, f"is packed as {chunk.compression!r}, which is not known")
-            return b""
-        unpacked, whole = _unpacked(unpacker(), packed, chunk.size)
-        if not whole:
-            self.lose(chunk, "is cut off or damaged")
-        return unpacked
+        packed = part_of_file(data, chunk.offset, chunk.length)
+        found, fault = unpacked(packed, chunk.compression, chunk.size)
+        if fault:
+            self.lose(chunk, fault)
+        return found
 
     def lose(self, chunk: Chunk, what: str) -> None:
         """Note what is wrong with a chunk."""
         self.losses.setdefault(chunk.offset, f"the chunk at byte {chunk.offset} {what}")
-
-
-def _unpacked(unpacker: Any, packed: bytes, size: int | None) -> tuple[bytes, bool]:
-    """The data as far as it can be unpacked, and whether that is all of it.
-
-    No more is unpacked than the chunk says it holds.
-    """
-    pieces, total, at = [], 0, 0
-    try:
-        while not unpacker.eof and at < len(packed) and (size is None or total <= size):
-            piece = unpacker.decompress(packed[at : at + _PIECE])
-            pieces.append(piece)
-            total += len(piece)
-            at += _PIECE
-    except _BROKEN:
-        return b"".join(pieces), False
-    return b"".join(pieces)[:size], total == size
 
 
 def contents_of(data: mmap, name: str) -> Contents:

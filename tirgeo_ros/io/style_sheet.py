@@ -17,6 +17,7 @@ from tirgeo_ros.io.crs import checked_system
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.io.suggestions import nearest
+from tirgeo_ros.io.text_file import read_text
 
 _DEFAULT = LayerStyle()
 _PLAIN = (
@@ -26,6 +27,7 @@ _PLAIN = (
     Parameter("fill_opacity", _DEFAULT.fill_opacity, "how much the fill hides", "", 0, 1),
     Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
 )
+_MOST_LAYERS = 200  # each reads its file
 _KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs")
 
 
@@ -49,12 +51,17 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
     Raises ConfigError, naming the sheet, the layer's number and the key, for anything unknown,
     of a wrong type or out of its range.
     """
+    _check_file(Path(path), str(path))
     root = load_yaml(path)
     if not isinstance(root, Mapping) or not isinstance(root.get("layers"), list):
         raise ConfigError(f"{path}: no style sheet: it needs a list under layers:")
     _check_keys(root, ("layers",), str(path))
     if not root["layers"]:
         raise ConfigError(f"{path}: the list of layers is empty")
+    if len(root["layers"]) > _MOST_LAYERS:
+        raise ConfigError(
+            f"{path}: {len(root['layers'])} layers, and at most {_MOST_LAYERS} are drawn"
+        )
     return [
         _layer(entry, f"{path}: layer {number}", Path(path).parent)
         for number, entry in enumerate(root["layers"], 1)
@@ -169,7 +176,14 @@ def _crs(entry: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Path 
 
 
 def _text(file: Path, where: str) -> str:
+    _check_file(file, f"{where}: crs: {file}")
     try:
-        return file.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise ConfigError(f"{where}: crs: {file} cannot be read: {error.strerror}") from None
+        return read_text(file, ConfigError, damaged="replace")
+    except ConfigError as error:
+        raise ConfigError(f"{where}: crs: {error}") from None
+
+
+def _check_file(path: Path, where: str) -> None:
+    """Refuse what is there but no file: a node that looks at it now and then would wait for it."""
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{where}: is no file")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.errors import SurveyError
+from tirgeo_ros.io.text_file import read_text
 from tirgeo_ros.io.whole_files import csv_text, write_files
 
 T = TypeVar("T")
@@ -19,6 +20,8 @@ T = TypeVar("T")
 _SURVEY_COLUMNS = ("id", "lat", "lon", "h")
 _OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
 _MARK_COLUMNS = ("id", "column", "row")
+#: Of a file: what ``locate`` makes of a row takes 35 kB, and a millisecond.
+MOST_ROWS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
 
     Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
     """
-    text = _text(path)
+    text = read_text(path, SurveyError)
     if text.lstrip().startswith(("{", "[")):
         points = _geojson_points(path, text)
     else:
@@ -72,12 +75,12 @@ def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> 
 
 def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
     """Observations of a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
-    return _csv_rows(path, _text(path), _OBSERVATION_COLUMNS, _observation_of_row)
+    return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation_of_row)
 
 
 def load_marks(path: str | os.PathLike[str]) -> list[Mark]:
     """Marks of a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
-    marks = _csv_rows(path, _text(path), _MARK_COLUMNS, _mark_of_row)
+    marks = _csv_rows(path, read_text(path, SurveyError), _MARK_COLUMNS, _mark_of_row)
     _refuse_repeated(path, marks)
     return marks
 
@@ -88,14 +91,25 @@ def save_observations(path: str | os.PathLike[str], observations: Sequence[Obser
     write_files({path: csv_text([_OBSERVATION_COLUMNS, *rows])}, SurveyError)
 
 
+def check_rows(path: str | os.PathLike[str], rows: int) -> None:
+    """Refuse more rows than can be worked on at once."""
+    if rows > MOST_ROWS:
+        raise SurveyError(
+            f"{path}: {rows} rows, and at most {MOST_ROWS} are taken: split the file"
+        )
+
+
 def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise SurveyError(f"{path}: line {error.lineno}: not JSON: {error.msg}") from None
+    except (ValueError, RecursionError) as error:  # of numbers and depths without end
+        raise SurveyError(f"{path}: not JSON: {error}") from None
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list):
         raise SurveyError(f"{path}: no GeoJSON FeatureCollection of points")
+    check_rows(path, len(features))
     return [_point_of_feature(path, number, f) for number, f in enumerate(features, 1)]
 
 
@@ -105,7 +119,7 @@ def _point_of_feature(path: str | os.PathLike[str], number: int, feature: Any) -
         coordinates = {"Point": feature["geometry"]["coordinates"]}[feature["geometry"]["type"]]
         longitude, latitude, height = (float(x) for x in coordinates[:3])
         return _point(_name(name), latitude, longitude, height)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise SurveyError(
             f"{path}: feature {number} is no Point with longitude, latitude, height and a "
             "property id"
@@ -127,7 +141,9 @@ def _each_row(
     columns: tuple[str, ...],
     made: Callable[[dict[str, str]], T],
 ) -> Iterator[T]:
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    lines = text.splitlines()
+    check_rows(path, len(lines) - 1)
+    reader = csv.DictReader(lines, skipinitialspace=True)
     header = [name.strip() for name in reader.fieldnames or ()]
     missing = [name for name in columns if name not in header]
     if missing:
@@ -149,10 +165,10 @@ def _point_of_row(row: dict[str, str]) -> SurveyPoint:
 
 
 def _observation_of_row(row: dict[str, str]) -> Observation:
-    u, v = float(row["u"]), float(row["v"])
-    if not (math.isfinite(u) and math.isfinite(v)):
+    u, v, stamp_ns = float(row["u"]), float(row["v"]), int(row["stamp_ns"])
+    if not (math.isfinite(u) and math.isfinite(v) and abs(stamp_ns) < 1 << 63):
         raise ValueError
-    return Observation(_name(row), int(row["stamp_ns"]), u, v)
+    return Observation(_name(row), stamp_ns, u, v)
 
 
 def _mark_of_row(row: dict[str, str]) -> Mark:
@@ -216,12 +232,3 @@ def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
 def _degrees(angle_rad: float) -> str:
     """Ten decimals: a hundredth of a millimetre on the ground."""
     return f"{math.degrees(angle_rad):.10f}"
-
-
-def _text(path: str | os.PathLike[str]) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SurveyError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise SurveyError(f"{path}: not a text file in UTF-8") from None

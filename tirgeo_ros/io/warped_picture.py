@@ -12,7 +12,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -22,7 +22,9 @@ from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.polynomial_inverse import pixels_of
 from tirgeo_ros.core.polynomial_transform import PolynomialTransform
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.offline import check_closed, read_map
 from tirgeo_ros.io.planes import Plane
+from tirgeo_ros.io.whole_files import check_place, part_of
 
 PathLike = str | os.PathLike[str]
 
@@ -56,10 +58,18 @@ def write_warped(
     """Write a picture (one to four bands) as a GeoTIFF with pixels of ``pixel_m``.
 
     Raises MapError where rasterio is not installed or a file cannot be read or written; then
-    nothing is left under the name.
+    nothing is left under the name. A picture that lies elsewhere is not fetched.
     """
+    read_map(partial(_write, image, out, found, plane, pixel_m), network=False)
+
+
+def _write(
+    image: PathLike, out: PathLike, found: PolynomialTransform, plane: Plane, pixel_m: float
+) -> None:
     rasterio = _rasterio(image)
-    part = Path(out).with_name(f".{Path(out).name}.{os.getpid()}.part")
+    check_closed()
+    check_place(out, MapError)
+    part = part_of(out)
     try:
         with _opened(rasterio, image) as source:
             _check_size(image, source, found)

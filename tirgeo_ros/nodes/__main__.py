@@ -16,9 +16,18 @@ NAMES = (
     "bench_video",
     "bench_viewer",
     "bench_relay",
+    "soak_player",
+    "soak_witness",
+    "soak_mute",
 )
 
-if __name__ == "__main__":
+
+def main() -> None:
+    """Run the node that the first argument names."""
     if len(sys.argv) < 2 or sys.argv[1] not in NAMES:
         sys.exit(f"usage: python -m tirgeo_ros.nodes {{{','.join(NAMES)}}} [--ros-args ...]")
     sys.exit(start(sys.argv.pop(1)))
+
+
+if __name__ == "__main__":
+    main()

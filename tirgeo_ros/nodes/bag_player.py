@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.errors import BagError, ConfigError
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.live_stamps import moved
@@ -57,15 +58,19 @@ class BagPlayer(Node):
         self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
         self._audience = Audience(self, [*self._topics.values()], self._config.wait_for)
         self._messages = Messages(message_class)
-        self._aircraft = SerialAircraft(port, self._config.aircraft, spoken) if port else None
+        self._aircraft = self._on_port(port, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
+
+    def _on_port(self, port: str, spoken: dict[str, str]) -> SerialAircraft:
+        config = self._config
+        return SerialAircraft(port, config.simulated_aircraft, config.aircraft, spoken)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; the exit code."""
         attend = self._aircraft.attend if self._aircraft else lambda: True
         if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
-            self.get_logger().warning(f"playing without {self._missing()}")
-        self.get_logger().info(f"playing {self._config.bag}")
+            self.get_logger().warning(shown(f"playing without {self._missing()}"))
+        self.get_logger().info(shown(f"playing {self._config.bag}"))
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
             self._play_once(stop)
@@ -94,7 +99,7 @@ class BagPlayer(Node):
                 break
             give()
             count += 1
-        self.get_logger().info(f"played {count} messages of {self._config.bag}")
+        self.get_logger().info(shown(f"played {count} messages of {self._config.bag}"))
 
     def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """What is to be given out, in order of the bag's time."""
@@ -117,7 +122,7 @@ class BagPlayer(Node):
             message = deserialize_message(item.data, message_class(item.typename))
         except RuntimeError as error:
             self.get_logger().warning(
-                f"{item.topic}: a message cannot be read and is not played: {error}",
+                shown(f"{item.topic}: a message cannot be read and is not played: {error}"),
                 throttle_duration_sec=10.0,
             )
             return None

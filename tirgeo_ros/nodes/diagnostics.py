@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.topics import advertise
@@ -31,8 +31,7 @@ class Diagnostics:
         self._items = items
         self._publisher = advertise(node, "/diagnostics", output())
         # Real time also under use_sim_time: a clock that stands still is worth a report.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(PERIOD_S, self._report, clock=steady)
+        self._timer = steady_timer(node, monitor, "diagnostics", PERIOD_S, self._report)
 
     def publish(self, items: list[DiagnosticItem]) -> None:
         """Publish items at once. The rates of topics need their second."""
@@ -40,8 +39,11 @@ class Diagnostics:
         self._publisher.publish(self._messages.diagnostics(now_ns, items))
 
     def _report(self) -> None:
-        own = self._monitor.item(item_name(self._node, "topics"))
-        self.publish([*self._items(), own])
+        items: list[DiagnosticItem] = []
+        try:
+            items = self._items()
+        finally:  # where these fail, that is said in what follows
+            self.publish([*items, self._monitor.item(item_name(self._node, "topics"))])
 
 
 def item_name(node: Node, subject: str) -> str:

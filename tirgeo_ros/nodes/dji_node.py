@@ -14,7 +14,7 @@ from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.psdk_source import PsdkSource
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.serial_source import SerialSource
 from tirgeo_ros.nodes.topics import advertise, message_class
@@ -29,11 +29,13 @@ class DjiNode(Node):
         self._interpreter = Interpreter(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
-        self._topics = {topic: advertise(self, topic, output()) for topic in SENSED_TOPICS}
+        self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in SENSED_TOPICS}
         self._lock = threading.Lock()  # the port is read beside the executor
         self._told: set[str] = set()
         if config.source == "serial":
-            self._source: SerialSource | PsdkSource = SerialSource(self, config, self._take)
+            self._source: SerialSource | PsdkSource = SerialSource(
+                self, config, self._take, self._monitor
+            )
         else:
             self._source = PsdkSource(self, config, self._take, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)

@@ -23,10 +23,11 @@ from tirgeo_ros.core.samples import (
     Verdict,
 )
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
+from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.parameters import declare
-from tirgeo_ros.nodes.qos import latched, output, sensor_input
+from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.state_log import StateLog
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
@@ -47,7 +48,7 @@ class EkfNode(Node):
         self._arrivals = Arrivals()
         self._state_log = StateLog(self.get_logger())
         self._state_log.note(self._navigation.status())
-        self._odometry = advertise(self, "tirgeo/odometry", output())
+        self._odometry = advertise(self, "tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = advertise(self, "tirgeo/fix", output())
         self._origin = advertise(self, "tirgeo/origin", latched())
@@ -59,6 +60,7 @@ class EkfNode(Node):
             subscribe(self, topic, take, sensor_input(), self._monitor)
         # The absence of others is the filter's to tell: it knows which of them it misses.
         self._monitor.expects(NAVIGATION_INPUTS[Source.IMU][0])
+        self._restart = guarded(self, self._monitor, "reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
@@ -101,8 +103,8 @@ class EkfNode(Node):
         self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._navigation.reset()
-        response.success, response.message = True, "the filter starts again"
+        response.success = self._restart()
+        response.message = "the filter starts again" if response.success else "failed: see the log"
         return response
 
 

@@ -29,13 +29,19 @@ class FrameTimes:
 
     @property
     def values(self) -> dict[str, str]:
-        """Median and 95th percentile in ms, for diagnostics."""
+        """Median and 95th percentile in ms, and the newest frame's stamp in s, for diagnostics."""
+        newest = {"newest_frame": _seconds(self._arrived_s[-1][0])} if self._arrived_s else {}
         ranked_ms = [1e3 * took_s for took_s in sorted(self._took_s)]
-        return {
+        return newest | {
             f"latency p{share} [ms]": f"{_at(ranked_ms, share):.1f}"
             for share in (50, 95)
             if ranked_ms
         }
+
+
+def _seconds(stamp_ns: int) -> str:
+    """To the nanosecond."""
+    return "{}.{:09d}".format(*divmod(stamp_ns, 1_000_000_000))
 
 
 def _at(ranked: list[float], percent: int) -> float:

@@ -21,7 +21,7 @@ from tirgeo_ros.io.messages import (
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare
-from tirgeo_ros.nodes.qos import output, sensor_input
+from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
@@ -36,8 +36,9 @@ class GimbalNode(Node):
         self._messages = Messages(message_class)
         self._monitor = Monitor()
         self._arrivals = Arrivals()
-        self._camera_pose = advertise(self, "tirgeo/camera_pose", output())
-        subscribe(self, "tirgeo/odometry", self._take_body, output(), self._monitor)
+        stream = output(STREAM_DEPTH)
+        self._camera_pose = advertise(self, "tirgeo/camera_pose", stream)
+        subscribe(self, "tirgeo/odometry", self._take_body, stream, self._monitor)
         self._monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)

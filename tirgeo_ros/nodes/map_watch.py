@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +13,15 @@ from typing import final
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.errors import MapError, TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.map_drawing import LaidMap
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.map_child import MapChild, MapContents
 from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.nodes.unless_stopped import done_or_stopped
 
+_JOIN_S = 1.0  # the child is killed: what still holds the thread is a file that does not answer
 Signature = list[tuple[str, int, int] | None]
 
 
@@ -31,12 +35,13 @@ class _Found:
 
 @final
 class MapWatch:
-    """The map of ``config.map``, read when this is made; a context in which it is kept up.
+    """The map of ``config.map``; a context in which it is read, laid and kept up.
 
-    Raises what the reading raises. ``plane`` says where the map is to be laid, once it is known;
-    ``look`` tells that it may have changed. Files and style are looked at now and then. Laying
-    and waiting happen beside a thread of its own; ``changed`` hands over what came of it.
-    ``counts``: ``reloads`` and ``reload_errors``.
+    Entering it raises what the first reading raises, and returns before its end where a stop
+    signal comes. ``plane`` says where the map is to be laid, once it is known; ``look`` tells
+    that it may have changed. Files and style are looked at now and then. Reading, laying and
+    waiting happen in a thread of its own, with a child process; ``changed`` hands over what came
+    of it. ``counts``: ``reloads`` and ``reload_errors``.
     """
 
     def __init__(
@@ -51,16 +56,20 @@ class MapWatch:
         self._child = MapChild()
         self._stop = threading.Event()
         self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="map watch", daemon=True)
-        self._seen = self._signature()
+        self._first = threading.Event()  # the first reading has ended
+        self._wrong: Exception | None = None  # with it
+        self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
+        self._seen: Signature = []
+        self._tried: tuple[Signature, TangentPlane] | None = None
         self._held = True  # what was read has not been laid
-        if config.map:
-            self._tell(f"{config.map}: %d features", self._child.read(config))
 
     def __enter__(self) -> MapWatch:
-        """Begin to look, if there is a map."""
+        """Read the map, if there is one, and begin to look."""
         if self._config.map:
             self._thread.start()
+            if done_or_stopped(self._first) and self._wrong is not None:
+                self._thread.join()
+                raise self._wrong
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -69,7 +78,7 @@ class MapWatch:
         self._wake.set()
         self._child.stop()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(_JOIN_S)
 
     def look(self) -> None:
         """The plane may have changed."""
@@ -90,23 +99,39 @@ class MapWatch:
         self.error = ""
         if found.contents is not None:
             self.counts["reloads"] += 1
-            self._tell("the map has changed and was read again: %d features", found.contents)
+            self._tell("the map has changed and was read again", found.contents)
         return found.result
 
     def _tell(self, words: str, contents: MapContents) -> None:
-        self._node.get_logger().info(words % contents.features)
+        self._node.get_logger().info(shown(f"{words}: {contents.features} features"))
         for note in contents.left_out:
-            self._node.get_logger().warning(note)
+            self._node.get_logger().warning(shown(note))
 
-    def _watch(self) -> None:
-        tried: tuple[Signature, TangentPlane] | None = None
+    def _run(self) -> None:
+        # One thread for all: the child ends with the thread that began it.
+        try:
+            self._seen = self._signature()
+            self._tell(self._config.map, self._child.read(self._config))
+        except Exception as error:  # noqa: BLE001  raised again where the node begins
+            self._wrong = error
+            self._tell_said()
+            return
+        finally:
+            self._first.set()
         while not self._stop.is_set():
-            signature, plane = self._signature(), self._plane()
-            if plane is not None and (signature, plane) != tried:
-                tried = signature, plane
-                self._found.put(self._laid(signature, plane))
+            try:
+                self._watch()
+            except Exception as fault:  # noqa: BLE001  a fault of ours: the next change is read
+                self._node.get_logger().error(traceback.format_exc())
+                self._found.put(_Found(MapError(f"{self._config.map}: {fault!r}"), None))
             self._wake.wait(self._config.reload_s or None)
             self._wake.clear()
+
+    def _watch(self) -> None:
+        signature, plane = self._signature(), self._plane()
+        if plane is not None and (signature, plane) != self._tried:
+            self._tried = signature, plane
+            self._found.put(self._laid(signature, plane))
 
     def _laid(self, signature: Signature, plane: TangentPlane) -> _Found:
         """``signature`` is from before the reading, for a file may still be growing."""
@@ -116,7 +141,13 @@ class MapWatch:
             contents = self._child.read(self._config) if changed or not held else None
             return _Found(self._child.lay(plane), contents if changed else None)
         except TirgeoError as error:
+            self._tell_said()
             return _Found(error, None)
+
+    def _tell_said(self) -> None:
+        """The words of a child that failed: a fault of ours has its traceback there."""
+        if self._child.said and not self._stop.is_set():
+            self._node.get_logger().error(f"the map's reader said:\n{self._child.said}")
 
     def _signature(self) -> Signature:
         """Of the map's files and its style's; of none where they are never looked at."""

@@ -7,12 +7,13 @@ from functools import partial
 from typing import Any
 
 import cv2
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.messages import (
@@ -26,6 +27,7 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
+from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.frame_times import FrameTimes
 from tirgeo_ros.nodes.locate_topics import LocateTopics
@@ -34,12 +36,15 @@ from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.sent_numbers import SentNumbers
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+from tirgeo_ros.nodes.unless_stopped import unless_stopped
 
 #: How often frames that wait for their poses are looked at again.
 _RELEASE_PERIOD_S = 0.02
 #: Of what comes while a frame is drawn the newest alone is wanted.
 _FRAME_DEPTH = 1
+_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 
 
 class OverlayNode(Node):
@@ -61,10 +66,13 @@ class OverlayNode(Node):
         self._messages = Messages(message_class)
         self._monitor = Monitor()
         self._times = FrameTimes()
+        self._numbers: list[SentNumbers] = []  # of the topics of frames
+        self._arrivals = Arrivals()
         self._image = advertise(self, "tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = advertise(self, "tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(_RELEASE_PERIOD_S, self._release, clock=steady)
+        self._timer = steady_timer(
+            self, self._monitor, "drawing", _RELEASE_PERIOD_S, self._release
+        )
         self._timer.cancel()
         self._subscribe()
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
@@ -72,18 +80,20 @@ class OverlayNode(Node):
         gc.freeze()  # a large map is not searched for garbage while the video runs
 
     def _load_terrain(self) -> Terrain | None:
-        ground = ground_of(self._config)
+        ground = unless_stopped(partial(ground_of, self._config))
         if not isinstance(ground, Terrain):
             return None
         for note in ground.notes:
-            self.get_logger().warning(f"{self._config.dem}: {note}")
+            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
         return ground
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
+        for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
+            take_frame = partial(self._take_frame, topic, pixels_of)
+            self._numbers.append(SentNumbers())
+            subscribe(self, topic, take_frame, frames, self._monitor, numbers=self._numbers[-1])
         for topic, take, qos in (
-            ("thermal/image_raw", partial(self._take_frame, image_pixels), frames),
-            ("thermal/image_raw/compressed", partial(self._take_frame, compressed_pixels), frames),
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
             ("/diagnostics", self._take_diagnostics, output()),
@@ -94,10 +104,11 @@ class OverlayNode(Node):
             subscribe(self, "thermal/camera_info", self._take_camera_info, info, self._monitor)
             self._monitor.expects("thermal/camera_info")
 
-    def _take_frame(self, pixels_of: Any, message: Any) -> None:
-        stamp = stamp_ns(message)
+    def _take_frame(self, topic: str, pixels_of: Any, message: Any) -> None:
+        now_ns = self._now_ns()
+        stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
         self._times.arrived(stamp)
-        self._overlay.add_frame(stamp, pixels_of(message), self._now_ns())
+        self._overlay.add_frame(stamp, pixels_of(message), now_ns)
         self._timer.reset()
         self._release()
 
@@ -116,7 +127,7 @@ class OverlayNode(Node):
         if self._overlay.notes != self._told:
             self._told = self._overlay.notes
             for note in self._told:
-                self.get_logger().warning(note)
+                self.get_logger().warning(shown(note))
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -162,10 +173,16 @@ class OverlayNode(Node):
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
         watch = self.resources
-        numbers = self._overlay.counts | watch.counts
+        numbers = self._overlay.counts | {"waiting": self._overlay.waiting} | watch.counts
+        numbers |= {
+            "frames_sent": sum(each.sent for each in self._numbers),
+            "frames_missed": sum(each.missed for each in self._numbers),
+        }
         values = {name: str(number) for name, number in numbers.items()}
+        if self._overlay.pose_fault:
+            values["poses_invalid_because"] = self._overlay.pose_fault
         values |= {"frame rate [Hz]": f"{self._overlay.rate_hz:.1f}"}
-        values |= self._times.values | self._clicks.values
+        values |= self._times.values | self._clicks.values | self._arrivals.diagnostics
         waits = self._overlay.no_map_yet
         message = watch.error or (f"no map yet: {waits}" if waits else "ok")
         level = WARN if watch.error else OK

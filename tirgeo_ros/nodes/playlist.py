@@ -10,8 +10,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.errors import BagError, ConfigError
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.messages import SENSED_TOPICS
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
 from tirgeo_ros.nodes.topics import message_class
 
 _DEPTH = 100
@@ -39,11 +40,12 @@ def publishers_for(
         if topic in otherwise:
             continue
         relative = topic.lstrip("/")
-        qos = latched() if relative.endswith(_LATCHED) else output(_DEPTH)
+        depth = STREAM_DEPTH if relative.endswith(SENSED_TOPICS) else _DEPTH
+        qos = latched() if relative.endswith(_LATCHED) else output(depth)
         try:
             found[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
         except ConfigError as error:
-            node.get_logger().warning(f"{topic} is not played: {error}")
+            node.get_logger().warning(shown(f"{topic} is not played: {error}"))
     if not found and not otherwise:
         raise BagError(f"the bag has no topic to play (it has: {', '.join(topics) or 'none'})")
     return found

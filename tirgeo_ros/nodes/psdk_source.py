@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
@@ -21,6 +20,7 @@ from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.dji.psdk_road import PsdkRoad
 from tirgeo_ros.dji.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
+from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import item_name
 from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
 from tirgeo_ros.nodes.qos import sensor_input
@@ -112,8 +112,7 @@ class PsdkSource:
                 self._listen(topic)
         for topic in _NEEDED:
             monitor.expects(self._prefix + topic)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_DUE_S, self._due, clock=steady)
+        self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
         self._tell()
 
     @staticmethod

@@ -1,18 +1,18 @@
-"""Quality of service: sensor data best effort and shallow, outputs reliable, origin latched."""
+"""Quality of service: sensor data best effort, outputs reliable, the origin latched."""
 
 from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-#: Inputs whose every sample counts, yet of which a slow reader wants the newest: at 100 Hz this
-#: bridges a hiccup of 0.2 s. Beyond that the filter would call it a gap anyway.
-SENSOR_DEPTH = 20
+#: Of streams whose every sample counts: 2 s of an IMU at 400 Hz. A node that stands still for so
+#: long finds all of it, if the transport holds as much (``config/fastdds.xml``).
+STREAM_DEPTH = 800
 #: A frame that waits behind another is already late.
 IMAGE_DEPTH = 2
 OUTPUT_DEPTH = 20
 
 
-def sensor_input(depth: int = SENSOR_DEPTH) -> QoSProfile:
+def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
     """For a topic from a sensor, which a publisher of any kind fits."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT

@@ -2,7 +2,7 @@
 
 rclpy's own signal handlers end badly now and then when a signal meets ``spin`` in the main
 thread, or when two come within a tenth of a second. Here they are off: the signals stay blocked
-(``start``), the main thread asks for them with ``sigtimedwait``, and a node never sees one.
+(``start``), the main thread asks for those that are pending, and a node never sees one.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import Any
 
@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.nodes.arguments import check_arguments, explained
+from tirgeo_ros.nodes.dead_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
 _POLL_S = 0.1
@@ -29,7 +30,7 @@ Work = Callable[[Any, threading.Event], int]
 
 
 def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
-    """Build a node and spin it until SIGINT, SIGTERM or the end of ``work(node, stop)``.
+    """Build a node and spin it until a stop signal or the end of ``work(node, stop)``.
 
     Returns the exit code: 0 when stopped, ``work``'s answer when that ends by itself, 1 with one
     line on stderr for a TirgeoError. The node's ``resources``, a context manager, where it has
@@ -46,7 +47,7 @@ def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
         return 1
 
 
-def make_executor() -> Any:
+def make_executor(context: Any = None) -> Any:
     """The events executor where there is one, else the single-threaded one.
 
     The single-threaded one looks at every entity at every message, and a node has a dozen in its
@@ -56,18 +57,20 @@ def make_executor() -> Any:
     try:
         from rclpy.experimental import EventsExecutor  # noqa: PLC0415  absent before Jazzy 7.1.4
     except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 @contextmanager
 def _context() -> Iterator[None]:
+    remove_dead()
     with explained(sys.argv):
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield
     finally:
         rclpy.try_shutdown()
+        remove_dead()
 
 
 @contextmanager
@@ -107,11 +110,15 @@ def _until_stopped(node: Node, work: Work | None) -> int:
 
 
 def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
-    """Until a job is done, or the signal that came before."""
-    caught = None
-    while caught is None and not any(job.done() for job in jobs):
-        caught = signal.sigtimedwait(STOP_SIGNALS, _POLL_S)
-    return caught
+    """Wait until a job is done; the signal that came before, if one did.
+
+    Not by ``sigtimedwait``: where the process is stopped meanwhile and goes on (Ctrl-Z and fg, a
+    computer that slept), Python's gives a signal that never came.
+    """
+    while not wait(jobs, _POLL_S, FIRST_COMPLETED).done:
+        if not signal.sigpending().isdisjoint(STOP_SIGNALS):
+            return signal.sigwaitinfo(STOP_SIGNALS)
+    return None
 
 
 def _spin(executor: Any, stop: threading.Event) -> int:

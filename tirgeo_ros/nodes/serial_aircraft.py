@@ -9,7 +9,7 @@ from dataclasses import replace
 from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.arrival import Arrivals
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.errors import MessageError
 from tirgeo_ros.dji.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.pseudo_terminal import PseudoTerminal
@@ -22,15 +22,18 @@ class SerialAircraft:
     """An aircraft on a pseudo-terminal, for one program that reads it."""
 
     def __init__(
-        self, path: str, config: SimulatedAircraftConfig, topics: Mapping[str, str]
+        self,
+        path: str,
+        config: SimulatedAircraftConfig,
+        places: AircraftConfig,
+        topics: Mapping[str, str],
     ) -> None:
         """``topics`` of the bag, name -> type. Raises DjiError if the port cannot be made."""
         self.terminal = PseudoTerminal(path)
-        self._config = config
         self._topics = topics
         self._arrivals = Arrivals()
         self._unreadable: Counter[str] = Counter()
-        self._aircraft = Aircraft(config)
+        self._aircraft = Aircraft(config, places=places)
 
     def attend(self) -> bool:
         """Answer what the host has asked; whether it has the port open."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.dji.link_watch import Level, LinkReport, LinkWatch
 from tirgeo_ros.dji.package_entries import package_table
 from tirgeo_ros.dji.readings import Reading
@@ -17,7 +18,9 @@ from tirgeo_ros.dji.serial_road import SerialRoad
 from tirgeo_ros.dji.subscription import PackageTable
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import item_name
+from tirgeo_ros.nodes.monitor import Monitor
 
 #: Longest wait for bytes: so often a link that is silent is looked after.
 _WAIT_S = 0.02
@@ -27,30 +30,36 @@ class SerialSource:
     """One port, what comes through it, and what the host sends."""
 
     def __init__(
-        self, node: Node, config: DjiConfig, take: Callable[[list[Reading]], None]
+        self,
+        node: Node,
+        config: DjiConfig,
+        take: Callable[[list[Reading]], None],
+        monitor: Monitor,
     ) -> None:
         """Raise DjiError for a key or a table of packages that cannot be used."""
         self._node = node
+        self._turn = guarded(node, monitor, "serial link", self._read)
         self._take = take
         packages = PackageTable()
         if config.packages:
             packages = package_table(load_yaml(config.packages), config.packages)
         self._road = SerialRoad(config, packages)
         self._link = SerialLink(config.port, config.baud)
-        self._watch = LinkWatch(config.port, config.baud)
+        self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
         self._openings = 0
         self._lock = threading.Lock()  # diagnostics look at what the reading changes
         self._host_message = ""
 
     def serve(self, stop: threading.Event) -> None:
-        """Read until told to stop. Nothing that happens to the cable ends it."""
+        """Read until told to stop. Nothing that happens to the cable, or comes by it, ends it."""
         try:
             while not stop.is_set():
-                self._turn()
+                if not self._turn():
+                    stop.wait(_WAIT_S)
         finally:
             self._link.close()
 
-    def _turn(self) -> None:
+    def _read(self) -> None:
         data = self._link.read(_WAIT_S)
         arrival_ns = self._node.get_clock().now().nanoseconds
         now_s = time.monotonic()
@@ -73,19 +82,20 @@ class SerialSource:
 
     def _look(self, now_s: float) -> LinkReport | None:
         link, road = self._link, self._road
-        return self._watch.look(now_s, link.state, link.message, road.bytes, road.frames)
+        counts = road.bytes, road.frames, road.locked
+        return self._watch.look(now_s, link.state, link.message, *counts)
 
     def _tell(self, report: LinkReport | None) -> None:
         """Log what has changed, each once."""
         if report is not None:
             # Two lines of code: rclpy holds that one line logs with one severity.
             if report.level is Level.OK:
-                self._node.get_logger().info(report.message)
+                self._node.get_logger().info(shown(report.message))
             else:
-                self._node.get_logger().warning(report.message)
+                self._node.get_logger().warning(shown(report.message))
         if self._road.host_message != self._host_message:
             self._host_message = self._road.host_message
-            self._node.get_logger().info(self._host_message)
+            self._node.get_logger().info(shown(self._host_message))
 
     def items(self) -> list[DiagnosticItem]:
         """The state of the link, and counts of what came through it."""

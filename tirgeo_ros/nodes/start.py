@@ -1,7 +1,7 @@
 """The executables: signals are held back before anything slow is imported.
 
 A stop signal that comes while modules load, or a second one on the heels of the first, must
-neither end in a traceback nor leave half a file. So both are blocked from the first line on, in
+neither end in a traceback nor leave half a file. So all are blocked from the first line on, in
 every thread, and ``runner`` takes them when it is ready to.
 """
 
@@ -13,7 +13,9 @@ import os
 import signal
 import sys
 
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from tirgeo_ros.io.stop_signals import stop_signals
+
+STOP_SIGNALS = stop_signals()
 #: Of mallopt (malloc.h), and values that hold some tens of pictures of 1 MB.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
@@ -22,6 +24,7 @@ _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 def start(name: str) -> int:
     """Run the node whose module is ``name``; the exit code."""
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
     # Matrices of 15 rows gain nothing from threads, and idle ones spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_memory()

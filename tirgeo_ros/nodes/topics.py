@@ -14,9 +14,11 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from tirgeo_ros.core.errors import ConfigError, TirgeoError
+from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.sent_numbers import SentNumbers
 
 
 @cache
@@ -45,22 +47,23 @@ def subscribe(
     qos: QoSProfile,
     monitor: Monitor,
     typename: str = "",
+    numbers: SentNumbers | None = None,
 ) -> Subscription:
-    """A subscription to a contract topic; a message that cannot be read is counted, not raised.
+    """A subscription to a contract topic, whose messages do not end the node (``guarded``).
 
-    So are those that DDS says were lost on the way, where it says so: not those that gave way to
-    a newer one in a shallow queue. ``typename`` is for a topic that is not of the contract.
+    Those that DDS says were lost on the way are counted, where it says so: not those that gave
+    way to a newer one in a shallow queue, which ``numbers`` counts too. ``typename`` is for a
+    topic that is not of the contract.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
+    take = guarded(node, monitor, topic, handle)
 
     def receive(message: Any) -> None:
         monitor.received(topic)
-        try:
-            handle(message)
-        except TirgeoError as error:
-            monitor.refused(topic)
-            node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=10.0)
+        take(message)
+
+    callback = numbers.listening(receive) if numbers else receive
 
     def lost(event: Any) -> None:
         monitor.lost(topic, event.total_count)
@@ -68,7 +71,7 @@ def subscribe(
     def create(callbacks: SubscriptionEventCallbacks) -> Subscription:
         options = QoSOverridingOptions.with_default_policies()
         return node.create_subscription(
-            kind, topic, receive, qos, qos_overriding_options=options, event_callbacks=callbacks
+            kind, topic, callback, qos, qos_overriding_options=options, event_callbacks=callbacks
         )
 
     return _made(lambda: _with_losses(create, lost))

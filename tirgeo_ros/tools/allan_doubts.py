@@ -11,13 +11,16 @@ from tirgeo_ros.core.spectral_lines import Line
 from tirgeo_ros.core.still_seconds import (
     Interval,
     Seconds,
+    largest_move,
     longest_stillness,
     movements,
     settlings,
 )
 from tirgeo_ros.tools.allan_table import UNITS
-from tirgeo_ros.tools.imu_record import CHANNELS, ImuRecord
+from tirgeo_ros.tools.imu_record import CHANNELS, ImuRecord, RestRecord
 
+#: No shorter piece of rest tells the noise.
+LEAST_SPAN_S = 60.0
 _NAMED = 3  # intervals or lines that a warning lists
 _MUCH = 0.01  # share of missing, repeated or equal samples that is worth a word
 _SHAKY = 0.2  # jitter as a part of the time between samples
@@ -26,7 +29,7 @@ _LONG_S = 1.0  # averaging times that a sensor's own filter does not reach
 
 
 def doubts(
-    record: ImuRecord,
+    record: RestRecord,
     analysis: AllanAnalysis,
     fits: Sequence[NoiseFit],
     seconds: Seconds,
@@ -35,7 +38,7 @@ def doubts(
     """One line each; ``ramps`` (6) are the slopes (unit/s) of axes that drift steadily, else 0."""
     lines = record.spectrum.lines() if record.spectrum else []
     return [
-        *_movement(movements(seconds), seconds, record.from_s),
+        *filter(None, [movement(seconds, record.from_s)]),
         *_vibration(lines),
         *_drift(ramps),
         *_settling(seconds, ramps),
@@ -45,18 +48,29 @@ def doubts(
     ]
 
 
-def _movement(found: Sequence[Interval], seconds: Seconds, record_from_s: float) -> Iterator[str]:
-    """Times since the first message, as ``--from`` and ``--to`` count them."""
+def movement(seconds: Seconds, record_from_s: float) -> str:
+    """When and how much the IMU moved, and what to do; empty for a record at rest.
+
+    Times are since the first message, as ``--from`` and ``--to`` count them.
+    """
+    found = movements(seconds)
     if not found:
-        return
+        return ""
     moved = [Interval(*(record_from_s + edge for edge in one)) for one in found]
-    named = ", ".join(f"{one.from_s:.0f}-{one.to_s:.0f} s" for one in moved[:_NAMED])
+    named = ", ".join(f"{max(one.from_s, 0.0):.0f}-{one.to_s:.0f} s" for one in moved[:_NAMED])
     more = f" and {len(moved) - _NAMED} times more" if len(moved) > _NAMED else ""
+    turned, pushed = largest_move(seconds, found)
     end_s = record_from_s + float(seconds.starts_s[-1]) + 1
     rest = longest_stillness(moved, record_from_s, end_s)
-    yield (
-        f"the IMU moved at {named}{more}: figures across that mean nothing; take the longest "
-        f"rest, --from {math.ceil(rest.from_s)} --to {math.floor(rest.to_s)}"
+    begin_s, finish_s = math.ceil(rest.from_s), math.floor(rest.to_s)
+    advice = (
+        f"take the longest rest, --from {begin_s} --to {finish_s}"
+        if finish_s - begin_s >= LEAST_SPAN_S
+        else "record it lying still; of a flight, tirgeo calibrate imu tells the noise"
+    )
+    return (
+        f"the IMU moved at {named}{more}, by up to {math.degrees(turned):.3g} deg/s and "
+        f"{pushed:.3g} m/s2: figures across that mean nothing; {advice}"
     )
 
 
@@ -120,20 +134,29 @@ def _length(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> Iterator[str]:
         )
 
 
-def _stamps(record: ImuRecord) -> Iterator[str]:
-    told, grid = record.grid.irregularities, record.grid
+def sample_doubts(record: ImuRecord) -> Iterator[str]:
+    """What is wrong with the samples of any record, at rest or in flight."""
+    told = record.grid.irregularities
     samples = max(told.samples, 1)
     lost = told.missing + told.not_finite + record.unreadable
     if lost > _MUCH * samples:
         yield f"{lost} samples beside {samples} are missing, unreadable or not finite"
     if told.repeated + told.late > _MUCH * samples:
         yield f"{told.repeated + told.late} stamps repeat the one before or go back: left out"
-    if told.splits:
-        yield f"the record is in {told.splits + 1} pieces: none is longer than its part"
     if told.identical > _MUCH * samples:
         yield (
             f"{100 * told.identical / samples:.0f} % of the samples equal the one before: the "
             "topic is faster than the sensor, or the sensor is coarse"
+        )
+
+
+def _stamps(record: RestRecord) -> Iterator[str]:
+    grid = record.grid
+    yield from sample_doubts(record)
+    if grid.irregularities.splits:
+        yield (
+            f"the record is in {grid.irregularities.splits + 1} pieces: none is longer than its "
+            "part"
         )
     if grid.jitter_ns > _SHAKY * grid.mean_step_ns:
         yield (

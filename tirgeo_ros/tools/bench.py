@@ -163,7 +163,7 @@ def _serial_cost(folder: Path, work: Path) -> list[Figure]:
     params = work / "serial.yaml"
     given = load_yaml(folder / "params.yaml")
     player = given.setdefault("/**/bag_player", {"ros__parameters": {}})["ros__parameters"]
-    player.setdefault("aircraft", {})["pushes"] = True
+    player.setdefault("simulated_aircraft", {})["pushes"] = True
     params.write_text(yaml.safe_dump(given))
     bag, map_file = folder / "flight.mcap", folder / "map.geojson"
     setup = GraphSetup(bag, work / "serial", params=params, map=map_file, serial=True)

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.own_python import python_command
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.static_imu import write_static
 
 _HOURS = 5.0
 _SCRIPT = """\
-import json, resource, sys
+import json, resource
 from tirgeo_ros.tools.calibrate_allan import calibrate_allan
 found = calibrate_allan(sys.argv[1], sys.argv[2])
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -38,7 +39,7 @@ def allan_cost(work: Path, hours: float = _HOURS) -> AllanCost:
     write_static(bag, hours, Scenario(), seed=1)
     begun = time.perf_counter()
     run = subprocess.run(  # noqa: S603 this very Python
-        [sys.executable, "-c", _SCRIPT, bag, work / "imu.yaml"],
+        python_command(_SCRIPT, str(bag), str(work / "imu.yaml")),
         capture_output=True,
         text=True,
         check=True,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.errors import GraphError
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.own_python import python_command
 from tirgeo_ros.tools.bench_overlay import ABOVE_M, PITCH_DEG, PLANE, beds
 from tirgeo_ros.tools.graph import GraphSetup, await_words, graph_environment, node_processes
 from tirgeo_ros.tools.node_process import NodeProcess
@@ -49,7 +49,7 @@ def dds_times(
     work.mkdir(parents=True, exist_ok=True)
     _write_map(work / "map.geojson")
     environment = graph_environment(GraphSetup(work, work))
-    with node_processes() as nodes, _busy(spinning):
+    with node_processes() as nodes, busy(spinning):
         for name, values in _settings(work, node, jpeg=jpeg).items():
             words = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
             nodes.append(NodeProcess(name, words, environment, work / f"{name}.log"))
@@ -93,12 +93,12 @@ def _outline(label: str, points: Array) -> dict[str, object]:
 
 
 @contextmanager
-def _busy(number: int) -> Iterator[None]:
-    spinning = [
-        subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(number)
-    ]
+def busy(number: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Keep so many processes busy with nothing for as long as the context lasts."""
+    spin = python_command("while True: pass")
+    spinning = [subprocess.Popen(spin) for _ in range(number)]  # noqa: S603  this very Python
     try:
-        yield
+        yield spinning
     finally:
         for process in spinning:
             process.kill()

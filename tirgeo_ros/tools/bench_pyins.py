@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.attitude import euler_from_quat, quat_from_euler, wrap_pi
-from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.samples import (
     Array,
     HeadingSample,
@@ -137,7 +136,7 @@ def _measurements(flight: Flight, zero_ns: int) -> list[Any]:
     ]
     headings = [s for s in samples if isinstance(s, HeadingSample)]
     places = [[*np.degrees([s.latitude_rad, s.longitude_rad]), s.height_m] for s in fixes]
-    arm_b = flu_from_frd(np.array(flight.scenario.rtk.lever_arm_m))
+    arm_b = flight.scenario.aircraft.rtk_lever_b
     sigmas = [np.sqrt(s.covariance_n.diagonal()) for s in (fixes[0], velocities[0])]
     return [
         pyins.measurements.Position(

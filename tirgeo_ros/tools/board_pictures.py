@@ -15,6 +15,7 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.encoded_picture import MOST_OF_FILE, unpacked
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.inputs import PICTURES, resolved
 from tirgeo_ros.tools.progress import Report
@@ -74,11 +75,13 @@ def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken
 
 
 def _read(path: Path) -> Picture | None:
-    """(h, w) uint8 or uint16, or (h, w, 3) uint8."""
+    """(h, w) uint8 or uint16, or (h, w, 3) uint8. Raises CalibrationError for one too large."""
     try:
-        pixels = cv2.imread(str(path), _ANY_DEPTH)
-    except cv2.error:
+        pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
+    except OSError:
         return None
+    except ValueError as error:
+        raise CalibrationError(f"{path}: {error}") from None
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         return None
     if pixels.ndim == 3 and pixels.dtype == np.uint16:
@@ -104,6 +107,11 @@ class BoardVideo:
         self._info = resolved(_CAMERA_INFO, namespace)
         self._cdr = Cdr()
 
+    @property
+    def damage(self) -> str | None:
+        """What of the bag was lost, once its pictures were read."""
+        return None if self.reader.damage is None else f"{self.reader.path}: {self.reader.damage}"
+
     def pictures(self, progress: Report) -> Iterator[Taken]:
         """All pictures, in order; ``progress`` is told seconds."""
         first_ns, last_ns = self.reader.span_ns
@@ -115,7 +123,11 @@ class BoardVideo:
         """The camera of the first ``thermal/camera_info``. Raises BagError, CameraError."""
         if self._info not in self.reader.topics():
             raise BagError(f"{self.reader.path}: topic absent: {self._info}; give --camera")
-        message = next(iter(self.reader.messages([self._info])))
+        message = next(iter(self.reader.messages([self._info])), None)
+        if message is None:
+            raise BagError(
+                f"{self.reader.path}: no {self._info} in what can be read; give --camera"
+            )
         return convert.camera(self._decoded(message), self._info)
 
     def _picture(self, message: BagMessage) -> Taken:

@@ -76,7 +76,7 @@ def read_flight(
         usual.at,
         np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
         configs.overlay.video_latency_s,
-        configs.gimbal.camera_offset_g,
+        configs.gimbal.aircraft.camera_from_pivot_g,
         click_sigma_px,
         {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
         _unknown_north(composer, configs.gimbal),
@@ -100,9 +100,10 @@ def _passes(
         stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + _STEP_DEG)
         passes["gimbal_north"] = recorded.registered(ekf, stepped, instants_ns)
     if "heading_offset" in wanted:
-        heading = replace(ekf.heading, offset_deg=ekf.heading.offset_deg + _STEP_DEG)
-        turned = replace(ekf, heading=heading)
-        passes["heading_offset"] = recorded.registered(turned, gimbal, instants_ns)
+        step_rad = math.radians(_STEP_DEG)
+        passes["heading_offset"] = recorded.registered(
+            ekf, gimbal, instants_ns, baseline_step_rad=step_rad
+        )
     return passes
 
 

@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.attitude import rotation_z
 from tirgeo_ros.core.boresight import PARAMETERS, Sighting
 from tirgeo_ros.core.boresight_fit import Fit
 from tirgeo_ros.core.boresight_ground import ground_errors, rmse_m
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.parameter_output import Value, parameters_yaml
@@ -26,12 +27,14 @@ _MUCH = 2.0
 _UNITS = {"latency": "ms", "ground_height": "m"}  # the others: deg
 _PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
 _BORESIGHT = "boresight_rpy_deg"
+_SECOND = "aircraft.second_antenna_m"
+_ALL = ""  # nodes
 _PLACES = {
     "roll": ("gimbal_node", _BORESIGHT),
     "pitch": ("gimbal_node", _BORESIGHT),
     "yaw": ("gimbal_node", _BORESIGHT),
     "latency": ("overlay_node", "video_latency_s"),
-    "heading_offset": ("ekf_node", "heading.offset_deg"),
+    "heading_offset": (_ALL, _SECOND),
     "ground_height": ("overlay_node", "ground_height_m"),
 }
 
@@ -43,7 +46,9 @@ class Parameters:
         north = "yaw_zero_deg" if read.by_encoders else "north.bias_deg"
         self._places = _PLACES | {"gimbal_north": ("gimbal_node", north)}
         self._ground_m = read.ground_m
+        self._aircraft = configs.ekf.aircraft
         self._configs: dict[str, EkfConfig | GimbalConfig | OverlayConfig] = {
+            _ALL: configs.ekf,
             "ekf_node": configs.ekf,
             "gimbal_node": configs.gimbal,
             "overlay_node": configs.overlay,
@@ -53,6 +58,10 @@ class Parameters:
         """Of one of PARAMETERS, in the table's unit."""
         if name == "ground_height":
             return self._ground_m  # its correction is counted from the survey's heights
+        if name == "heading_offset":
+            direction_deg = self._aircraft.baseline_deg
+            assert direction_deg is not None  # looked at before the flight was read
+            return direction_deg
         node, key = self._places[name]
         given = values_of(self._configs[node])[key]
         if isinstance(given, tuple):
@@ -67,12 +76,22 @@ class Parameters:
             values = nodes.setdefault(node, {})
             if key == _BORESIGHT:
                 values[key] = [found.get(axis, self.value(axis)) for axis in PARAMETERS[:3]]
+            elif key == _SECOND:
+                turn_deg = value - self.value(name)
+                values[key] = _turned_second_m(self._aircraft, math.radians(turn_deg))
             else:
                 values[key] = value / (_PER_UNIT["ms"] if name == "latency" else 1.0)
         for node, values in nodes.items():
             config = self._configs[node]
             config_from(type(config), {**values_of(config), **values}, "what was found")
         return nodes
+
+
+def _turned_second_m(aircraft: AircraftConfig, turn_rad: float) -> list[float]:
+    """The second antenna's place when it is turned about the first, clockwise from above."""
+    first, second = np.array(aircraft.rtk_antenna_m), np.array(aircraft.second_antenna_m)
+    turned: list[float] = (first + rotation_z(-turn_rad) @ (second - first)).tolist()
+    return turned
 
 
 class Estimate(NamedTuple):
@@ -125,6 +144,11 @@ class Result:
         if "north.bias_deg" in self.nodes.get("gimbal_node", {}):
             found.append(
                 "set gimbal_node north.sigma_deg to what the bias may change by the next flight"
+            )
+        if _SECOND in self.nodes.get(_ALL, {}):
+            found.append(
+                f"{_SECOND} mends headings where the aircraft's messages are read (dji_node, "
+                "tirgeo import); those in this bag stay as they are: import it anew"
             )
         return found
 

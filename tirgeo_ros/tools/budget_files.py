@@ -12,8 +12,8 @@ import numpy as np
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.camera_file import given_camera
-from tirgeo_ros.io.parameter_file import Files
-from tirgeo_ros.io.whole_files import PathLike, made_folder, write_files
+from tirgeo_ros.io.parameter_file import Files, paths_of
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.tools.budget import STEP_PX, Budget, Setting, Sigmas, budget, budget_csv
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.plots import figure, png
@@ -32,6 +32,9 @@ _ERRORS = {one.name for one in dataclasses.fields(Sigmas)}
 _CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 
 
+_NAMES = ("budget.csv", *(f"{name}.png" for name in _TITLES))
+
+
 def make_budget(
     given: Given,
     *,
@@ -48,7 +51,11 @@ def make_budget(
     budget.csv and the maps to the folder ``output`` where there is one. Raises BagError,
     CameraError, ConfigError, CalibrationError.
     """
-    ekf, gimbal, overlay = node_configs(params, namespace, camera=camera)
+    configs = node_configs(params, namespace, camera=camera)
+    if output is not None:
+        outputs = [Path(output) / name for name in _NAMES]
+        check_outputs((bag, *paths_of(params), *configs.files), outputs, CalibrationError)
+    ekf, gimbal, overlay, _ = configs
     setting = Setting(confidence=overlay.confidence)
     known, flight = given_camera(overlay), None
     if bag is not None:

@@ -17,13 +17,13 @@ from tirgeo_ros.core.still_seconds import Seconds, drifts
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.parameter_output import Value, parameters_yaml
 from tirgeo_ros.io.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.tools.allan_doubts import doubts
+from tirgeo_ros.tools.allan_doubts import LEAST_SPAN_S, doubts, movement
 from tirgeo_ros.tools.allan_pictures import curves_csv, curves_png
 from tirgeo_ros.tools.allan_table import axis_of, table
-from tirgeo_ros.tools.imu_record import CHANNELS, ImuRecord, read_record
+from tirgeo_ros.tools.imu_record import CHANNELS, RestRecord, read_record
+from tirgeo_ros.tools.inputs import resolved
 from tirgeo_ros.tools.progress import Report, silent
 
-_LEAST_SPAN_S = 60.0
 _HEAD = """\
 Noise of the IMU in {name}: {hours:.2f} h at {rate:.2f} Hz, by tirgeo calibrate allan.
 
@@ -46,20 +46,24 @@ def calibrate_allan(
     to_s: float = math.inf,
     plot: PathLike | None = None,
     csv: PathLike | None = None,
+    moved: bool = False,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Find the noise of an IMU at rest between two times (s) since its first message.
 
     Writes parameters for ekf_node, a plot (beside ``output`` as ``.png`` unless named) and, if
-    asked, the curves as CSV: all of them or none. Raises BagError, CalibrationError.
+    asked, the curves as CSV: all of them or none. A record that moved is refused unless ``moved``
+    says to take it. Raises BagError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
-    outputs = [output, picture, *([] if csv is None else [csv])]
-    check_outputs([bag], outputs, CalibrationError)
+    check_outputs([bag], (output, picture, csv), CalibrationError)
     reader = BagReader(bag)
-    record = read_record(reader, topic, namespace, from_s, to_s, progress)
+    record = read_record(reader, RestRecord(resolved(topic, namespace), from_s), to_s, progress)
     analysis = _analysis(reader, record)
     seconds = record.seconds.seconds() if record.seconds else Seconds.none()
+    moving = "" if moved else movement(seconds, record.from_s)
+    if moving:
+        raise CalibrationError(f"{reader.path}: {moving}; --moved writes them all the same")
     slopes, steady = drifts(seconds)
     ramps = (slopes * steady).tolist()
     fits = [analysis.fit(channel, ramp) for channel, ramp in enumerate(ramps)]
@@ -105,7 +109,7 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
     return found
 
 
-def _analysis(reader: BagReader, record: ImuRecord) -> AllanAnalysis:
+def _analysis(reader: BagReader, record: RestRecord) -> AllanAnalysis:
     curve = record.allan.curve()
     still = [name for name, v in zip(CHANNELS, curve.variances.T, strict=True) if not v.any()]
     if still:
@@ -114,7 +118,7 @@ def _analysis(reader: BagReader, record: ImuRecord) -> AllanAnalysis:
             "record what the IMU itself gives"
         )
     analysis = AllanAnalysis(curve, record.grid.mean_step_ns * 1e-9)
-    if analysis.span_s < _LEAST_SPAN_S:
+    if analysis.span_s < LEAST_SPAN_S:
         raise CalibrationError(
             f"{reader.path}: {analysis.span_s:.0f} s in one piece tell nothing of the noise; "
             "record hours at rest"
@@ -122,7 +126,7 @@ def _analysis(reader: BagReader, record: ImuRecord) -> AllanAnalysis:
     return analysis
 
 
-def _told(record: ImuRecord, analysis: AllanAnalysis) -> dict[str, object]:
+def _told(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
     grid, told = record.grid, record.grid.irregularities
     return {
         "topic": record.topic,

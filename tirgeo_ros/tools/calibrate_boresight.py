@@ -11,7 +11,7 @@ from tirgeo_ros.core.boresight_fit import Fit, fit, foreseen
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
-from tirgeo_ros.io.parameter_file import Files
+from tirgeo_ros.io.parameter_file import Files, paths_of
 from tirgeo_ros.io.survey import load_observations, load_survey
 from tirgeo_ros.io.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.tools.boresight_flight import ReadFlight, read_flight
@@ -55,14 +55,16 @@ def calibrate_boresight(
     residuals. Raises CalibrationError where the flight cannot tell what is asked for, BagError,
     ConfigError, SurveyError.
     """
-    outputs = [one for one in (output, plot) if one]
-    check_outputs((bag_in, survey, observations), outputs, CalibrationError)
     configs = node_configs(params, namespace, camera=camera)
+    given = (bag_in, survey, observations, *paths_of(params), *configs.files)
+    check_outputs(given, (output, plot), CalibrationError)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
     _check_ground(wanted, configs)
+    _check_antennas(wanted, configs)
     seen, points = load_observations(observations), load_survey(survey)
     reader = BagReader(bag_in)
+    configs, chosen = configs.fitting(reader, namespace)
     read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
     try:
         found, notes = _fitted(read, wanted, strict=estimate is not None)
@@ -81,7 +83,7 @@ def calibrate_boresight(
         **result.as_dict(),
         "unknown_ids": read.unknown,
         "without_pose": read.lost,
-        "notes": read.notes + notes + result.notes,
+        "notes": chosen + read.notes + notes + result.notes,
         "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
 
@@ -91,6 +93,14 @@ def _check_ground(wanted: Sequence[str], configs: NodeConfigs) -> None:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; take that out of the "
             "parameters, or ground_height out of the list"
+        )
+
+
+def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
+    if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
+        raise CalibrationError(
+            "heading_offset: it turns the second RTK antenna about the first; set "
+            "aircraft.rtk_antenna_m and aircraft.second_antenna_m in the parameters"
         )
 
 

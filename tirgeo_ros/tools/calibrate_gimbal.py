@@ -20,7 +20,7 @@ from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.camera_file import load_camera
-from tirgeo_ros.io.whole_files import PathLike, csv_text, write_files
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.tools.board_pictures import (
     BoardVideo,
     Taken,
@@ -86,13 +86,17 @@ def calibrate_gimbal(
     Writes the time series (CSV) and a plot where asked: both or none. Raises CalibrationError,
     CameraError, BagError.
     """
-    if is_bag(inputs):
+    by_bag = is_bag(inputs)
+    if camera is None and not by_bag:
+        raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
+    check_outputs((*files_of(inputs), camera), (output, plot), CalibrationError)
+    video = None
+    if by_bag:
         video = BoardVideo(inputs[0], namespace)
         lens = load_camera(camera) if camera is not None else video.camera()
         pictures = thinned(video.pictures(progress), rate_hz)
     else:
-        if camera is None:
-            raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
+        assert camera is not None
         lens = load_camera(camera)
         pictures = _timed(pictures_of_files(files_of(inputs), progress), rate_hz)
     found, lost = attitudes_in(pictures, board, lens)
@@ -107,7 +111,9 @@ def calibrate_gimbal(
     if plot is not None:
         files[plot] = attitudes_png(found)
     write_files(files, CalibrationError)
-    return {"output": [os.fspath(path) for path in files]} | _summary(found, lost)
+    damage = None if video is None else video.damage
+    output_files = [os.fspath(path) for path in files]
+    return {"output": output_files} | _summary(found, lost) | {"error": damage}
 
 
 def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:

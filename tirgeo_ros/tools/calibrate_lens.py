@@ -17,7 +17,7 @@ from tirgeo_ros.core.checkerboard import Checkerboard
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.lens_fit import LensFit, LensModel, fit_lens
 from tirgeo_ros.io.camera_file import camera_yaml
-from tirgeo_ros.io.whole_files import PathLike, write_files
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.tools.board_pictures import (
     BoardVideo,
     Taken,
@@ -97,8 +97,11 @@ def calibrate_lens(
     the sharpest picture of every ``every_s`` seconds is looked at. At most ``max_views`` views,
     the most different ones, are used. Raises CalibrationError, BagError.
     """
-    if is_bag(inputs):
-        pictures = sharpest(BoardVideo(inputs[0], namespace).pictures(progress), every_s)
+    by_bag = is_bag(inputs)
+    check_outputs(files_of(inputs), (output, plot), CalibrationError)
+    video = BoardVideo(inputs[0], namespace) if by_bag else None
+    if video is not None:
+        pictures = sharpest(video.pictures(progress), every_s)
     else:
         pictures = pictures_of_files(files_of(inputs), progress)
     seen = sightings_in(pictures, board)
@@ -112,7 +115,9 @@ def calibrate_lens(
     if plot is not None:
         files[plot] = coverage_png(fit, seen.views)
     write_files(files, CalibrationError)
-    return {"output": [os.fspath(path) for path in files]} | _summary(fit, seen, spare)
+    damage = None if video is None else video.damage
+    output_files = [os.fspath(path) for path in files]
+    return {"output": output_files} | _summary(fit, seen, spare) | {"error": damage}
 
 
 def _check_seen(seen: BoardSightings) -> None:

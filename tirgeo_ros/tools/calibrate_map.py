@@ -45,8 +45,7 @@ def calibrate_map(
     MapError, CalibrationError.
     """
     named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
-    given = [path for path in (vectors, points, survey, image) if path is not None]
-    check_outputs(given, named, MapError)
+    check_outputs((vectors, points, survey, image), named, MapError)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     found, residuals = _fitted(points, control, plane, order)

@@ -36,6 +36,7 @@ from tirgeo_ros.core.samples import (
     FixStatus,
     NavigationStatus,
 )
+from tirgeo_ros.io.encoded_picture import MOST_OF_FILE, unpacked
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -85,7 +86,10 @@ def _named_pose(path: Path, height_m: float, depression_deg: float) -> tuple[flo
 
 
 def _in_palettes(path: Path, height_m: float, depression_deg: float) -> Iterator[Pixels]:
-    picture = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH)
+    try:
+        picture = unpacked(path.read_bytes(), cv2.IMREAD_ANYDEPTH, MOST_OF_FILE)
+    except (OSError, ValueError) as error:
+        raise VideoError(f"{path}: {error}") from None
     if picture is None:
         raise VideoError(f"{path}: not a picture that can be read")
     camera = _scaled(XT2, picture.shape[1], picture.shape[0])

@@ -14,8 +14,11 @@ import numpy as np
 from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.whole_files import check_outputs, write_files
 from tirgeo_ros.tools.graph import AWAITED, GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.inputs import PICTURES
+from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.outputs import OVERLAY, Outputs, read_outputs, read_pictures
 from tirgeo_ros.tools.pose_comparison import differences, in_plane
 from tirgeo_ros.tools.progress import Report, silent
@@ -23,6 +26,7 @@ from tirgeo_ros.tools.resources import find_resource
 from tirgeo_ros.tools.video import VideoFile
 
 SAMPLE = "bags/sample"
+_NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
 #: Where in the flight the still is taken: the filter has settled and the map is in view.
 _STILL_AT = 2 / 3
 #: From here on the poses are judged against the truth.
@@ -49,8 +53,18 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     result |= summary(outputs, first_ns) | cost(run)
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
     result["error"] = run.error
-    (setup.folder / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+    text = json.dumps(result, indent=2) + "\n"
+    write_files({setup.folder / "summary.json": text}, GraphError)
     return result
+
+
+def check_place_of(setup: GraphSetup) -> None:
+    """Raise GraphError where what the demo leaves would take the place of what it reads."""
+    configs = node_configs(setup.params)
+    named = [*configs.files, *map_files(str(setup.map or ""))]
+    outputs = [setup.folder / name for name in _NAMES]
+    truth = setup.bag.with_name("truth.mcap")
+    check_outputs((setup.bag, truth, setup.params, *named), outputs, GraphError)
 
 
 def with_sample(setup: GraphSetup) -> GraphSetup:
@@ -81,7 +95,7 @@ def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, objec
         for number, (stamp_ns, pixels) in enumerate(read_pictures(recording)):
             film.add(stamp_ns, pixels)
             if number == int(frames * _STILL_AT):
-                cv2.imwrite(str(still), pixels)
+                write_files({still: cv2.imencode(".png", pixels)[1].tobytes()}, GraphError)
     return {"video": str(video), "still": str(still), "frames_out": frames}
 
 

@@ -18,7 +18,7 @@ from tirgeo_ros.core.attitude import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import ecef_from_geodetic, rotation_ecef_from_ned
 from tirgeo_ros.core.navigation import Navigation
-from tirgeo_ros.core.parameter import config_from
+from tirgeo_ros.core.parameter import config_from, values_of
 from tirgeo_ros.core.samples import (
     Array,
     HeadingSample,
@@ -45,11 +45,8 @@ def navigation_samples(flight: Flight) -> list[NavigationInput]:
 
 
 def fitting_config(flight: Flight, **values: object) -> EkfConfig:
-    """The filter's defaults with the flight's lever arms, and values (``rtk__delay_s=0.1``)."""
-    fitting: dict[str, object] = {
-        "rtk.lever_arm_m": flight.scenario.rtk.lever_arm_m,
-        "gps.lever_arm_m": flight.scenario.gps.lever_arm_m,
-    }
+    """The filter's defaults with the flight's antennas, and values (``rtk__delay_s=0.1``)."""
+    fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
     given = {key.replace("__", "."): value for key, value in values.items()}
     return config_from(EkfConfig, fitting | given)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from tirgeo_ros.core.arrival import Arrivals
@@ -14,7 +15,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.errors import BagError, TirgeoError
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.pose_history import PoseHistory
-from tirgeo_ros.core.samples import CameraPose, Verdict
+from tirgeo_ros.core.samples import CameraPose, HeadingSample, Verdict
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.cdr import header_stamp_ns
@@ -91,12 +92,18 @@ class RecordedFlight:
         gimbal: GimbalConfig,
         instants_ns: Sequence[int],
         watcher: Watcher | None = None,
+        *,
+        baseline_step_rad: float = 0.0,
     ) -> FlightPoses:
-        """A registration that takes part. Raises BagError where a needed topic is absent."""
+        """A registration that takes part. Raises BagError where a needed topic is absent.
+
+        ``baseline_step_rad``: with the headings that the aircraft would have told by antennas
+        turned so much, clockwise from above.
+        """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
-        poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher)
+        poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher, baseline_step_rad)
         self.add(poses)
         return poses
 
@@ -157,8 +164,10 @@ class FlightPoses:
         instants_ns: Sequence[int],
         topics: Collection[str],
         watcher: Watcher | None = None,
+        baseline_step_rad: float = 0.0,
     ) -> None:
         self.topics = topics
+        self._baseline_step_rad = baseline_step_rad
         self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
         self.cameras: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
         self._watcher = watcher
@@ -171,6 +180,9 @@ class FlightPoses:
 
     def take(self, sample: Sample) -> None:
         """Take a sample to the filter or to the gimbal."""
+        if self._baseline_step_rad and isinstance(sample, HeadingSample):
+            heading_rad = sample.heading_rad - self._baseline_step_rad
+            sample = replace(sample, heading_rad=heading_rad)
         found = self.registration.take(sample)
         for pose in found.cameras:
             if self._is_near(pose.stamp_ns):

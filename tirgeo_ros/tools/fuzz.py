@@ -18,7 +18,7 @@ from itertools import cycle
 
 import numpy as np
 
-from tirgeo_ros.core.config.aircraft import DjiConfig, DjiHostConfig
+from tirgeo_ros.core.config.dji import DjiConfig, DjiHostConfig
 from tirgeo_ros.dji.crc import crc16, crc32
 from tirgeo_ros.dji.framing import HEADER_BYTES, MAX_BYTES, MIN_BYTES, Frame, FrameReader
 from tirgeo_ros.dji.meaning.interpreter import Interpreter, Sample

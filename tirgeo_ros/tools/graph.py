@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import tirgeo_ros
 from tirgeo_ros.core.errors import GraphError
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.io.stop_signals import stop_signals
 from tirgeo_ros.tools.inputs import PICTURES
+from tirgeo_ros.tools.localhost import localhost_environment
 from tirgeo_ros.tools.node_process import NodeProcess
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.resources import find_resource
@@ -94,19 +95,11 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
     """The environment of the nodes: a DDS domain of their own, on this machine alone."""
-    environment = {**os.environ, **setup.environment}
-    for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"):
-        environment.pop(name, None)
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    given = {**os.environ, **setup.environment}
+    environment = localhost_environment(given, find_resource("config"))
     environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
     if "ROS_DOMAIN_ID" not in setup.environment:
         environment["ROS_DOMAIN_ID"] = str(free_domain())
-    profile = find_resource("config/fastdds.xml")
-    if profile is not None:
-        environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
-    source = str(Path(tirgeo_ros.__file__).resolve().parents[1])
-    paths = [source, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
-    environment["PYTHONPATH"] = os.pathsep.join(paths)
     return environment
 
 
@@ -173,7 +166,7 @@ def node_processes() -> Iterator[list[NodeProcess]]:
         yield processes
     finally:
         # A second Ctrl-C must not leave half of them behind; the wait is bounded.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         try:
             _end(processes)
         finally:

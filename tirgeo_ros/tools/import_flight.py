@@ -10,6 +10,7 @@ from tirgeo_ros.core.errors import BagError, ConfigError
 from tirgeo_ros.io.bag import BagWriter
 from tirgeo_ros.io.mcap_contents import MAGIC as MCAP
 from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.io.whole_files import check_outputs
 from tirgeo_ros.tools.import_capture import CaptureOptions, import_capture
 from tirgeo_ros.tools.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.import_sink import ImportSink
@@ -49,10 +50,10 @@ def import_flight(
     """
     path = Path(source)
     is_bag = _is_ros1(path)
-    if Path(output).exists() and Path(output).samefile(path):
-        raise BagError(f"{output}: the output would take the place of the input")
     _check_options(path, pictures, capture, is_bag=is_bag)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
+    given = (path, params, capture.packages, config.packages)
+    check_outputs(given, [output], BagError)
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
         if is_bag:

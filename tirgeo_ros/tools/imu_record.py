@@ -1,4 +1,4 @@
-"""A record of an IMU at rest, streamed from a bag into what its noise is told from."""
+"""A record of an IMU, at rest or in flight, streamed from a bag into what tells its noise."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
+from typing import TypeVar
+
+import numpy as np
 
 from tirgeo_ros.core.allan import AllanStream
 from tirgeo_ros.core.errors import BagError, CalibrationError
-from tirgeo_ros.core.sample_grid import SampleGrid
+from tirgeo_ros.core.flight_noise import PieceStream
+from tirgeo_ros.core.imu_clipping import Clipping
+from tirgeo_ros.core.sample_grid import Piece, SampleGrid
+from tirgeo_ros.core.sample_runs import SampleRuns
+from tirgeo_ros.core.samples import ImuSample
 from tirgeo_ros.core.spectral_lines import SpectrumStream
 from tirgeo_ros.core.still_seconds import SecondStream
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.messages.imu_block import ImuBlock, imu_block
-from tirgeo_ros.tools.inputs import resolved
 from tirgeo_ros.tools.progress import Report, silent
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
@@ -32,9 +38,6 @@ class ImuRecord:
     topic: str  # resolved
     from_s: float = 0.0  # begins so long after the first message
     grid: SampleGrid = field(default_factory=SampleGrid)
-    allan: AllanStream = field(default_factory=AllanStream)
-    seconds: SecondStream | None = None
-    spectrum: SpectrumStream | None = None
     messages: int = 0
     unreadable: int = 0
     first_ns: int | None = None
@@ -43,36 +46,75 @@ class ImuRecord:
         """Take in messages. Raises CalibrationError where they show no rate."""
         self.unreadable += block.unreadable
         for piece in self.grid.add(block.stamps_ns, block.values):
-            if self.seconds is None or self.spectrum is None:
-                self.seconds = SecondStream(self.grid.step_ns)
-                self.spectrum = SpectrumStream(self.grid.step_ns)
-            self.allan.add(piece)
-            self.seconds.add(piece)
-            self.spectrum.add(piece)
+            self.take(piece)
+
+    def take(self, piece: Piece) -> None:
+        """Take in consecutive slots."""
+
+
+@dataclass
+class RestRecord(ImuRecord):
+    """Of an IMU at rest."""
+
+    allan: AllanStream = field(default_factory=AllanStream)
+    seconds: SecondStream | None = None
+    spectrum: SpectrumStream | None = None
+
+    def take(self, piece: Piece) -> None:
+        """Take in consecutive slots."""
+        if self.seconds is None or self.spectrum is None:
+            self.seconds = SecondStream(self.grid.step_ns)
+            self.spectrum = SpectrumStream(self.grid.step_ns)
+        self.allan.add(piece)
+        self.seconds.add(piece)
+        self.spectrum.add(piece)
+
+
+@dataclass
+class FlightRecord(ImuRecord):
+    """Of an IMU in flight."""
+
+    grid: SampleGrid = field(default_factory=SampleRuns)
+    stream: PieceStream | None = None
+    clipping: Clipping = field(default_factory=Clipping)
+
+    def add(self, block: ImuBlock) -> None:
+        """Take in messages. Raises CalibrationError where they show no rate."""
+        super().add(block)
+        finite = np.isfinite(block.values).all(axis=1)
+        stamps_ns, rows = block.stamps_ns[finite].tolist(), block.values[finite]
+        for stamp_ns, values in zip(stamps_ns, rows, strict=True):
+            self.clipping.add(ImuSample(stamp_ns, values[3:], values[:3]))
+
+    def take(self, piece: Piece) -> None:
+        """Take in consecutive slots."""
+        if self.stream is None:
+            self.stream = PieceStream(self.grid.step_ns)
+        self.stream.add(piece)
+
+
+Record = TypeVar("Record", bound=ImuRecord)
 
 
 def read_record(
     reader: BagReader,
-    topic: str,
-    namespace: str = "",
-    from_s: float = 0.0,
+    record: Record,
     to_s: float = math.inf,
     progress: Report = silent,
-) -> ImuRecord:
-    """The record of ``topic`` between two times (s) since its first message.
+) -> Record:
+    """Fill a record from its topic, up to a time (s) since the topic's first message.
 
     Raises BagError for a topic that is not there or no Imu, CalibrationError for a record that
     nothing can be told from.
     """
-    name = resolved(topic, namespace)
+    name = record.topic
     _check(reader, name)
-    record = ImuRecord(name, from_s)
     for block in _blocks(reader, name, to_s, progress):
         record.messages += len(block.stamps_ns) + block.unreadable
         if record.first_ns is None and len(block.stamps_ns):
             record.first_ns = int(block.stamps_ns[0])
         since_s = (block.stamps_ns - (record.first_ns or 0)) * 1e-9
-        wanted = (since_s >= from_s) & (since_s <= to_s)
+        wanted = (since_s >= record.from_s) & (since_s <= to_s)
         try:
             record.add(ImuBlock(block.stamps_ns[wanted], block.values[wanted], block.unreadable))
         except CalibrationError as error:
@@ -120,5 +162,5 @@ def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
     if missing > _MOST_MISSING * (told.samples + missing):
         raise CalibrationError(
             f"{where}: {missing} samples are missing or not finite beside {told.samples} good "
-            "ones; record again without loss"
+            "ones; record again without loss, with the sensor's own stamps"
         )

@@ -17,6 +17,8 @@ _GIMBAL: dict[str, tuple[str, ...]] = {
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
 }
 _POSITIONS = ("rtk/fix", "gps/fix")
+#: What the default method takes beyond ordinary GPS.
+_OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 
 def prefix(namespace: str) -> str:
@@ -37,10 +39,12 @@ def inputs_of(
     *,
     pictures: bool,
     camera: bool = True,
+    gimbal: bool = True,
 ) -> dict[str, str]:
     """Resolved name to contract topic of what a run reads from a bag.
 
-    Of ``pictures`` the camera's calibration too, if ``camera`` says that it is asked for.
+    Of ``pictures`` the camera's calibration too, if ``camera`` says that it is asked for; without
+    ``gimbal`` its angles are read where there are some, and not needed.
 
     Raises BagError naming every needed topic that is absent, or one that has another type.
     """
@@ -48,7 +52,7 @@ def inputs_of(
     there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
     wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
-    needed = [("imu/data",), positions, _GIMBAL[composition]]
+    needed = [("imu/data",), positions, *([_GIMBAL[composition]] if gimbal else ())]
     if pictures:
         needed += [PICTURES, *([("thermal/camera_info",)] if camera else ())]
         wanted += ["tirgeo/locate/pixel", *(["thermal/camera_info"] if camera else ())]
@@ -62,6 +66,21 @@ def inputs_of(
                 f"not {TOPIC_TYPES[name]}"
             )
     return found
+
+
+def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
+    """The method for what a bag holds, and why it is not the default; empty where it is.
+
+    Without headings it is ``ekf``, on ordinary GPS where there is no RTK.
+    """
+    present = reader.topics()
+    lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
+    if "rtk/heading" not in lacking:
+        return "ekf_heading", ""
+    alone = lacking == list(_OF_HEADINGS) and resolved("gps/fix", namespace) in present
+    names = ", ".join(resolved(name, namespace) for name in (lacking if alone else lacking[-1:]))
+    on_gps = "; it flies on ordinary GPS" if alone else ""
+    return "ekf", f"method ekf: the bag has no {names}{on_gps}"
 
 
 def done_without(found: Collection[str], method: str) -> list[str]:

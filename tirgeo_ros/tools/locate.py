@@ -21,7 +21,7 @@ from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml
-from tirgeo_ros.io.parameter_file import Files
+from tirgeo_ros.io.parameter_file import Files, paths_of
 from tirgeo_ros.io.survey import Observation, load_observations
 from tirgeo_ros.io.whole_files import check_outputs, write_files
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
@@ -49,18 +49,21 @@ def locate_pixels(
     Writes GeoJSON, and KML and Cursor-on-Target where asked: all of them or none. ``dem`` or
     ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground,
     ``camera``, a calibration file, before the bag's. A pixel that cannot be located is written
-    with its reason. Raises BagError, CameraError, ConfigError, SurveyError, ElevationError.
+    with its reason. Where nobody says a method it is that of what the bag holds. Raises BagError,
+    CameraError, ConfigError, SurveyError, ElevationError.
     """
-    ekf, gimbal, overlay = node_configs(
+    configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
+    overlay = configs.overlay
     outputs = [one for one in (output, kml_out, cot_out) if one]
-    check_outputs((bag_in, pixels), outputs, SurveyError)
+    check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
     seen = load_observations(pixels)
     ground = ground_of(overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
+    (ekf, gimbal, _, _), notes = configs.fitting(reader, namespace)
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
     recorded = RecordedFlight(reader, namespace, camera=given_camera(overlay))
@@ -80,6 +83,7 @@ def locate_pixels(
         "output": [os.fspath(path) for path in forms if path],
         "method": navigation.method,
         "composition": composition,
+        "notes": notes,
         "state": navigation.state.value,
         "messages": recorded.read,
         "messages_refused": recorded.refused,

@@ -39,6 +39,7 @@ from tirgeo_ros.core.samples import (
     Source,
     Verdict,
 )
+from tirgeo_ros.io.own_python import safe_workers
 from tirgeo_ros.tools.flight_errors import errors, fitting_config, navigation_samples
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import fly
@@ -154,7 +155,7 @@ def fly_all(wanted: Sequence[Case], workers: int = 1, progress: Report = silent)
         return found
     # A forked child would inherit locks that other threads hold, of OpenCV for one.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with safe_workers(), ProcessPoolExecutor(workers, mp_context=context) as pool:
         futures = [pool.submit(fly_case, case) for case in wanted]
         for done, _ in enumerate(as_completed(futures)):
             progress(done, len(wanted))

@@ -9,17 +9,36 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.parameter import config_from, values_of
+from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.file_list import named_files
+from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameter_file import Files, ParameterFile
+from tirgeo_ros.tools.inputs import fitting_method
 
 PathLike = str | os.PathLike[str]
 
 
 class NodeConfigs(NamedTuple):
-    """Of the nodes that make the overlay."""
+    """Of the nodes that make the overlay, and whether anybody said which method."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
+    method_said: bool
+
+    @property
+    def files(self) -> list[PathLike]:
+        """What the parameters name: map, style sheet, elevation model, camera's calibration."""
+        one = self.overlay
+        return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
+
+    def fitting(self, reader: BagReader, namespace: str) -> tuple[NodeConfigs, list[str]]:
+        """The same for a bag: where nobody said a method, that of what it holds; and a note."""
+        if self.method_said:
+            return self, []
+        method, why = fitting_method(reader, namespace)
+        fitted = self._replace(ekf=replace(self.ekf, method=method))
+        return fitted, [why] if why else []
 
 
 def node_configs(
@@ -37,6 +56,7 @@ def node_configs(
     height; ``ground_height`` (ellipsoidal m); ``camera``, its calibration. Raises ConfigError.
     """
     given = ParameterFile(params)
+    said = method is not None or "method" in given.values("ekf_node", namespace)
     ekf = given.config("ekf_node", EkfConfig, namespace)
     gimbal = given.config("gimbal_node", GimbalConfig, namespace)
     overlay = given.config("overlay_node", OverlayConfig, namespace)
@@ -50,4 +70,4 @@ def node_configs(
         )
     if camera is not None:
         overlay = replace(overlay, camera=os.fspath(camera))
-    return NodeConfigs(ekf, gimbal, overlay)
+    return NodeConfigs(ekf, gimbal, overlay, said)

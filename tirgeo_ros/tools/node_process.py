@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-import signal
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.errors import GraphError
+from tirgeo_ros.io.own_python import python_command
+from tirgeo_ros.io.stop_signals import stop_signals
 
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _POLL_S = 0.02
+_RUN = "from tirgeo_ros.nodes.__main__ import main; main()"
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
@@ -34,10 +34,10 @@ class NodeProcess:
         self.name = name
         self.log = log
         self.ended: Ended | None = None
-        command = [sys.executable, "-m", "tirgeo_ros.nodes", name, "--ros-args", *arguments]
+        command = python_command(_RUN, name, "--ros-args", *arguments)
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
         self.pid = os.posix_spawn(
-            sys.executable,
+            command[0],
             command,
             dict(environment),
             file_actions=[
@@ -46,7 +46,7 @@ class NodeProcess:
                 (os.POSIX_SPAWN_DUP2, 1, 2),
             ],
             setpgroup=0,  # a Ctrl-C on the terminal is for the one who watches, not for the nodes
-            setsigmask=_STOP_SIGNALS,  # blocked from the first instruction on; the node asks later
+            setsigmask=stop_signals(),  # blocked from the first instruction; the node asks later
         )
 
     def poll(self) -> Ended | None:

@@ -188,7 +188,8 @@ class Pipeline:
         compressed = topic.endswith("/compressed")
         read = convert.compressed_pixels if compressed else convert.image_pixels
         self.overlay.set_status(self.registration.navigation.status())
-        self.overlay.add_frame(convert.stamp_ns(message), read(message), log_time_ns)
+        stamp_ns = self.arrivals.stamp_ns(topic, convert.stamp_ns(message), log_time_ns)
+        self.overlay.add_frame(stamp_ns, read(message), log_time_ns)
 
     def _draw(self, log_time_ns: int, now_ns: int | None = None) -> None:
         if self.overlay is None:

@@ -11,10 +11,9 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +23,10 @@ from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.parameter_file import Files
+from tirgeo_ros.io.parameter_file import Files, paths_of
+from tirgeo_ros.io.whole_files import check_outputs
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
@@ -58,19 +58,24 @@ def process(
     """Process a bag and return a summary.
 
     In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed;
-    ``notes`` tell what of the map is not drawn.
+    ``notes`` tell what of the map is not drawn, and of the method where nobody said one: it is
+    then that of what the bag holds. The gimbal is needed for ``images`` alone.
     ``params`` are ROS 2 parameter files of the nodes; ``map``, ``dem`` or ``ground_height``
     (ellipsoidal m) and ``camera``, a calibration file, stand before those in them. ``progress``
     is told seconds of the flight. Nothing is written under its name before it is whole. Raises
     BagError (no bag, a needed topic absent, nothing readable), CameraError, ConfigError,
     MapError, ElevationError, VideoError.
     """
-    ekf, gimbal, overlay = node_configs(
+    configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
-    map_path = (overlay.map if map is None else os.fspath(map)) if images else ""
-    _check_outputs(bag_in, bag_out, pictures=bool(map_path), asked=raw_images or video is not None)
+    map_path = (configs.overlay.map if map is None else os.fspath(map)) if images else ""
+    if (raw_images or video is not None) and not map_path:
+        raise ConfigError("overlay images are asked for without a map or without images")
+    given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
+    check_outputs(given, (bag_out, video), BagError)
     reader = BagReader(bag_in)
+    (ekf, gimbal, overlay, _), notes = configs.fitting(reader, namespace)
     known = given_camera(overlay)
     topics = inputs_of(
         reader,
@@ -79,10 +84,11 @@ def process(
         namespace,
         pictures=bool(map_path),
         camera=known is None,
+        gimbal=images,
     )
     settings = Settings(ekf, gimbal, overlay, raw_images=raw_images)
     if map_path:
-        layers = load_layers(map_path, overlay.style, overlay.label_field)
+        layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
         settings = replace(settings, layers=layers, ground=ground_of(overlay), camera=known)
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
@@ -93,15 +99,12 @@ def process(
         if not run.read:
             raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
     elapsed_s = time.perf_counter() - begun_s
-    summary = run.summary(elapsed_s) | {"warning": _warning(reader, topics, ekf.method, namespace)}
+    if not any(name.startswith("gimbal/") for name in topics.values()):
+        notes.append("the bag has no gimbal topic: no camera poses")
+    summary = run.summary(elapsed_s, notes)
+    wanted = configs.ekf.method  # the default's aids are missed where the bag decides
+    summary["warning"] = _warning(reader, topics, wanted, namespace)
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
-
-
-def _check_outputs(bag_in: PathLike, bag_out: PathLike, *, pictures: bool, asked: bool) -> None:
-    if Path(bag_out).exists() and Path(bag_in).exists() and Path(bag_out).samefile(bag_in):
-        raise BagError(f"{os.fspath(bag_out)}: the output would take the place of the input")
-    if asked and not pictures:
-        raise ConfigError("overlay images are asked for without a map or without images")
 
 
 def _because(reader: BagReader) -> str:
@@ -186,8 +189,8 @@ class _Run:
             progress(_seconds(self._span_ns) or 0.0, total_s)
             yield block
 
-    def summary(self, elapsed_s: float) -> dict[str, object]:
-        """What was read, made and refused."""
+    def summary(self, elapsed_s: float, notes: Sequence[str]) -> dict[str, object]:
+        """What was read, made and refused; ``notes`` lead its own."""
         duration_s = _seconds(self._span_ns) or 0.0
         navigation = self.pipeline.registration.navigation.status()
         composer = self.pipeline.registration.composer
@@ -211,7 +214,7 @@ class _Run:
             "heading_sigma_deg": math.degrees(navigation.heading_sigma_rad),
             "gimbal": composer.counts,
             "overlay": overlay.counts if overlay is not None else {},
-            "notes": self._notes(),
+            "notes": [*notes, *self._notes()],
             "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
             "error": self._error(navigation.reason),
         }

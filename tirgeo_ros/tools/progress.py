@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 import time
@@ -39,7 +40,7 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self._clock = clock
         self._begun_s = clock()
-        self._next_s = self._begun_s + _SHOW_AFTER_S if self._stream.isatty() else float("inf")
+        self._next_s = self._begun_s + _SHOW_AFTER_S if self._stream.isatty() else math.inf
         self._drawn = False
 
     def __call__(self, done: float, total: float | None = None) -> None:
@@ -59,8 +60,11 @@ class Progress:
 
     def _draw(self, line: str) -> None:
         columns = shutil.get_terminal_size().columns
-        self._stream.write(f"\r\x1b[K{line[: columns - 1]}")  # CSI K wipes the old line
-        self._stream.flush()
+        try:
+            self._stream.write(f"\r\x1b[K{line[: columns - 1]}")  # CSI K wipes the old line
+            self._stream.flush()
+        except OSError:  # the terminal is gone, the work goes on
+            self._next_s, line = math.inf, ""
         self._drawn = bool(line)
 
     def _line(self, done: float, total: float | None, elapsed_s: float) -> str:

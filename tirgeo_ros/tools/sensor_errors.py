@@ -122,8 +122,8 @@ def gps_less_rtk_n(
     gps = [p for p in kept if p.source is Source.GPS_POSITION]
     if len(rtk) < 2 or not gps or not imu:
         return np.empty((0, 3))
-    truth_ns, truth_n = _of_imu(rtk, imu, plane, ekf.rtk.lever_arm_b)
-    at_ns, found_n = _of_imu(gps, imu, plane, ekf.gps.lever_arm_b)
+    truth_ns, truth_n = _of_imu(rtk, imu, plane, ekf.aircraft.rtk_lever_b)
+    at_ns, found_n = _of_imu(gps, imu, plane, ekf.aircraft.gps_lever_b)
     after = np.clip(np.searchsorted(truth_ns, at_ns), 1, len(truth_ns) - 1)
     within = (at_ns >= truth_ns[after - 1]) & (at_ns <= truth_ns[after])
     within &= truth_ns[after] - truth_ns[after - 1] <= _LONGEST_GAP_NS

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.errors import VideoError
+from tirgeo_ros.io.whole_files import check_place, part_of
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -35,9 +36,10 @@ class VideoFile:
             raise VideoError(f"{self.path}: the video's name must end with .mp4")
         if not self.path.parent.is_dir():
             raise VideoError(f"{self.path}: no such folder {self.path.parent}")
-        if self.path.exists() and not self.path.is_file():  # a device would be replaced
-            raise VideoError(f"{self.path}: not a file; give the video another name")
-        self._part = self.path.with_name(f".{self.path.stem}.{os.getpid()}.part.mp4")
+        check_place(self.path, VideoError)
+        self._part = part_of(self.path).with_suffix(".mp4")
+        if not _in_utf8(self._part):
+            raise VideoError(f"{self.path}: OpenCV takes names in UTF-8 alone; give another one")
         self._first: list[tuple[int, Pixels]] = []
         self._shape: tuple[int, ...] | None = None
         self._writer: cv2.VideoWriter | None = None
@@ -89,7 +91,39 @@ class VideoFile:
             self._begin()
         if self._writer is not None:
             self._writer.release()
+            self._check_whole()
             self._part.replace(self.path)
+
+    def _check_whole(self) -> None:
+        """Raise VideoError for less than was written: OpenCV says nothing of a full disk.
+
+        After a write that failed nothing more is written, so that the index at the end tells all.
+        """
+        found = cv2.VideoCapture(str(self._part))
+        count = int(found.get(cv2.CAP_PROP_FRAME_COUNT)) if found.isOpened() else 0
+        found.release()
+        if count != self.frames:
+            why = _why_not_writable(self._part) or f"{count} of {self.frames} frames are in it"
+            raise VideoError(f"{self.path}: cannot be written: {why}")
+
+
+def _in_utf8(path: Path) -> bool:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _why_not_writable(path: Path) -> str:
+    """What the system says to more of a file; empty where it takes it."""
+    try:
+        with path.open("ab") as file:
+            file.write(bytes(1 << 16))
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
 
 
 def _rate_hz(stamps_ns: list[int]) -> float:

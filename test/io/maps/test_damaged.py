@@ -88,6 +88,7 @@ def check(path):
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "suffix"),
     [*((name, "") for name in MAKERS), ("a.shp", ".dbf"), ("a.shp", ".prj"), ("a.shp", ".cpg")],

@@ -241,6 +241,7 @@ JUNK = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(kind=st.sampled_from([*SHAPES, "GeometryCollection"]), junk=JUNK)
 def test_any_junk_is_a_map_error_or_a_map(tmp_path_factory, kind, junk):
     path = tmp_path_factory.mktemp("junk") / "map.geojson"

@@ -16,6 +16,8 @@ from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.tools.evaluation.evaluate import evaluate
 from tirgeo_ros.tools.evaluation.report import report_html
 
+pytestmark = pytest.mark.slow
+
 _VOID = {"meta", "img", "link", "br", "hr", "input"}
 FIGURES = [
     "Errors of the control points",

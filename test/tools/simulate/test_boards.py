@@ -16,6 +16,7 @@ def files(folder):
     return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*.*"))}
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_bytes_for_a_seed(tmp_path, capsys):
     given = ["--views", "2", "--seconds", "1"]
     for name, seed in (("one", "3"), ("two", "3"), ("three", "4")):

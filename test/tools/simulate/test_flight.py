@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -114,17 +115,20 @@ def test_headings_are_noisy_and_whole_degrees(flight):
     assert samples[0][1].variance_rad2 == pytest.approx(np.radians(expected) ** 2)
 
 
-def test_an_offset_turns_the_reported_heading_only():
-    short = {"duration_s": 5.0, "heading.sigma_deg": 0.0, "heading.step_deg": 0.0}
-    straight, offset = (
-        fly(scenario_from({**short, "heading.offset_deg": value})) for value in (0.0, 90.0)
-    )
-    pairs = zip(
-        samples_of(straight, HeadingSample), samples_of(offset, HeadingSample), strict=True
-    )
-    turned = [np.degrees(wrap_pi(b.heading_rad - a.heading_rad)) for (_, a), (_, b) in pairs]
-    # A leaning baseline's heading differs by half the product of roll and pitch: below 0.5 deg.
-    np.testing.assert_allclose(turned, 90.0, atol=0.5)
+def test_a_baseline_shows_what_tilt_does_to_it():
+    """Along the nose it is the heading; across, the azimuth of the right wing less 90 deg."""
+    exact = {"duration_s": 20.0, "heading.sigma_deg": 0.0, "heading.step_deg": 0.0}
+    exact |= {"route.shape": "figure_eight", "route.acceleration_m_s2": 4.0}
+    for second_m, baseline_b in (((0.9, 0.32, 0.38), (1, 0, 0)), ((-0.1, -0.78, 0.38), (0, 1, 0))):
+        flown = fly(scenario_from({**exact, "rtk.second_antenna_m": second_m}))
+        samples = samples_of(flown, HeadingSample)
+        q_nb = flown.truth.q_nb[rows_at(flown, samples)]
+        north, east, _ = (matrix_from_quat(q_nb) @ np.array(baseline_b)).T
+        expected = np.arctan2(east, north) - math.atan2(baseline_b[1], baseline_b[0])
+        heading = np.array([sample.heading_rad for _, sample in samples])
+        np.testing.assert_allclose(wrap_pi(heading - expected), 0.0, atol=1e-12)
+    off_nose = wrap_pi(heading - euler_from_quat(q_nb)[:, 2])
+    assert np.degrees(np.abs(off_nose)).max() > 1.0  # half of roll times pitch, and more
 
 
 def test_the_autopilots_attitude_is_off_by_table_1(flight):

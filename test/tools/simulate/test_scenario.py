@@ -47,6 +47,8 @@ def test_the_start_is_nanoseconds_of_unix_time():
         ("start_utc: 2040-01-01T00:00:00Z", r"bad.yaml: start_utc: 2040.* outside 1970 to 2038"),
         ("start_utc: 1900-01-01T00:00:00Z", r"bad.yaml: start_utc: 1900.* outside 1970 to 2038"),
         ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
+        ("heading:\n  offset_deg: 90", r"bad.yaml: .*heading.offset_deg is now .* rtk.second_ant"),
+        ("rtk:\n  second_antenna_m: [-0.1, 0.3, 0]", r"bad.yaml: .* too little for a heading"),
         ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
         ("- 1", r"bad.yaml: holds no scenario"),
         ("a: [", r"bad.yaml: line 1: not YAML"),

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import XT2
@@ -17,6 +18,7 @@ from tirgeo_ros.core.config import (
     OverlayConfig,
 )
 from tirgeo_ros.core.errors import ScenarioError
+from tirgeo_ros.core.samples import ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES
@@ -24,6 +26,7 @@ from tirgeo_ros.io.parameter_file import load_config
 from tirgeo_ros.io.survey import load_observations, load_survey
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
+from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.survey import surveyed
 
@@ -191,22 +194,41 @@ def test_a_window_is_a_cut_of_the_whole(whole, scenario_path, tmp_path):
 def test_parameters_fit_the_flight(whole):
     path, scenario = whole[0] / "params.yaml", scenario_from({})
     ekf = load_config(path, "ekf_node", EkfConfig)
-    assert ekf.rtk.lever_arm_m == scenario.rtk.lever_arm_m
-    assert ekf.gps.lever_arm_m == scenario.gps.lever_arm_m
+    assert ekf.aircraft.rtk_antenna_m == scenario.rtk.lever_arm_m
+    assert ekf.aircraft.second_antenna_m == scenario.rtk.second_antenna_m
+    assert ekf.aircraft.gps_antenna_m == scenario.gps.lever_arm_m
     assert ekf.origin_lat_lon_h == (39.85, 116.7, 11.5)
     assert ekf.imu.angle_random_walk == scenario.imu.noise.angle_random_walk
     gimbal = load_config(path, "gimbal_node", GimbalConfig)
-    assert gimbal.lever_arm_m == scenario.gimbal.lever_arm_m
-    assert gimbal.camera_offset_m == scenario.gimbal.camera_offset_m
+    assert gimbal.aircraft.gimbal_pivot_m == scenario.gimbal.lever_arm_m
+    assert gimbal.aircraft.camera_from_pivot_m == scenario.gimbal.camera_offset_m
     overlay = load_config(path, "overlay_node", OverlayConfig)
     assert overlay.ground_height_m == 11.5
     assert overlay.video_latency_s == 0.05
     dji = load_config(path, "dji_node", DjiConfig)
-    aircraft = load_config(path, "bag_player", BagPlayerConfig).aircraft
-    assert dji.geoid_undulation_m == aircraft.geoid_undulation_m == -9.0
-    assert dji.heading.baseline_offset_deg == aircraft.baseline_offset_deg
+    player = load_config(path, "bag_player", BagPlayerConfig)
+    assert dji.geoid_undulation_m == player.simulated_aircraft.geoid_undulation_m == -9.0
+    assert dji.aircraft == player.aircraft == gimbal.aircraft == ekf.aircraft
     assert dji.rtk.delay_s == scenario.rtk.arrival_delay_s
     assert dji.delay.gps_s == scenario.gps.arrival_delay_s
+
+
+def test_an_imu_that_averages_has_its_delay_in_the_parameters_and_means_in_its_samples():
+    """Means over 10 ms before the stamp: nearer to the rate 5 ms before it than to that at it."""
+    values = {"imu.averages": True, "imu.noise_scale": 0.0, "duration_s": 20.0}
+    scenario = scenario_from(values)
+    assert yaml.safe_load(parameters_text(scenario))["/**/ekf_node"]["ros__parameters"]["imu"][
+        "delay_s"
+    ] == pytest.approx(0.005)
+    flown = fly(scenario)
+    means = np.array([s.angular_rate_b for _, s in flown.samples if isinstance(s, ImuSample)])
+    motion = flown.trajectory.motion(flown.truth.t_s[1:] - 0.005)
+    middle = flown.trajectory.inertial(motion)[1]
+    # Of a mean over h the rest is h^2 / 24 times the curvature: a hundredth of what 5 ms make.
+    off, as_stamped = (
+        np.abs(means[1:] - x).max() for x in (middle, flown.truth.angular_rate_b[1:])
+    )
+    assert off < 0.1 * as_stamped
 
 
 def test_the_paper_flight_sees_twenty_points_three_times_each():

@@ -10,6 +10,7 @@ from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import (
     Array,
+    AutopilotHeading,
     FixStatus,
     HeadingSample,
     Outcome,
@@ -21,6 +22,8 @@ from tirgeo_ros.core.samples import (
 from tirgeo_ros.core.strapdown import NavState, Vector
 
 Aiding = PositionSample | VelocitySample | HeadingSample
+#: With what the filter has from the IMU's own messages.
+Aidlike = Aiding | AutopilotHeading
 
 
 class Belief(NamedTuple):
@@ -45,11 +48,12 @@ class Aid(NamedTuple):
     stamp_ns: int
     measurement: Measurement
     invariant: tuple[float, ...]  # the innovation in a form that motion does not change
+    expected: tuple[float, ...]  # the same of an innovation of zero
     slack: float  # by which such innovations of one cause may differ
     stale: bool = False  # the sample says what the one before said
 
 
-def refused(sample: Aiding, belief: Belief, outcome: Outcome, reason: str) -> Fused:
+def refused(sample: Aidlike, belief: Belief, outcome: Outcome, reason: str) -> Fused:
     """The same belief after a sample that is not for use now."""
     return Fused(Verdict(source_of(sample), outcome, reason), belief)
 
@@ -59,8 +63,10 @@ def not_fixed(source: Source, status: FixStatus) -> Verdict:
     return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
 
 
-def source_of(sample: Aiding) -> Source:
+def source_of(sample: Aidlike) -> Source:
     """Where an aiding sample comes from."""
+    if isinstance(sample, AutopilotHeading):
+        return Source.AUTOPILOT_HEADING
     return Source.RTK_HEADING if isinstance(sample, HeadingSample) else sample.source
 
 

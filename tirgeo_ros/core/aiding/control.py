@@ -7,8 +7,11 @@ comes late meets the same decisions as one that came in time.
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from tirgeo_ros.core.aiding.rtk_consistency import Consistency
 from tirgeo_ros.core.samples import FixStatus, Source
 from tirgeo_ros.core.strapdown import Vector
 
@@ -20,11 +23,17 @@ AIDS = (
     Source.GPS_POSITION,
     Source.GPS_VELOCITY,
 )
-PLACE = {source: place for place, source in enumerate(AIDS)}
+#: The autopilot's heading comes last, and has no record: it is taken or not.
+PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
 NEVER_NS = -(1 << 62)
 #: An aid that comes back corrects what has drifted meanwhile in so many equal steps.
 EASE_STEPS = 5
 _LEAST_RUN = 5
+#: A contradiction that came by so much of its size from one measurement to the next is a step: the
+#: receiver's, for what the IMU carries drifts away by degrees.
+_STEP_SHARE = 0.7
+#: A receiver that has stepped away, with nothing else to ask, is followed after this.
+STEPPED_S = 20.0
 #: So many resets of position or velocity within so long: the filter does not hold any more.
 _HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
 
@@ -50,6 +59,8 @@ class Track(NamedTuple):
     ease: int = 0  # steps still to go
     run: Run | None = None
     mean_rad: float = 0.0  # of the newest innovations of headings
+    newest: tuple[float, ...] = ()  # the newest innovation, as ``Run`` has it
+    step: tuple[float, ...] = ()  # by which what is denied has left what fitted; empty: it drifted
     # Refusals without a use after them, agreeing or not, stale ones left out:
     denied_ns: int = 0  # the first
     denied_to_ns: int = 0  # the newest
@@ -59,15 +70,46 @@ class Track(NamedTuple):
         """Whether it was used within the time-out."""
         return now_ns - self.used_ns <= timeout_ns
 
-    def used(self, now_ns: int, timeout_ns: int) -> Track:
+    def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> Track:
         """The record after a use."""
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
-        return Track(now_ns, agreed_ns, max(self.ease - 1, 0), mean_rad=self.mean_rad)
+        ease = max(self.ease - 1, 0)
+        return Track(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
+
+    def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> Track:
+        """The record before an innovation is judged: a step back ends what a step has begun.
+
+        ``expected`` is the innovation that would fit, in the same form.
+        """
+        if not self.step:
+            return self
+        change = tuple(map(operator.sub, innovation, self.newest))
+        if math.hypot(*change) < _STEP_SHARE * math.hypot(*self.step):
+            return self
+        if math.dist(innovation, expected) < 0.5 * math.dist(self.newest, expected):
+            return self._replace(step=())
+        return self._replace(step=tuple(map(operator.add, self.step, change)), denied=0)
+
+    def stepped(
+        self, innovation: tuple[float, ...], expected: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        """The step that made a refused innovation of one that fitted, or empty."""
+        if self.step or self.denied or not self.newest:
+            return self.step
+        step = tuple(map(operator.sub, innovation, self.newest))
+        small = math.hypot(*step) < _STEP_SHARE * math.dist(innovation, expected)
+        return () if small else step
 
     def refused(
-        self, now_ns: int, innovation: tuple[float, ...], slack: float, *, stale: bool = False
+        self,
+        now_ns: int,
+        innovation: tuple[float, ...],
+        slack: float,
+        *,
+        stale: bool = False,
+        step: tuple[float, ...] = (),
     ) -> Track:
         """The record after a refusal; it joins the run where it is within ``slack`` of it."""
         run = self.run
@@ -76,10 +118,15 @@ class Track(NamedTuple):
         else:
             run = run._replace(last_ns=now_ns, number=run.number + 1)
         if stale:
-            return self._replace(run=run)
-        since_ns = self.denied_ns if self.denied else now_ns
-        number = self.denied + 1
-        return self._replace(run=run, denied_ns=since_ns, denied_to_ns=now_ns, denied=number)
+            return self._replace(run=run, newest=innovation, step=step)
+        return self._replace(
+            run=run,
+            newest=innovation,
+            step=step,
+            denied_ns=self.denied_ns if self.denied else now_ns,
+            denied_to_ns=now_ns,
+            denied=self.denied + 1,
+        )
 
 
 def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
@@ -92,6 +139,7 @@ class Receivers(NamedTuple):
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
     heading_error_rad: float = 0.0
+    antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's place less the configured one, FRD
 
     def at(self, stamp_ns: int, gps_time_s: float, heading_time_s: float) -> Receivers:
         """The same at another time: errors fade with their correlation times."""
@@ -103,14 +151,20 @@ class Receivers(NamedTuple):
         heading_rad = self.heading_error_rad
         if heading_rad:
             heading_rad *= math.exp(-passed_s / heading_time_s)
-        return Receivers(stamp_ns, (north * fade, east * fade, down * fade), heading_rad)
+        faded = (north * fade, east * fade, down * fade)
+        return Receivers(stamp_ns, faded, heading_rad, self.antenna_b)
 
-    def changed(self, gps_error_n: list[float], heading_rad: float = 0.0) -> Receivers:
-        """With more error of the GPS (m) and of the headings."""
+    def changed(
+        self, gps_error_n: list[float], heading_rad: float = 0.0, antenna_b: Sequence[float] = ()
+    ) -> Receivers:
+        """With more error of the GPS (m) and of the headings, and another place of the antenna."""
         n, e, d = self.gps_error_n
         north, east, down = gps_error_n
         moved = (n + north, e + east, d + down)
-        return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad)
+        place = self.antenna_b
+        if antenna_b:
+            place = tuple(map(operator.add, place, antenna_b))
+        return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad, place)
 
 
 class Reset(NamedTuple):
@@ -142,7 +196,7 @@ class Control(NamedTuple):
     resets: tuple[int, ...] = (0,) * len(AIDS)
     reset_ns: tuple[int, ...] = ()  # of the newest of position and velocity
     last_reset: Reset | None = None
-    strain: float = 1.0  # mean of the newest squared RTK innovations over what they should be
+    rtk: Consistency = Consistency()  # its positions against its velocities
 
     def track(self, source: Source) -> Track:
         """The record of a source."""
@@ -153,10 +207,14 @@ class Control(NamedTuple):
     ) -> Control:
         """The same with one record changed, and what is known of the receivers."""
         place, tracks = PLACE[source], self.tracks
-        return self._replace(
-            tracks=(*tracks[:place], track, *tracks[place + 1 :]),
-            receivers=receivers or self.receivers,
+        # By places: a named tuple's own _replace takes three times as long.
+        return Control(
+            receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
         )
+
+    def with_receivers(self, receivers: Receivers) -> Control:
+        """The same with what is known of the receivers."""
+        return Control(receivers, *self[1:])
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
         """What the receiver last said of its fix, if it was lately."""
@@ -167,7 +225,7 @@ class Control(NamedTuple):
         fixed = status is FixStatus.FIXED
         was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
-        told = self._replace(status=status, status_ns=now_ns, fixed_since_ns=begun_ns)
+        told = Control(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
         if not fixed or was_fixed or self.status is None:
             return told
         # A float's offset has grown meanwhile.
@@ -194,6 +252,8 @@ class Control(NamedTuple):
         # Two measurements of different kinds do not err together, and by what runs away beneath
         # them they do not agree with themselves either.
         both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
+        if any(track.step for track in both):  # the receiver has stepped, not the state
+            patience_s = max(patience_s, STEPPED_S)
         for_long = all(t.denied_to_ns - t.denied_ns >= patience_s * 1e9 for t in both)
         if for_long and all(track.denied >= _LEAST_RUN for track in both):
             return "rtk/fix and rtk/vel both contradict it"

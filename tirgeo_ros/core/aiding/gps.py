@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.aiding.belief import Aid, Aiding, Belief, added, source_of
-from tirgeo_ros.core.aiding.control import Control
+from tirgeo_ros.core.aiding.belief import Aid, Aidlike, Belief, added, source_of
+from tirgeo_ros.core.aiding.control import NEVER_NS, Control
 from tirgeo_ros.core.aiding.position import innovation_n, position_design
 from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
@@ -32,12 +32,12 @@ class GpsPosition:
         self._gps = config.gps
         self._states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
-        self._lever_b: Vector = tuple(config.gps.lever_arm_b.tolist())
+        self._lever_b: Vector = tuple(config.aircraft.gps_lever_b.tolist())
         noise_m2 = config.gps.position_noise_m**2
         self._noise = np.eye(3) * noise_m2
         self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
-    def spare(self, sample: Aiding, control: Control) -> bool:
+    def spare(self, sample: Aidlike, control: Control) -> bool:
         """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
         source, now_ns = source_of(sample), sample.stamp_ns
         if source is Source.GPS_VELOCITY:
@@ -59,7 +59,25 @@ class GpsPosition:
         design = position_design(self._states, lever_n, gps=True)
         # What the receiver admits beyond the slow error that the state has.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
+        beyond *= self._lasting(belief.control, sample.stamp_ns)
         noise = self._noise + np.diag(beyond)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
-        return Aid(sample.source, sample.stamp_ns, measurement, invariant, _SLACK_M)
+        return Aid(
+            sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
+        )
+
+    def _lasting(self, control: Control, now_ns: int) -> float:
+        """White noise that is worth an error which lasts, times its variance.
+
+        Where there has been no RTK for long no number of fixes averages it away: noise with the
+        same power at low frequency has 2 tau / step times the variance.
+        """
+        used_ns = control.track(Source.GPS_POSITION).used_ns
+        time_s = self._gps.position_time_s
+        if used_ns == NEVER_NS or control.track(Source.RTK_POSITION).recent(
+            now_ns, round(time_s * 1e9)
+        ):
+            return 1.0
+        step_s = min(max((now_ns - used_ns) * 1e-9, 0.02), 1.0)
+        return max(2 * time_s / step_s, 1.0)

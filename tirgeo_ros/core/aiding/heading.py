@@ -10,16 +10,16 @@ import numpy as np
 from tirgeo_ros.core.aiding.belief import Aid, Belief
 from tirgeo_ros.core.aiding.control import Control, Track
 from tirgeo_ros.core.attitude import rotation_of
-from tirgeo_ros.core.config import EkfConfig, HeadingConfig
-from tirgeo_ros.core.error_state import HEADING_ERROR, states_of
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.error_state import heading_error, states_of
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, HeadingSample, Source
 from tirgeo_ros.core.strapdown import Rotation, Vector, rotate
 
 #: The error function's own rounding; a reading less likely than that says nothing by its tails.
 _LEAST_LIKELY = 1e-12
+#: No gyroscope turns by this unseen, and few compasses err by it: it is the antennas.
+LARGE_TURN_RAD = math.radians(20.0)
 #: Below this horizontal share a baseline has no heading worth the name (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
 #: Of the newest innovation in the running mean: the mean is one of about twenty.
@@ -34,20 +34,17 @@ class Baseline(NamedTuple):
     reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
 
     @classmethod
-    def from_config(cls, config: HeadingConfig) -> Baseline:
-        """The baseline as configured: a vector, or level in the direction that is reported."""
-        offset_rad = math.radians(config.offset_deg)
-        if not config.baseline_m:
-            return cls((math.cos(offset_rad), math.sin(offset_rad), 0.0), 0.0)
-        x, y, z = flu_from_frd(np.array(config.baseline_m)).tolist()
-        length = math.hypot(x, y, z)
-        if not math.hypot(x, y) > _LEAST_HORIZONTAL * length:
-            given = list(config.baseline_m)
-            raise ConfigError(
-                f"parameter heading.baseline_m: {given} has no horizontal part to take a heading "
-                "from: give the second antenna's place from the first (forward, left, up)"
-            )
-        return cls((x / length, y / length, z / length), offset_rad - math.atan2(y, x))
+    def from_config(cls, aircraft: AircraftConfig) -> Baseline:
+        """Return the baseline between the two antennas; with one, level along the nose.
+
+        What is reported is the azimuth less the baseline's own direction in a level body. Raises
+        ConfigError where the two antennas give no heading.
+        """
+        baseline_b = aircraft.baseline_b
+        if baseline_b is None:
+            return cls((1.0, 0.0, 0.0), 0.0)
+        x, y, z = (baseline_b / np.linalg.norm(baseline_b)).tolist()
+        return cls((x, y, z), -math.atan2(y, x))
 
 
 def azimuth(direction_n: Vector) -> float:
@@ -81,8 +78,9 @@ def heading_design(states: int, u: Vector) -> Array | None:
         return None
     design = np.zeros((1, states))
     design[0, :3] = -u[2] * u[0] / horizontal, -u[2] * u[1] / horizontal, 1.0
-    if states > HEADING_ERROR:
-        design[0, HEADING_ERROR] = 1.0
+    at = heading_error(states)
+    if at is not None:
+        design[0, at] = 1.0
     return design
 
 
@@ -116,7 +114,7 @@ class Headings:
         self._heading = config.heading
         self._states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
-        self._baseline = Baseline.from_config(config.heading)
+        self._baseline = Baseline.from_config(config.aircraft)
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
         self._resolution_rad = math.radians(config.heading.resolution_deg)
 
@@ -150,7 +148,7 @@ class Headings:
             measurement = self._interval(measurement, belief.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
-        return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, slack)
+        return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack)
 
     def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
         """What a reading in steps says; the plain one where either is beyond the gate.

@@ -10,11 +10,17 @@ from tirgeo_ros.core.aiding.belief import Aid, Belief, added, floored
 from tirgeo_ros.core.aiding.control import Control
 from tirgeo_ros.core.attitude import rotation_of
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.error_state import GPS_ERROR, flat_memory, states_of
+from tirgeo_ros.core.error_state import (
+    ANTENNA,
+    GPS_ERROR,
+    flat_memory,
+    has_antenna,
+    states_of,
+)
 from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, FixStatus, PositionSample
-from tirgeo_ros.core.strapdown import NavState, Vector, rotate
+from tirgeo_ros.core.strapdown import NavState, Rotation, Vector, matrix, rotate
 
 
 def separation_n(state: NavState, sample: PositionSample) -> Vector:
@@ -35,10 +41,13 @@ def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Ve
     return north - lever_n[0], east - lever_n[1], down - lever_n[2]
 
 
-def position_design(states: int, lever_n: Vector, *, gps: bool = False) -> Array:
+def position_design(
+    states: int, lever_n: Vector, *, gps: bool = False, rotation_nb: Rotation | None = None
+) -> Array:
     """H (3, states) of an antenna position: ``R_true l = R l - [R l x] phi``.
 
-    With ``gps`` the slow error of the ordinary GPS is in the measurement too.
+    With ``gps`` the slow error of the ordinary GPS is in the measurement too; with a rotation the
+    antenna's place is a state.
     """
     design = np.zeros((3, states))
     x, y, z = lever_n
@@ -51,6 +60,8 @@ def position_design(states: int, lever_n: Vector, *, gps: bool = False) -> Array
     if gps:
         first = GPS_ERROR.start
         flat[first] = flat[second + first + 1] = flat[third + first + 2] = 1.0
+    if rotation_nb is not None:
+        design[:, ANTENNA] = matrix(rotation_nb)
     return design
 
 
@@ -60,22 +71,26 @@ class RtkPosition:
     def __init__(self, config: EkfConfig) -> None:
         self._rtk = config.rtk
         self._states = states_of(config)
-        self._lever_b: Vector = tuple(config.rtk.lever_arm_b.tolist())
+        self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
     def aid(self, sample: PositionSample, belief: Belief) -> tuple[Aid, Belief]:
         """The measurement, and the belief with its offset in the median's window."""
         state = belief.state
-        lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
+        rotation = rotation_of(state.q_nb)
+        lever_n = rotate(rotation, added(self._lever_b, belief.control.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)
         offset = added(innovation, state.correction_n)
         if self._rtk.median_window > 1:
             innovation, belief = self._median(offset, belief)
         noise, sigma_m = self._noise(sample, belief.control)
         gate_sigma = self._rtk.gate_sigma
-        design = position_design(self._states, lever_n)
+        sought = rotation if has_antenna(self._states) else None
+        design = position_design(self._states, lever_n, rotation_nb=sought)
         measurement = Measurement(np.array(innovation), design, noise, gate_sigma)
         slack = 1.5 * gate_sigma * sigma_m
-        return Aid(sample.source, sample.stamp_ns, measurement, offset, slack), belief
+        return Aid(
+            sample.source, sample.stamp_ns, measurement, offset, state.correction_n, slack
+        ), belief
 
     def _median(self, offset: Vector, belief: Belief) -> tuple[Vector, Belief]:
         """The median's innovation.

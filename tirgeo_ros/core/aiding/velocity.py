@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.aiding.belief import Aid, Belief, floored
-from tirgeo_ros.core.attitude import rotation_of
+from tirgeo_ros.core.aiding.belief import Aid, Belief, added, floored
+from tirgeo_ros.core.attitude import rotation_of, skew
 from tirgeo_ros.core.config import GpsConfig, RtkConfig
-from tirgeo_ros.core.error_state import flat_memory
+from tirgeo_ros.core.error_state import ANTENNA, flat_memory, has_antenna
 from tirgeo_ros.core.kalman import Measurement
 from tirgeo_ros.core.samples import Array, VelocitySample
-from tirgeo_ros.core.strapdown import Rotation, Vector, cross, rotate
+from tirgeo_ros.core.strapdown import Rotation, Vector, cross, matrix, rotate
 
 
 def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
@@ -43,12 +43,17 @@ def velocity_design(
     return design
 
 
+_NOTHING = (0.0, 0.0, 0.0)
+
+
 class Velocities:
     """Makes measurements of the velocities of one receiver, as the parameters say."""
 
-    def __init__(self, states: int, receiver: RtkConfig | GpsConfig) -> None:
+    def __init__(self, states: int, receiver: RtkConfig | GpsConfig, lever_arm_b: Array) -> None:
+        """``lever_arm_b`` (3,): its antenna from the IMU, FRD, m."""
         self._states = states
-        self._lever_b: Vector = tuple(receiver.lever_arm_b.tolist())
+        self._lever_b: Vector = tuple(lever_arm_b.tolist())
+        self._sought = isinstance(receiver, RtkConfig) and has_antenna(states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
 
@@ -56,7 +61,10 @@ class Velocities:
         """The measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
-        swing = swing_n(rotation, angular_rate_b, self._lever_b)
+        lever_b = self._lever_b
+        if self._sought:
+            lever_b = added(lever_b, belief.control.receivers.antenna_b)
+        swing = swing_n(rotation, angular_rate_b, lever_b)
         (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
         innovation = (
             north - was[0] - swing[0],
@@ -64,8 +72,10 @@ class Velocities:
             down - was[2] - swing[2],
         )
         noise = floored(sample.covariance_n, self._floor_m_s)
-        design = velocity_design(self._states, rotation, swing, self._lever_b)
+        design = velocity_design(self._states, rotation, swing, lever_b)
+        if self._sought:
+            design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
         measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
-        return Aid(sample.source, sample.stamp_ns, measurement, innovation, slack)
+        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _NOTHING, slack)

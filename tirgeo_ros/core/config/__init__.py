@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
-from tirgeo_ros.core.config.aircraft import DjiConfig
+from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.bags import (
     BagPlayerConfig,
     RecorderConfig,
     SimulatedAircraftConfig,
 )
+from tirgeo_ros.core.config.dji import DjiConfig
 from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.navigation import (
     METHODS,
@@ -16,9 +17,11 @@ from tirgeo_ros.core.config.navigation import (
     AutopilotConfig,
     EkfConfig,
     ImuConfig,
+    ImuNoiseConfig,
     TrustConfig,
 )
 from tirgeo_ros.core.config.pictures import OverlayConfig
+from tirgeo_ros.core.config.renamed import RENAMED
 
 #: Every node's parameter tree, by the node's name.
 NODE_CONFIGS: dict[str, type] = {
@@ -33,6 +36,8 @@ NODE_CONFIGS: dict[str, type] = {
 __all__ = [
     "METHODS",
     "NODE_CONFIGS",
+    "RENAMED",
+    "AircraftConfig",
     "AlignmentConfig",
     "AutopilotConfig",
     "BagPlayerConfig",
@@ -42,6 +47,7 @@ __all__ = [
     "GpsConfig",
     "HeadingConfig",
     "ImuConfig",
+    "ImuNoiseConfig",
     "NorthConfig",
     "OverlayConfig",
     "RecorderConfig",

@@ -1,42 +1,36 @@
-"""The parameters of what aids the filter: RTK, its heading, the ordinary GPS.
-
-Lever arms are in ROS's axes (``base_link``: forward, left, up) as the user writes them;
-properties give them in the core's.
-"""
+"""The parameters of what aids the filter: RTK, its heading, the ordinary GPS."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.parameter import param
-from tirgeo_ros.core.samples import Array
 
-_LARGE = 1e3
+_LONGEST_DELAY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class RtkConfig:
     """The RTK receiver's position and velocity."""
 
-    lever_arm_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0),
-        "antenna from the IMU, base_link axes (forward, left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
-    )
     median_window: int = param(
         1, "number of positions in the median filter; 1 = off", low=1, high=99
     )
     delay_s: float = param(
         0.0,
-        "time from measurement to stamp, for receivers that stamp at arrival",
+        "stamp less time of measurement, as of receivers that stamp at arrival; negative for "
+        "stamps that are early",
         unit="s",
-        low=0,
-        high=2,
+        low=-_LONGEST_DELAY_S,
+        high=_LONGEST_DELAY_S,
+    )
+    velocity_delay_s: float = param(
+        0.0,
+        "by how much velocities are later than that, as of receivers that smooth them",
+        unit="s",
+        low=-_LONGEST_DELAY_S,
+        high=_LONGEST_DELAY_S,
     )
     position_sigma_floor_m: float = param(
         0.01,
@@ -70,22 +64,17 @@ class RtkConfig:
         high=3600,
     )
 
-    @property
-    def lever_arm_b(self) -> Array:
-        """(3,) antenna from the IMU, FRD, m."""
-        return flu_from_frd(np.array(self.lever_arm_m))
-
 
 @dataclass(frozen=True, slots=True)
 class HeadingConfig:
     """The heading of the two RTK antennas."""
 
-    offset_deg: float = param(
-        0.0,
-        "direction that rtk/heading reports, from the nose, clockwise from above",
-        unit="deg",
-        low=-360,
-        high=360,
+    delay_s: float = param(
+        math.nan,
+        "stamp less time of measurement, as of rtk.delay_s; unset = the same as that",
+        unit="s",
+        low=-_LONGEST_DELAY_S,
+        high=_LONGEST_DELAY_S,
     )
     sigma_floor_deg: float = param(
         0.6, "smallest standard deviation believed of a heading", unit="deg", low=1e-3, high=180
@@ -100,15 +89,6 @@ class HeadingConfig:
     )
     gate_sigma: float = param(
         4.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
-    )
-    baseline_m: tuple[float, ...] = param(
-        (),
-        "second antenna from the first, base_link axes (forward, left, up); empty = level, in the "
-        "direction of offset_deg",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
-        sizes=(0, 3),
     )
     start_after_s: float = param(
         1.0, "rtk/fix must be fixed for so long before headings are used", unit="s", low=0, high=60
@@ -134,13 +114,6 @@ class HeadingConfig:
 class GpsConfig:
     """The autopilot's ordinary GPS."""
 
-    lever_arm_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0),
-        "antenna from the IMU, base_link axes (forward, left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
-    )
     position_sigma_m: tuple[float, ...] = param(
         (0.9342, 1.2846, 2.8017),
         "north, east, down standard deviation where the message has none",
@@ -163,16 +136,11 @@ class GpsConfig:
     )
     delay_s: float = param(
         0.0,
-        "time from measurement to stamp, for receivers that stamp at arrival",
+        "stamp less time of measurement, as of rtk.delay_s",
         unit="s",
-        low=0,
-        high=2,
+        low=-_LONGEST_DELAY_S,
+        high=_LONGEST_DELAY_S,
     )
     gate_sigma: float = param(
         5.0, "innovations beyond this many standard deviations are refused", low=1, high=1e6
     )
-
-    @property
-    def lever_arm_b(self) -> Array:
-        """(3,) antenna from the IMU, FRD, m."""
-        return flu_from_frd(np.array(self.lever_arm_m))

@@ -1,131 +1,171 @@
-"""The parameters of dji_node and of ``tirgeo import``."""
+"""The places of antennas, gimbal and camera on the aircraft, the same for every node.
+
+They are taken with a tape from any one point of the aircraft, in ROS's axes (``base_link``:
+forward, left, up), as the user writes them. ``base_link`` begins at the IMU: the properties are
+counted from there, in the core's axes.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.parameter import group, param
+import numpy as np
 
-#: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
-RATE_CODES = 8
+from tirgeo_ros.core.attitude import matrix_from_euler
+from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.parameter import param
+from tirgeo_ros.core.samples import Array, Source
+
+_LARGE = 1e3
+_NOWHERE = (0.0, 0.0, 0.0)
+#: Antennas that are nearer to each other, seen from above, make no baseline: a tape's error of
+#: 1 cm turns one of 5 cm by 11 deg.
+_LEAST_APART_M = 0.05
+#: Least horizontal share of a baseline's length (75 deg of tilt).
+_LEAST_HORIZONTAL = 0.25
+#: How far an antenna may be from the IMU where nobody has measured. It stands above: that is what
+#: every tilt shows; what a few turns show of the other axes a clock's error would show as well.
+_UNMEASURED_M = (0.0, 0.0, 0.3)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 
 @dataclass(frozen=True, slots=True)
-class DjiHeadingConfig:
-    """The direction of the two RTK antennas."""
+class AircraftConfig:
+    """Where things are on the aircraft: one block, ``aircraft``, for all nodes."""
 
-    baseline_offset_deg: float = param(
-        90.0,
-        "direction from the first antenna to the second, from the nose, clockwise from above; "
-        "DJI's kits have 90",
+    imu_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "the IMU, where base_link begins (forward, left, up); zeros where all else is measured "
+        "from it",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+    )
+    imu_rpy_deg: tuple[float, ...] = param(
+        _NOWHERE,
+        "how the IMU's axes are turned against base_link: roll, pitch, yaw about forward, left, "
+        "up",
         unit="deg",
-        low=-360,
-        high=360,
+        low=-180,
+        high=180,
     )
-    sigma_deg: float = param(
-        0.6, "standard deviation of a heading in whole degrees", unit="deg", low=1e-3, high=180
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class DjiRtkConfig:
-    """What is believed of an RTK fix, which DJI gives no accuracy with."""
-
-    fixed_sigma_m: tuple[float, ...] = param(
-        (0.01, 0.02),
-        "horizontal and vertical standard deviation of a fixed position",
+    rtk_antenna_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "the RTK antenna, the first of two (forward, left, up)",
         unit="m",
-        low=1e-4,
-        high=100,
-        sizes=(2,),
+        low=-_LARGE,
+        high=_LARGE,
     )
-    velocity_sigma_m_s: float = param(
-        0.03, "standard deviation of a velocity, per axis", unit="m/s", low=1e-4, high=100
-    )
-    delay_s: float = param(
-        0.0, "time from measurement to the aircraft's message", unit="s", low=0, high=2
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class DjiDelayConfig:
-    """How old the other values are when the aircraft sends them."""
-
-    imu_s: float = param(0.0, "of acceleration, rate and attitude", unit="s", low=0, high=2)
-    gps_s: float = param(0.0, "of the ordinary GPS", unit="s", low=0, high=2)
-    gimbal_s: float = param(0.0, "of the gimbal's angles", unit="s", low=0, high=2)
-
-
-@dataclass(frozen=True, slots=True)
-class DjiClockConfig:
-    """From the aircraft's clock to this computer's."""
-
-    window_s: float = param(
-        20.0, "the offset is the smallest of so long", unit="s", low=0.5, high=3600
-    )
-    max_drift_ppm: float = param(
-        100.0, "fastest drift between the two clocks", unit="ppm", low=0, high=1e4
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class DjiHostConfig:
-    """What is asked of the aircraft; nothing by default: the node only listens."""
-
-    app_id: int = param(
-        0, "DJI application id to activate with; 0 = no activation", low=0, high=2**31 - 1
-    )
-    broadcast_rates: tuple[float, ...] = param(
+    rtk_antenna_sigma_m: tuple[float, ...] = param(
         (),
-        "a rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, "
-        "4: 100, 5: as it is, 6: 200, 7: 400); empty = leave them",
-        low=0,
-        high=RATE_CODES - 1,
-        sizes=(0, 16),
-    )
-    subscribe: bool = param(
-        False, "ask for the subscription packages (after activation), old ones are reset"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class DjiConfig:
-    """Parameters of dji_node."""
-
-    source: str = param(
-        "serial",
-        "serial (the UART of an A3 or M600) or psdk (the topics of psdk_ros2)",
-        choices=("serial", "psdk"),
-    )
-    port: str = param("/dev/ttyUSB0", "serial port")
-    baud: int = param(921600, "bits per second, as set in DJI Assistant 2", low=1200, high=4000000)
-    key: str = param(
-        "", "application key, 64 hexadecimal digits, for encrypted frames; empty = none"
-    )
-    packages: str = param(
-        "", "YAML file that says what the subscription packages hold; empty = the usual five"
-    )
-    psdk_prefix: str = param("psdk_ros2", "name in front of psdk_ros2's topics")
-    geoid_undulation_m: float = param(
-        math.nan,
-        "height of the sea level above the ellipsoid where it flies; unset = 0, with a warning",
+        "standard deviation of that place (forward, left, up); what is above 0 is estimated in "
+        "flight. Empty = zeros, or 0.3 up where rtk_antenna_m is left at the IMU: not measured",
         unit="m",
-        low=-120,
-        high=100,
+        low=0,
+        high=10,
+        sizes=(0, 3),
     )
-    acceleration_unit: str = param(
-        "auto",
-        "of the broadcast's acceleration: auto (told by its size), g or m/s2",
-        choices=("auto", "g", "m/s2"),
+    second_antenna_m: tuple[float, ...] = param(
+        (),
+        "the second RTK antenna (forward, left, up); empty = one antenna",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+        sizes=(0, 3),
     )
-    gimbal_reference: str = param(
-        "north",
-        "what the gimbal's yaw counts from: north (Zenmuse) or body (Ronin-MX)",
-        choices=("north", "body"),
+    gps_antenna_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "the antenna of the autopilot's ordinary GPS (forward, left, up)",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
     )
-    heading: DjiHeadingConfig = group(DjiHeadingConfig)
-    rtk: DjiRtkConfig = group(DjiRtkConfig)
-    delay: DjiDelayConfig = group(DjiDelayConfig)
-    clock: DjiClockConfig = group(DjiClockConfig)
-    host: DjiHostConfig = group(DjiHostConfig)
+    gimbal_pivot_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "the point that the gimbal turns the camera about (forward, left, up)",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+    )
+    camera_from_pivot_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "the camera from that point, camera body axes (forward, left, up)",
+        unit="m",
+        low=-_LARGE,
+        high=_LARGE,
+    )
+
+    @property
+    def rtk_lever_b(self) -> Array:
+        """(3,) first RTK antenna from the IMU, FRD, m."""
+        return self._from_imu_b(self.rtk_antenna_m)
+
+    @property
+    def rtk_lever_sigma_b(self) -> Array:
+        """(3,) standard deviation of ``rtk_lever_b``, m; 0 where it is taken as it is."""
+        if self.rtk_antenna_sigma_m:
+            return np.array(self.rtk_antenna_sigma_m)
+        return np.zeros(3) if self.rtk_lever_b.any() else np.array(_UNMEASURED_M)
+
+    @property
+    def gps_lever_b(self) -> Array:
+        """(3,) antenna of the ordinary GPS from the IMU, FRD, m."""
+        return self._from_imu_b(self.gps_antenna_m)
+
+    @property
+    def pivot_lever_b(self) -> Array:
+        """(3,) gimbal's pivot from the IMU, FRD, m."""
+        return self._from_imu_b(self.gimbal_pivot_m)
+
+    @property
+    def camera_from_pivot_g(self) -> Array:
+        """(3,) camera from the pivot, camera body FRD, m."""
+        return flu_from_frd(np.array(self.camera_from_pivot_m))
+
+    @property
+    def rotation_bi(self) -> Array | None:
+        """(3, 3) body from the IMU's axes, both FRD; None where they are the same."""
+        if not any(self.imu_rpy_deg):
+            return None
+        roll, pitch, yaw = np.radians(flu_from_frd(np.array(self.imu_rpy_deg)))
+        return matrix_from_euler(roll, pitch, yaw)
+
+    @property
+    def baseline_b(self) -> Array | None:
+        """(3,) second RTK antenna from the first, FRD, m; None with one antenna.
+
+        Raises ConfigError where the two give no heading.
+        """
+        if not self.second_antenna_m:
+            return None
+        baseline_b = flu_from_frd(np.array(self.second_antenna_m) - np.array(self.rtk_antenna_m))
+        apart_m = math.hypot(baseline_b[0], baseline_b[1])
+        if apart_m < _LEAST_APART_M or apart_m < _LEAST_HORIZONTAL * np.linalg.norm(baseline_b):
+            first, second = list(self.rtk_antenna_m), list(self.second_antenna_m)
+            raise ConfigError(
+                f"parameters aircraft.rtk_antenna_m {first} and aircraft.second_antenna_m "
+                f"{second}: only {apart_m:.2f} m apart seen from above, too little for a heading: "
+                "measure both from the same point (forward, left, up); one antenna is "
+                "second_antenna_m: []"
+            )
+        return baseline_b
+
+    @property
+    def baseline_deg(self) -> float | None:
+        """The second antenna's direction from the first: from the nose, clockwise from above.
+
+        None with one antenna. Raises ConfigError as ``baseline_b``.
+        """
+        baseline_b = self.baseline_b
+        if baseline_b is None:
+            return None
+        return math.degrees(math.atan2(baseline_b[1], baseline_b[0]))
+
+    def antenna_b(self, source: Source) -> Array:
+        """(3,) from the IMU, FRD, m: the antenna whose position or velocity a source gives."""
+        return self.gps_lever_b if source in _GPS else self.rtk_lever_b
+
+    def _from_imu_b(self, place_m: tuple[float, ...]) -> Array:
+        return flu_from_frd(np.array(place_m) - np.array(self.imu_m))

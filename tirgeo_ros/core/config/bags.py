@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.parameter import group, param
 
 
@@ -17,13 +19,6 @@ class SimulatedAircraftConfig:
         unit="m",
         low=-120,
         high=100,
-    )
-    baseline_offset_deg: float = param(
-        90.0,
-        "direction from its first RTK antenna to the second, from the nose, clockwise from above",
-        unit="deg",
-        low=-360,
-        high=360,
     )
     gimbal: str = param(
         "joints",
@@ -48,7 +43,7 @@ class SimulatedAircraftConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class BagPlayerConfig:
+class BagPlayerConfig(NodeParameters):
     """Parameters of bag_player."""
 
     bag: str = param("", "the MCAP file to play")
@@ -75,11 +70,12 @@ class BagPlayerConfig:
         "with live: the aircraft's topics are played as DJI's serial protocol, on a "
         "pseudo-terminal of this path; empty = as topics",
     )
-    aircraft: SimulatedAircraftConfig = group(SimulatedAircraftConfig)
+    simulated_aircraft: SimulatedAircraftConfig = group(SimulatedAircraftConfig)
+    aircraft: AircraftConfig = group(AircraftConfig)
 
 
 @dataclass(frozen=True, slots=True)
-class RecorderConfig:
+class RecorderConfig(NodeParameters):
     """Parameters of recorder."""
 
     output: str = param("", "the MCAP file to write")

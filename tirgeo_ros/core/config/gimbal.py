@@ -1,8 +1,4 @@
-"""The parameters of gimbal_node.
-
-Lever arms are in ROS's axes (``base_link``: forward, left, up) as the user writes them;
-properties give them in the core's.
-"""
+"""The parameters of gimbal_node."""
 
 from __future__ import annotations
 
@@ -11,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.parameter import group, param
 from tirgeo_ros.core.samples import Array
-
-_LARGE = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +73,7 @@ class NorthConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class GimbalConfig:
+class GimbalConfig(NodeParameters):
     """Parameters of gimbal_node."""
 
     composition: str = param(
@@ -85,20 +81,6 @@ class GimbalConfig:
         "paper (reported roll and pitch, filtered heading), encoders (body attitude and joints), "
         "or auto: encoders while joint angles arrive, else paper",
         choices=("auto", "paper", "encoders"),
-    )
-    lever_arm_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0),
-        "gimbal pivot from the IMU, base_link axes (forward, left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
-    )
-    camera_offset_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0),
-        "camera from the pivot, camera body axes (forward, left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
     )
     boresight_rpy_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0),
@@ -147,21 +129,12 @@ class GimbalConfig:
         high=2,
     )
     north: NorthConfig = group(NorthConfig)
+    aircraft: AircraftConfig = group(AircraftConfig)
 
     @property
     def yaw_zero_rad(self) -> float:
         """The error of the yaw encoder's zero about body down, rad."""
         return -math.radians(self.yaw_zero_deg)
-
-    @property
-    def lever_arm_b(self) -> Array:
-        """(3,) pivot from the IMU, FRD, m."""
-        return flu_from_frd(np.array(self.lever_arm_m))
-
-    @property
-    def camera_offset_g(self) -> Array:
-        """(3,) camera from the pivot, camera body FRD, m."""
-        return flu_from_frd(np.array(self.camera_offset_m))
 
     @property
     def boresight_rpy_rad(self) -> Array:

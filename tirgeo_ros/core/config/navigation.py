@@ -8,13 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.parameter import group, param
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
 
 @dataclass(frozen=True, slots=True)
-class ImuConfig:
+class ImuNoiseConfig:
     """Noise of the IMU: white noise and a first-order Gauss-Markov bias on each axis (x, y, z)."""
 
     angle_random_walk: tuple[float, ...] = param(
@@ -60,10 +62,32 @@ class ImuConfig:
         high=1e9,
     )
     gyro_turn_on_bias: float = param(
-        1e-3, "standard deviation of the gyroscope bias at start", unit="rad/s", low=0, high=1
+        7e-3, "standard deviation of the gyroscope bias at start", unit="rad/s", low=0, high=1
     )
     accel_turn_on_bias: float = param(
         2e-2, "standard deviation of the accelerometer bias at start", unit="m/s2", low=0, high=10
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ImuConfig(ImuNoiseConfig):
+    """The IMU: its noise, what vibration adds to it, and how late it is."""
+
+    gyro_vibration_share: float = param(
+        0.3,
+        "of the vibration measured in flight (density of the second differences) that counts as "
+        "white noise of the gyroscope; 0 = the configured noise alone",
+        low=0,
+        high=10,
+    )
+    accel_vibration_share: float = param(0.7, "the same of the accelerometer", low=0, high=10)
+    delay_s: float = param(
+        0.0,
+        "stamp less time of measurement: half its interval for an IMU that averages over it and "
+        "stamps at its end; poses have the time that this gives",
+        unit="s",
+        low=-0.5,
+        high=0.5,
     )
 
 
@@ -109,7 +133,11 @@ class TrustConfig:
         1.5, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
     )
     lost_position_sigma_m: float = param(
-        10.0, "the position is lost beyond this standard deviation", unit="m", low=0.1, high=1e4
+        10.0,
+        "the position is lost beyond this standard deviation, and 1.5 times what receivers admit",
+        unit="m",
+        low=0.1,
+        high=1e4,
     )
     lost_heading_sigma_deg: float = param(
         10.0, "the heading is lost beyond this standard deviation", unit="deg", low=0.1, high=180
@@ -117,7 +145,7 @@ class TrustConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class EkfConfig:
+class EkfConfig(NodeParameters):
     """Parameters of ekf_node."""
 
     method: str = param("ekf_heading", "raw, rtk, ekf or ekf_heading", choices=METHODS)
@@ -146,3 +174,4 @@ class EkfConfig:
     autopilot: AutopilotConfig = group(AutopilotConfig)
     alignment: AlignmentConfig = group(AlignmentConfig)
     trust: TrustConfig = group(TrustConfig)
+    aircraft: AircraftConfig = group(AircraftConfig)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.parameter import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
@@ -72,7 +73,7 @@ class ConfidenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class OverlayConfig:
+class OverlayConfig(NodeParameters):
     """Parameters of overlay_node."""
 
     map: str = param(
@@ -80,6 +81,10 @@ class OverlayConfig:
     )
     style: str = param(
         "", "style sheet (YAML) with the layers of the map; empty = one style for all"
+    )
+    network: bool = param(
+        False,
+        "map and dem may be fetched over the network, where they name other places (a VRT, a WFS)",
     )
     label_field: str = param("name", "property of a map feature that is its label")
     reload_s: float = param(

@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,
@@ -65,10 +65,14 @@ class Aircraft:
     """
 
     def __init__(
-        self, config: SimulatedAircraftConfig | None = None, activation: Sequence[int] = (0,)
+        self,
+        config: SimulatedAircraftConfig | None = None,
+        activation: Sequence[int] = (0,),
+        places: AircraftConfig | None = None,
     ) -> None:
-        """``activation``: as for CommandDesk."""
+        """``activation``: as for CommandDesk; ``places``: where its antennas stand."""
         self._config = config = config or SimulatedAircraftConfig()
+        self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
         self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
         self._counts: Counter[str] = Counter()
@@ -77,7 +81,7 @@ class Aircraft:
         self._switch_on()
 
     def _switch_on(self) -> None:
-        self._satellites = Satellites(self._config)
+        self._satellites = Satellites(self._config, self._places)
         by_joints = self._config.gimbal == "joints"
         self._gimbal = GimbalAngles(joints=by_joints, max_gap_s=_AHEAD_S)
         self._first_ns: int | None = None

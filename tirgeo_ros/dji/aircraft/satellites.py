@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta, timezone
 from typing import TypeVar
 
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.samples import (
     Array,
     FixStatus,
@@ -17,6 +17,7 @@ from tirgeo_ros.core.samples import (
     VelocitySample,
 )
 from tirgeo_ros.dji.blocks import Gps, GpsDetail, Position, Rtk, Vector, Velocity
+from tirgeo_ros.dji.meaning.baseline import baseline_deg
 
 SatelliteSample = PositionSample | VelocitySample | HeadingSample
 S = TypeVar("S", bound=SatelliteSample)
@@ -42,9 +43,9 @@ _GOOD_HEALTH = 5
 class Satellites:
     """The newest of what each receiver said, in the units of the aircraft's messages."""
 
-    def __init__(self, config: SimulatedAircraftConfig) -> None:
+    def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
         self._undulation_m = config.geoid_undulation_m
-        self._baseline_deg = config.baseline_offset_deg
+        self._baseline_deg = baseline_deg(places)
         self._positions: dict[Source, PositionSample] = {}
         self._velocities: dict[Source, VelocitySample] = {}
         self._heading: HeadingSample | None = None
@@ -127,8 +128,8 @@ class Satellites:
     def _baseline_yaw_deg(self, heading: HeadingSample) -> int:
         """Where the second antenna is, from the first, in whole degrees of -180 to 179.
 
-        A flight that recorded whole degrees is rounded a second time where the baseline's
-        direction is no whole number: by the same amount each time.
+        A flight whose headings were made of whole degrees with the same two places gives these
+        back; with others they are rounded a second time, by the same amount each time.
         """
         yaw_deg = round(math.degrees(heading.heading_rad) + self._baseline_deg)
         return (yaw_deg + 180) % 360 - 180

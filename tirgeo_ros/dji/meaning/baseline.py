@@ -1,9 +1,9 @@
-"""Whether the direction between the antennas is the one that is configured.
+"""The direction of the two RTK antennas: by their places, and whether the flight agrees.
 
-RTK yaw is the azimuth of the line from the first antenna to the second. What is configured as its
-angle from the nose is off by 90 or 180 deg when the kit is mounted in another way than supposed,
-and the autopilot's own heading, right within some degrees, shows it. It is said, never corrected:
-the autopilot's heading may be what is wrong.
+RTK yaw is the azimuth of the line from the first antenna to the second. Its angle from the nose
+follows from where the two stand; it is off by 90 or 180 deg when the kit is mounted in another way
+than the parameters say, and the autopilot's own heading, right within some degrees, shows it. It
+is said, never corrected: the autopilot's heading may be what is wrong.
 """
 
 from __future__ import annotations
@@ -11,7 +11,15 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.dji.meaning.attitudes import Attitudes, heading_of
+
+#: DJI's kits: the first antenna left, the second right.
+KIT_DEG = 90.0
+NOT_SET = (
+    "aircraft.second_antenna_m is not set: RTK yaw is taken for that of DJI's kit, first antenna "
+    "left and second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
+)
 
 _SPAN_NS = 20_000_000_000
 _LEAST_NS = 10_000_000_000
@@ -24,11 +32,20 @@ _TOLERANCE_DEG = 15.0
 _LEAST_AGREEMENT = 0.9
 
 
+def baseline_deg(aircraft: AircraftConfig) -> float:
+    """Return the direction from the first antenna to the second, from the nose, clockwise.
+
+    DJI's kit where there is no second place. Raises ConfigError where the two give no heading.
+    """
+    known_deg = aircraft.baseline_deg
+    return KIT_DEG if known_deg is None else known_deg
+
+
 class BaselineCheck:
     """The mean of RTK yaw less the aircraft's own heading over the newest 20 s."""
 
     def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
-        """``offset_deg``: as configured, from the nose, clockwise."""
+        """``offset_deg``: by the antennas' places, from the nose, clockwise."""
         self._offset_deg = offset_deg
         self._attitudes = attitudes
         self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine
@@ -68,7 +85,8 @@ class BaselineCheck:
         if abs(off_deg) <= _TOLERANCE_DEG:
             return ""
         return (
-            f"heading.baseline_offset_deg is {self._offset_deg:g}, but RTK yaw less the "
-            f"aircraft's own heading is {seen_deg:.1f} deg ({off_deg:+.1f}): set it to that, or "
-            "look after the aircraft's compass"
+            "by aircraft.rtk_antenna_m and aircraft.second_antenna_m the baseline lies at "
+            f"{self._offset_deg % 360:.4g} deg from the nose, but RTK yaw less the aircraft's own "
+            f"heading is {seen_deg:.1f} deg ({off_deg:+.1f}): correct the two places, or look "
+            "after the aircraft's compass"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tirgeo_ros.core.config.aircraft import DjiRtkConfig
+from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.samples import FixStatus
 
 #: Position and yaw have the same list.

@@ -10,7 +10,7 @@ from typing import Any
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.samples import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.meaning.attitudes import Attitudes
-from tirgeo_ros.dji.meaning.baseline import BaselineCheck
+from tirgeo_ros.dji.meaning.baseline import NOT_SET, BaselineCheck, baseline_deg
 from tirgeo_ros.dji.meaning.gimbal import GimbalMeaning
 from tirgeo_ros.dji.meaning.gps import GpsMeaning
 from tirgeo_ros.dji.meaning.imu import ImuMeaning
@@ -37,9 +37,10 @@ class Interpreter:
     def __init__(self, config: DjiConfig) -> None:
         self._counts: Counter[str] = Counter()
         self._undulation_m = config.geoid_undulation_m
+        self._one_antenna = not config.aircraft.second_antenna_m
         undulation_m = 0.0 if math.isnan(self._undulation_m) else self._undulation_m
         attitudes = Attitudes(self._counts)
-        self._baseline = BaselineCheck(config.heading.baseline_offset_deg, attitudes)
+        self._baseline = BaselineCheck(baseline_deg(config.aircraft), attitudes)
         self._imu = ImuMeaning(config, attitudes, self._counts)
         self._rtk = RtkMeaning(config, undulation_m, self._baseline, self._counts)
         self._gps = GpsMeaning(config, undulation_m, self._counts)
@@ -96,6 +97,8 @@ class Interpreter:
     def warnings(self) -> list[str]:
         """What a person should set right."""
         found = [*self._imu.warnings, self._baseline.warning]
+        if self._one_antenna:
+            found.append(NOT_SET)
         if math.isnan(self._undulation_m):
             found.append(
                 "geoid_undulation_m is not set: heights above sea level go out as ellipsoidal, "

@@ -7,7 +7,7 @@ from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.samples import HeadingSample, PositionSample, VelocitySample
-from tirgeo_ros.dji.meaning.baseline import BaselineCheck
+from tirgeo_ros.dji.meaning.baseline import BaselineCheck, baseline_deg
 from tirgeo_ros.dji.meaning.epochs import Value
 from tirgeo_ros.dji.meaning.flags import FIXED_FLAG, NO_FIX, Quality, flag_text, qualities
 from tirgeo_ros.dji.meaning.receiver import Held, Receiver
@@ -31,7 +31,7 @@ class RtkMeaning:
         self._baseline = baseline
         self._counts = counts
         self._delay_ns = round(config.rtk.delay_s * 1e9)
-        self._offset_deg = config.heading.baseline_offset_deg
+        self._offset_deg = baseline_deg(config.aircraft)
         self._heading_variance = math.radians(config.heading.sigma_deg) ** 2
         self._qualities = qualities(config.rtk)
         self._position_flag: Held[int] = Held()

@@ -8,7 +8,7 @@ import zlib
 
 MAGIC = b"PK\x03\x04"
 #: A map of a million vertices has a tenth of it; text of coordinates shrinks to a fifth or so.
-_LARGEST_BYTES = 1 << 29
+_LARGEST_BYTES = 1 << 28
 _MOST_SHRUNK = 100
 _SMALL_BYTES = 1 << 20  # may be shrunk as it likes
 

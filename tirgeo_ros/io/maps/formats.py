@@ -36,8 +36,6 @@ def read_tables(path: Path, layer: str, rule: LabelRule) -> list[Table]:
         raise MapError(f"{path}: there is no such map; check its name") from None
     except OSError as error:
         raise MapError(f"{path}: the map cannot be read: {error.strerror or error}") from None
-    except MemoryError:
-        raise MapError(f"{path}: the map does not fit into memory") from None
 
 
 @contextmanager
@@ -82,7 +80,7 @@ def _reader(path: Path) -> Reader:
 
 def _by_content(path: Path, head: bytes) -> Reader | None:
     if head.startswith(geopackage.MAGIC):
-        return geopackage.read_geopackage if geopackage.is_geopackage(path) else read_other
+        return geopackage.read_geopackage if geopackage.is_geopackage(path) else _database
     if head.startswith(archive.MAGIC):
         return _zip
     if head.startswith(shapefile.MAGIC):
@@ -91,6 +89,13 @@ def _by_content(path: Path, head: bytes) -> Reader | None:
     if text[:1] in {b"{", b"["}:
         return _geojson
     return _kml if text[:1] == b"<" and b"kml" in head.lower() else None
+
+
+def _database(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+    """An SQLite file of another kind, whose views GDAL would run without end."""
+    if geopackage.has_views(path):
+        raise MapError(f"{path}: an SQLite file with views in it; save the map as a GeoPackage")
+    return read_other(path, layer, rule)
 
 
 def _geojson(path: Path, layer: str, _rule: LabelRule) -> list[Table]:

@@ -16,7 +16,15 @@ import numpy as np
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.maps.table import FEWEST, Shapes, Table, check_layer, check_size, starts_of
+from tirgeo_ros.io.maps.table import (
+    FEWEST,
+    Shapes,
+    Table,
+    check_count,
+    check_layer,
+    check_size,
+    starts_of,
+)
 
 _KINDS = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
 _ROOTS = ("FeatureCollection", "Feature", "GeometryCollection", *_KINDS)
@@ -35,6 +43,7 @@ def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
     name = name if isinstance(name, str) and name else path.stem
     check_layer(path, layer, {name, path.stem})
     features = _features(root, path)
+    check_count(len(features), str(path))
     properties = [_properties(feature) for feature in features]
     shapes = _shapes(features, str(path))
     fields = dict.fromkeys(chain.from_iterable(properties))

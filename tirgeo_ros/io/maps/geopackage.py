@@ -1,10 +1,12 @@
 """GeoPackage (OGC 12-128r19) with the standard library's SQLite.
 
-A package is opened for reading alone, so that it may be open elsewhere, in QGIS for instance.
+A package is opened for reading alone, so that it may be open elsewhere, in QGIS for instance. A
+layer may be a view, which is a program: it is run so far and no further.
 """
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,7 +16,7 @@ from urllib.parse import quote
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.crs import known
 from tirgeo_ros.io.label_rule import LabelRule
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
 from tirgeo_ros.io.maps.wkb import Part, wkb_parts
 
 MAGIC = b"SQLite format 3\0"
@@ -22,6 +24,9 @@ _READ_VERSION = 19  # byte of the header: 2 = write-ahead log
 _ENVELOPES = (0, 32, 48, 48, 64)  # bytes, by the flags' code
 _EMPTY, _EXTENDED = 0x10, 0x20  # flags of a geometry
 _BUSY_S = 2.0
+#: Instructions of SQLite's machine for a package: a table takes some twenty a feature.
+_MOST_STEPS = 50_000_000
+_STEPS_AT_ONCE = 100_000
 
 _LAYERS = """
 SELECT g.table_name, g.column_name, g.srs_id, s.organization, s.organization_coordsys_id,
@@ -43,12 +48,24 @@ def read_geopackage(path: Path, layer: str, rule: LabelRule) -> list[Table]:
             check_layer(path, layer, [str(row[0]) for row in rows])
             return [_table(database, path, row, rule) for row in rows if layer in {"", row[0]}]
     except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
-        raise MapError(f"{path}: no GeoPackage that can be read: {error}") from None
+        told = str(error)
+        if told == "interrupted":
+            told = "a view in it computes without end; save the layer as a table"
+        raise MapError(f"{path}: no GeoPackage that can be read: {told}") from None
 
 
 def is_geopackage(path: Path) -> bool:
     """Whether an SQLite file has the tables of a GeoPackage; so has one too damaged to tell."""
-    query = "SELECT count(*) FROM sqlite_master WHERE name = 'gpkg_geometry_columns'"
+    return _found(path, "name = 'gpkg_geometry_columns'")
+
+
+def has_views(path: Path) -> bool:
+    """Whether an SQLite file has views; so has one too damaged to tell."""
+    return _found(path, "type = 'view'")
+
+
+def _found(path: Path, what: str) -> bool:
+    query = f"SELECT count(*) FROM sqlite_master WHERE {what}"  # noqa: S608  of this module
     try:
         with closing(_connected(path)) as database:
             return bool(database.execute(query).fetchone()[0])
@@ -67,6 +84,8 @@ def _connected(path: Path) -> sqlite3.Connection:
     way = "immutable=1" if logged and not _size(log_of(path)) else "mode=ro"
     uri = f"file:{quote(str(path.absolute()))}?{way}"
     database = sqlite3.connect(uri, uri=True, timeout=_BUSY_S)
+    steps = itertools.count(_STEPS_AT_ONCE, _STEPS_AT_ONCE)
+    database.set_progress_handler(lambda: next(steps) > _MOST_STEPS, _STEPS_AT_ONCE)
     database.text_factory = lambda text: text.decode("utf-8", "replace")
     return database
 
@@ -97,6 +116,7 @@ def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) 
     shapes = ShapeBuilder(where)
     properties = []
     for number, (geometry, *values) in enumerate(cursor):
+        check_count(number + 1, where)
         properties.append(dict(zip(wanted, values, strict=True)))
         for kind, points in _parts(geometry, f"{where}: feature {number + 1}"):
             shapes.add(number, kind, points)

@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
 
 _COMMA = re.compile(r"\s*,\s*")
 _BLANK_COMMA = re.compile(r"\s,|,\s")  # some programs write so
 _DEEPEST = 200  # elements in elements
+#: Elements and attributes of a file: some 300 bytes each in memory.
+_MOST_ELEMENTS = 1_500_000
+_AT_ONCE = 1 << 16  # bytes for the parser
+_LONGEST_TAG = 1 << 20  # bytes of a tag or a comment: the parser keeps each whole
 _HOLDERS = {"kml", "Document", "Folder"}
 _GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon"}
 _NOT_DRAWN = {
@@ -75,10 +79,19 @@ def _tree(content: bytes, path: Path) -> Element:
     parser.CharacterDataHandler = builder.data
     parser.EntityDeclHandler = builder.refuse_entity
     try:
-        parser.Parse(content, True)
+        for begin in range(0, len(content), _AT_ONCE):
+            parser.Parse(content[begin : begin + _AT_ONCE], False)
+            _check_waiting(begin - parser.CurrentByteIndex)
+        parser.Parse(b"", True)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise MapError(f"{path}: no KML that can be read: {error}") from None
     return builder.close()
+
+
+def _check_waiting(size: int) -> None:
+    """Refuse a tag that the parser has kept so many bytes of."""
+    if size > _LONGEST_TAG:
+        raise ValueError(f"a tag of more than {_LONGEST_TAG} bytes")
 
 
 class _Builder:
@@ -87,16 +100,27 @@ class _Builder:
     def __init__(self) -> None:
         self._tree = TreeBuilder()
         self._depth = 0
+        self._elements = 0
+        self._names: dict[str, str] = {}
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         self._depth += 1
+        self._elements += 1 + len(attributes)
         if self._depth > _DEEPEST:
             raise ValueError("it is nested too deeply")
-        self._tree.start(_local(name), attributes)
+        if self._elements > _MOST_ELEMENTS:
+            raise ValueError(
+                f"more than {_MOST_ELEMENTS} elements; cut out the flight's surroundings"
+            )
+        self._tree.start(self._local(name), attributes)
 
     def end(self, name: str) -> None:
         self._depth -= 1
-        self._tree.end(_local(name))
+        self._tree.end(self._local(name))
+
+    def _local(self, name: str) -> str:
+        """The name without its prefix, each of them once in memory."""
+        return self._names.setdefault(name, name.rpartition(":")[2])
 
     def data(self, text: str) -> None:
         self._tree.data(text)
@@ -106,10 +130,6 @@ class _Builder:
 
     def close(self) -> Element:
         return self._tree.close()
-
-
-def _local(name: str) -> str:
-    return name.rpartition(":")[2]
 
 
 def _text(element: Element, name: str) -> str:
@@ -145,6 +165,7 @@ def _table(path: Path, name: str, placemarks: Iterator[Element], counts: Counter
     properties: list[Mapping[str, Any]] = []
     set_aside = 0
     for number, placemark in enumerate(placemarks):
+        check_count(number + 1, str(path))
         properties.append(_properties(placemark))
         drawn = len(shapes.parts)
         for kind, text in _pieces(placemark):

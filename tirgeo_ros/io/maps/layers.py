@@ -12,6 +12,8 @@ from tirgeo_ros.io.file_list import named_files
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.formats import companions, read_tables
 from tirgeo_ros.io.maps.laying import laid
+from tirgeo_ros.io.memory import MOST_BYTES, bounded_memory
+from tirgeo_ros.io.offline import read_map
 from tirgeo_ros.io.style_sheet import SheetLayer, load_style_sheet
 
 
@@ -23,18 +25,30 @@ class _Source:
     entry: SheetLayer | None = None
 
 
-def load_layers(map: str, style: str = "", label_field: str = "name") -> list[MapLayer]:  # noqa: A002  the parameter's name
+def load_layers(
+    map: str,  # noqa: A002  the parameter's name
+    style: str = "",
+    label_field: str = "name",
+    *,
+    network: bool = False,
+) -> list[MapLayer]:
     """The layers of a map, in the order in which they are drawn.
 
     ``map`` is a file, or several with commas; ``style`` a style sheet, or "": then every table
     of every file is a layer of the default style. Files that the sheet does not draw come
     first, in that style too. ``label_field`` is the property that labels features where the
-    sheet does not say.
+    sheet does not say. ``network``: what a file names elsewhere may be fetched.
 
     Raises MapError, naming the file (and layer and feature), for what is no map; ConfigError,
     naming sheet, layer and key, for what is no style sheet.
     """
-    return [layer for source in _sources(map, style) for layer in _layers(source, label_field)]
+
+    def load() -> list[MapLayer]:
+        sources = _sources(map, style)
+        return [layer for source in sources for layer in _layers(source, label_field)]
+
+    with bounded_memory():
+        return read_map(load, network=network)
 
 
 def _sources(map_text: str, style: str) -> list[_Source]:
@@ -57,6 +71,16 @@ def _of_entry(entry: SheetLayer, paths: Sequence[Path]) -> Iterator[_Source]:
 
 
 def _layers(source: _Source, label_field: str) -> list[MapLayer]:
+    try:
+        return _read(source, label_field)
+    except MemoryError:
+        raise MapError(
+            f"{source.path}: the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out "
+            "the flight's surroundings"
+        ) from None
+
+
+def _read(source: _Source, label_field: str) -> list[MapLayer]:
     entry = source.entry
     rule = entry.label if entry and entry.label else LabelRule.of_field(label_field)
     tables = read_tables(source.path, entry.layer if entry else "", rule)

@@ -9,8 +9,9 @@ from typing import Any
 
 from tirgeo_ros.core.errors import ConfigError, MapError
 from tirgeo_ros.io.label_rule import LabelRule
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
 from tirgeo_ros.io.maps.wkb import Part, wkb_parts
+from tirgeo_ros.io.offline import check_closed, elsewhere
 
 _KNOWN = "GeoJSON, GeoPackage, Shapefile, KML and KMZ"
 
@@ -26,13 +27,15 @@ def read_other(path: Path, layer: str, rule: LabelRule) -> list[Table]:
         raise MapError(
             f"{path}: none of {_KNOWN}; other formats need pyogrio: pip install 'tirgeo[maps]'"
         ) from None
+    check_closed()
     try:
         return _tables(pyogrio, path, layer, rule)
     except (MapError, ConfigError):
         raise
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
         line = " ".join(str(error).split())[:160]
-        raise MapError(f"{path}: no map that can be read: {line}") from None
+        hint = elsewhere(f"{path} {line}")
+        raise MapError(f"{path}: no map that can be read: {line}{hint}") from None
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, rule: LabelRule) -> list[Table]:
@@ -49,6 +52,7 @@ def _table(pyogrio: Any, path: Path, name: str, rule: LabelRule) -> Table:
     wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
     meta, _, geometries, columns = pyogrio.raw.read(path, layer=name, columns=wanted)
     geometries = [] if geometries is None else geometries  # a table without any
+    check_count(len(geometries), where)
     shapes = ShapeBuilder(where)
     for number, blob in enumerate(geometries):
         for kind, points in _parts(blob, f"{where}: feature {number + 1}"):

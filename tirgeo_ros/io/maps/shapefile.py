@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_layer
+from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
 
 MAGIC = b"\x00\x00\x27\x0a"
 SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
@@ -109,6 +109,7 @@ def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
     shapes = ShapeBuilder(where)
     properties: list[Mapping[str, Any]] = []
     for number, shape in enumerate(_shapes(fetch(".shp") or b"", where)):
+        check_count(number + 1, where)
         record = records[number] if number < len(records) else {}
         properties.append(record or {})
         if record is not None:

@@ -16,6 +16,8 @@ from tirgeo_ros.core.polylines import BoolArray, IntArray
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.suggestions import nearest
 
+#: Of a file: beyond it, reading takes more than some seconds and more memory than a map may fill.
+MOST_FEATURES = 500_000
 #: The fewest positions that a point, a line and a ring have.
 FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
 
@@ -83,6 +85,14 @@ def check_size(size: int, kind: str, where: str) -> None:
     """Refuse a part of too few positions; none at all is an empty geometry, which is right."""
     if 0 < size < FEWEST[kind]:
         raise MapError(f"{where}: a {kind} of {size} positions is none")
+
+
+def check_count(features: int, where: str) -> None:
+    """Refuse more features than are drawn."""
+    if features > MOST_FEATURES:
+        raise MapError(
+            f"{where}: more than {MOST_FEATURES} features; cut out the flight's surroundings"
+        )
 
 
 def starts_of(sizes: Iterable[int]) -> IntArray:

@@ -1,6 +1,6 @@
 """Messages to the core's samples.
 
-Pure conversion of axes, units and marks of absence. Nothing is judged here: a NaN, a zero
+Pure conversion of axes, units and marks of absence. Samples are not judged here: a NaN, a zero
 quaternion or an impossible covariance goes through as it is and meets a verdict in the core.
 """
 
@@ -29,6 +29,7 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.validity import place_fault
 from tirgeo_ros.io.messages.axes import (
     covariance_turned_world,
     quat_turned_both,
@@ -149,10 +150,14 @@ def camera_pose(msg: Any) -> CameraPose:
 
 
 def tangent_plane(msg: Any) -> TangentPlane:
-    """``sensor_msgs/NavSatFix`` of ``tirgeo/origin``."""
-    return TangentPlane(
-        math.radians(msg.latitude), math.radians(msg.longitude), float(msg.altitude)
-    )
+    """``sensor_msgs/NavSatFix`` of ``tirgeo/origin``. Raises MessageError where none can be."""
+    place = math.radians(msg.latitude), math.radians(msg.longitude), float(msg.altitude)
+    fault = place_fault(*place)
+    if fault:
+        raise MessageError(
+            f"tirgeo/origin: {fault}: {msg.latitude:g}, {msg.longitude:g} deg, {msg.altitude:g} m"
+        )
+    return TangentPlane(*place)
 
 
 def pixel(msg: Any) -> tuple[int, float, float]:

@@ -8,10 +8,12 @@ from typing import Any
 
 from tirgeo_ros.core.errors import MessageError
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.wording import cut
 
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
-_COUNT, _RATIO, _RESET = "count", "test_ratio", "reset"
+_COUNT, _RATIO, _RESET, _CLIPPED, _NIS = "count", "test_ratio", "reset", "clipped", "nis"
+_NEXT = "; "  # between warnings, which hold none
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,7 @@ class DiagnosticItem:
 
 
 def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
-    """The estimator's status: OK while it is running, an error once it is lost, else a warning."""
+    """The estimator's status: OK while it runs without warnings, an error once it is lost."""
     values = {
         "method": status.method,
         "state": status.state.value,
@@ -38,17 +40,26 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     values |= {f"{_COUNT}.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
     values |= {f"{_RATIO}.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
     values |= {f"{_RESET}.{a}": str(n) for a, n in sorted(status.resets.items())}
-    message = status.state.value + (f": {status.reason}" if status.reason else "")
-    return DiagnosticItem(name, _LEVELS.get(status.state, WARN), message, values)
+    values |= {f"{_NIS}.{a}": repr(float(n)) for a, n in sorted(status.nis.items())}
+    values["process_noise"] = status.process_noise
+    values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
+    values |= {f"{_CLIPPED}.{name}": str(n) for name, n in sorted(status.clipped.items())}
+    warnings = values["warnings"] = _NEXT.join(status.warnings)
+    running = status.state is FilterState.RUNNING
+    told = warnings if running and warnings else status.reason
+    level = _LEVELS.get(status.state, WARN)
+    if running and warnings:
+        level = WARN
+    return DiagnosticItem(name, level, status.state.value + (f": {told}" if told else ""), values)
 
 
 def navigation_status(msg: Any) -> NavigationStatus:
     """``diagnostic_msgs/DiagnosticStatus`` of the estimator, the inverse of the encoder's.
 
-    Time in the state and resets are 0 and none where a recording has no such keys. Raises
-    MessageError where it is no such status.
+    Time in the state, resets, clipped samples and warnings are 0 and none where a recording has
+    no such keys; texts are cut. Raises MessageError where it is no such status.
     """
-    values = {item.key: item.value for item in msg.values}
+    values = {cut(item.key): cut(item.value) for item in msg.values}
     try:
         return _status(values)
     except (KeyError, ValueError) as error:
@@ -68,4 +79,9 @@ def _status(values: dict[str, str]) -> NavigationStatus:
         state_s=float(values.get("state_time_s", "0")),
         resets={k[1]: int(v) for k, v in parts if k[0] == _RESET and len(k) == 2},
         last_reset=values.get("last_reset", ""),
+        clipped={k[1]: int(v) for k, v in parts if k[0] == _CLIPPED and len(k) == 2},
+        nis={k[1]: float(v) for k, v in parts if k[0] == _NIS and len(k) == 2},
+        process_noise=values.get("process_noise", ""),
+        vibration=tuple(map(float, values.get("vibration", "").split())),
+        warnings=tuple(filter(None, values.get("warnings", "").split(_NEXT))),
     )

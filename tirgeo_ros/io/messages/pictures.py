@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.errors import CameraError, MessageError
+from tirgeo_ros.io.encoded_picture import MOST_OF_VIDEO, unpacked
 
 Pixels = npt.NDArray[Any]  # uint8 or uint16
 
@@ -73,15 +74,15 @@ def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> Pixels:
 
 def compressed_pixels(msg: Any) -> Pixels:
     """``sensor_msgs/CompressedImage`` as ``image_pixels`` gives it. Raises MessageError."""
-    data = np.frombuffer(msg.data, np.uint8)
+    data = bytes(msg.data)
     try:
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        raise MessageError(f"compressed image: {data.size} bytes are no {msg.format or 'picture'}")
+        pixels = unpacked(data, cv2.IMREAD_UNCHANGED, MOST_OF_VIDEO)
+    except ValueError as error:
+        raise MessageError(f"compressed image: {error}") from None
+    if pixels is None or not pixels.ndim:
+        raise MessageError(f"compressed image: {len(data)} bytes are no {msg.format or 'picture'}")
     if pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = pixels[..., 0]  # a thermal picture whose writer knew colour pictures alone
+        pixels = pixels[..., 0].copy()  # a thermal picture whose writer knew colour pictures alone
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[..., :3]
     if pixels.dtype not in (np.uint8, np.uint16):

@@ -26,8 +26,8 @@ Every module here but ``main`` and those that begin with ``_`` is a verb of its 
 - An ``int`` from ``run`` is the exit code of a verb that has printed for itself.
 - A TirgeoError (or an OSError: no such file, disk full) is one line ``tirgeo VERB: message`` on
   stderr and exit code 1. Wrong use is 2: argparse, or ``raise UsageError(message)``. Ctrl-C is
-  130, SIGTERM 143: both unwind the stack, so that context managers tidy up. Anything else is a bug
-  and keeps its traceback.
+  130, SIGTERM 143, SIGHUP 129 (unless nohup had it ignored): all unwind the stack, so that context
+  managers tidy up. Anything else is a bug and keeps its traceback.
 - ``Subparsers`` and ``UsageError`` come from ``tirgeo_ros.tools.cli._verb``.
 
 A verb without ``run`` has verbs of its own (``calibrate``): ``add_parser`` declares them, each by

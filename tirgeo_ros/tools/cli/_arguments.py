@@ -49,7 +49,13 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
 
 def add_method(parser: argparse.ArgumentParser) -> None:
     """How the aircraft's pose is found."""
-    parser.add_argument("--method", metavar="M", choices=METHODS, help="%(choices)s")
+    parser.add_argument(
+        "--method",
+        metavar="M",
+        choices=METHODS,
+        help="%(choices)s; default: as --params say, else ekf_heading where the bag has "
+        "rtk/heading and ekf where it has none",
+    )
 
 
 def add_ground(parser: argparse.ArgumentParser, otherwise: str = "") -> None:

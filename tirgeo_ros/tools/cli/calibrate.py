@@ -15,9 +15,9 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser = subparsers.add_parser(
         "calibrate",
         help="find parameters from recordings: lens, boresight, IMU noise, ...",
-        description="Finds parameters from recordings. What boresight and allan write, the nodes "
-        "and --params take after the aircraft's own file; what lens writes, --camera and "
-        "overlay_node's parameter camera take.",
+        description="Finds parameters from recordings. What boresight, aircraft, allan and imu "
+        "write, the nodes and --params take after the aircraft's own file; what lens writes, "
+        "--camera and overlay_node's parameter camera take.",
         epilog="tirgeo calibrate WHAT --help tells of one, with an example.",
     )
     inner = parser.add_subparsers(dest="what", metavar="WHAT", required=True)

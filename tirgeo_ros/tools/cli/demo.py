@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
@@ -37,8 +38,8 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the graph."""
-    from tirgeo_ros.tools.demo import demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.graph import GraphSetup  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.demo import check_place_of, demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.graph import GraphSetup, free_domain  # noqa: PLC0415 heavy
 
     if not 0.01 <= args.rate <= 100:
         raise UsageError("--rate must be from 0.01 to 100")
@@ -46,7 +47,11 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--serial runs in real time: leave --rate out")
     bag = args.bag or sample_bag()
     given = (args.params, args.map, args.method, args.rate, args.serial)
-    setup = with_sample(GraphSetup(bag.absolute(), args.output.absolute(), *given))
+    domain = {"ROS_DOMAIN_ID": str(free_domain())}
+    graph = GraphSetup(bag.absolute(), args.output.absolute(), *given, environment=domain)
+    setup = with_sample(graph)
+    check_place_of(setup)
+    sys.stderr.write(f"the nodes are in ROS_DOMAIN_ID={domain['ROS_DOMAIN_ID']}, here alone\n")
     with Progress("playing", unit="s") as bar:
         return demonstrate(setup, bar)
 

@@ -59,11 +59,22 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results."""
-    from tirgeo_ros.tools.evaluation.evaluate import evaluate  # noqa: PLC0415 heavy
+    from tirgeo_ros.io.maps import map_files  # noqa: PLC0415 heavy
+    from tirgeo_ros.io.parameter_file import paths_of  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluation.evaluate import evaluate  # noqa: PLC0415
     from tirgeo_ros.tools.evaluation.report import report_html  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluation.summary import (  # noqa: PLC0415
+        check_folder,
+        summary,
+        write_evaluation,
+    )
+    from tirgeo_ros.tools.node_configs import node_configs  # noqa: PLC0415
 
     check_ground(args)
+    given = [*(args.params or ()), args.boresight] if args.boresight else args.params
+    configs = node_configs(given, args.namespace, dem=args.dem, camera=args.camera)
+    read = (args.bag, args.survey, args.observations, args.truth, *paths_of(given))
+    check_folder(args.output, (*read, *configs.files, *map_files(str(args.map or ""))))
     with Progress("evaluating", unit="s") as bar:
         found = evaluate(
             args.bag,

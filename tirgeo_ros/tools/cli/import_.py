@@ -23,10 +23,11 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "code 1). The same input gives the same bytes.",
         epilog="example:\n  tirgeo import flight.bag -o flight.mcap --params params.yaml\n\n"
         "params.yaml needs at least\n"
-        "  dji_node:\n"
+        "  /**:\n"
         "    ros__parameters:\n"
-        "      geoid_undulation_m: 43.2          # where it flies\n"
-        "      heading.baseline_offset_deg: 90.0",
+        "      geoid_undulation_m: 43.2                      # where it flies\n"
+        "      aircraft.rtk_antenna_m: [0.0, 0.55, 0.35]     # forward, left, up\n"
+        "      aircraft.second_antenna_m: [0.0, -0.55, 0.35]",
     )
     parser.add_argument("flight", type=Path, metavar="IN", help="ROS 1 bag or serial capture")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)

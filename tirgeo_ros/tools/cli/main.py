@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import json
 import math
 import os
@@ -11,15 +12,18 @@ import pkgutil
 import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from types import FrameType, ModuleType
 from typing import NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.wording import shown
+from tirgeo_ros.io.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._verb import UsageError, complete
 
-DONE, FAILED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 130, 141, 143
+DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 
 
 def verbs() -> list[ModuleType]:
@@ -80,7 +84,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _say(args: argparse.Namespace, message: str, code: int) -> int:
-    print(f"{args.verb_parser.prog}: {' '.join(message.splitlines())}", file=sys.stderr)
+    with suppress(OSError):  # a terminal that is gone
+        print(f"{args.verb_parser.prog}: {shown(message)}", file=sys.stderr)
     return code
 
 
@@ -130,15 +135,27 @@ def _text(value: object) -> str:
 
 
 def console() -> NoReturn:
-    """The installed command: ``main`` with SIGTERM unwinding the stack as Ctrl-C does."""
-    signal.signal(signal.SIGTERM, _terminate)
+    """The installed command: ``main``, all stop signals unwinding the stack as Ctrl-C does."""
+    unwind_on_signals()
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be in UTF-8
+        sys.stdout.reconfigure(errors="backslashreplace")
     # As in the nodes: small matrices gain nothing from threads, and idle ones spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what it warns of, errors say in one line
     sys.exit(main())
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise SystemExit(TERMINATED)
+def unwind_on_signals() -> None:
+    """Let all stop signals unwind the stack, so that what is begun is tidied up."""
+    for number in stop_signals():
+        signal.signal(number, _terminate)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+
+
+def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
+    for again in (signal.SIGTERM, signal.SIGHUP):  # a lost terminal gives two: tidying is not cut
+        signal.signal(again, signal.SIG_IGN)
+    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

@@ -64,7 +64,11 @@ def evaluate(
     truly = None if truth is None else load_truth(Path(truth))
     drawn = setups[-1].overlay
     map_text = drawn.map if map_path is None else os.fspath(map_path)
-    layers = load_layers(map_text, drawn.style, drawn.label_field) if map_text else []
+    layers = (
+        load_layers(map_text, drawn.style, drawn.label_field, network=drawn.network)
+        if map_text
+        else []
+    )
     flight = _Flight(BagReader(bag), setups, given, namespace, truly)
     flight.read(progress)
     methods = flight.results()

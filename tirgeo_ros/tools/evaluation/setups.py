@@ -66,7 +66,7 @@ def method_setups(
     grounds: dict[object, Ground | None] = {}
     setups = []
     for name, method, given in asked:
-        ekf, gimbal, overlay = node_configs(
+        ekf, gimbal, overlay, _ = node_configs(
             given,
             namespace,
             method=method,

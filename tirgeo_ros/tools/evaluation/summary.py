@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.io.parameter_output import parameters_yaml
-from tirgeo_ros.io.whole_files import PathLike, csv_text, made_folder, write_files
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, csv_text, made_folder, write_files
 from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodResult
 from tirgeo_ros.tools.evaluation.series import SETTLED_S
+from tirgeo_ros.tools.evaluation.setups import CALIBRATED
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
 from tirgeo_ros.tools.recording import BodyErrors
 
@@ -128,6 +130,18 @@ def _warning(found: Evaluation) -> str | None:
     return "; ".join(missing) or None
 
 
+def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
+    """Raise CalibrationError where what is written to a folder would replace one of the inputs."""
+    methods = (*METHODS, CALIBRATED)
+    names = ("points.csv", "observations.csv", "result.json", "report.html")
+    outputs = [Path(folder) / name for name in (*names, *map(_parameters_name, methods))]
+    check_outputs(inputs, outputs, CalibrationError)
+
+
+def _parameters_name(method: str) -> str:
+    return f"params_{method}.yaml"
+
+
 def write_evaluation(
     found: Evaluation, folder: PathLike, more: Mapping[str, str | bytes] | None = None
 ) -> list[str]:
@@ -145,7 +159,7 @@ def write_evaluation(
         place / "result.json": numbers + "\n",
     }
     for one in found.methods:
-        contents[place / f"params_{one.method}.yaml"] = _parameters(found, one)
+        contents[place / _parameters_name(one.method)] = _parameters(found, one)
     contents |= {place / name: content for name, content in (more or {}).items()}
     made_folder(place, CalibrationError)
     write_files(contents, CalibrationError)

@@ -8,6 +8,7 @@ from pathlib import Path
 from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.errors import ScenarioError
 from tirgeo_ros.io.survey import save_observations, save_survey
+from tirgeo_ros.io.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.simulate.bags import Window, write_flight, write_truth
 from tirgeo_ros.tools.simulate.flight import Flight, fly
@@ -39,6 +40,8 @@ def simulate(
     it, the observations are those of its pictures, all else is the whole flight's. Returns what
     was written. Raises ScenarioError, and BagError or SurveyError where files cannot be written.
     """
+    outputs = [Path(out_dir) / name for name in NAMES]
+    check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
     if duration_s is None:
         duration_s = scenario.duration_s - start_s
@@ -60,9 +63,12 @@ def _written(
     park = lay_out(flight.scenario.park, flight.seed)
     points, clicks = surveyed(flight, XT2, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
-    folder.mkdir(parents=True, exist_ok=True)
-    _write_text(folder / "map.geojson", map_text(park, flight.plane))
-    _write_text(folder / "params.yaml", parameters_text(flight.scenario))
+    made_folder(folder, ScenarioError)
+    texts: dict[PathLike, str | bytes] = {
+        folder / "map.geojson": map_text(park, flight.plane),
+        folder / "params.yaml": parameters_text(flight.scenario),
+    }
+    write_files(texts, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
@@ -83,13 +89,3 @@ def _written(
 def _renderer(flight: Flight, park: Park) -> Renderer:
     ground = paint(park, flight.scenario.park, flight.seed)
     return Renderer(XT2, ground, flight.scenario.video)
-
-
-def _write_text(path: Path, text: str) -> None:
-    """The whole file or none."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

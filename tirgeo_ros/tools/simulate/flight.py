@@ -71,10 +71,11 @@ def fly(scenario: Scenario, seed: int | None = None) -> Flight:
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
     samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
-    return Flight(scenario, seed, trajectory, gimbal, _truth(trajectory, epochs, bias), samples)
+    return Flight(scenario, seed, trajectory, gimbal, truth_at(trajectory, epochs, bias), samples)
 
 
-def _truth(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
+def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
+    """The true state at instants, with the IMU's biases at them."""
     motion = trajectory.motion(epochs.t_s)
     force, rate = trajectory.inertial(motion)
     lat, lon, height, velocity_n, q_nb = geodetic_state(

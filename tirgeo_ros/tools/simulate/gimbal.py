@@ -42,6 +42,7 @@ class Gimbal:
     def __init__(self, scenario: Scenario, seed: int, trajectory: Trajectory) -> None:
         """Draw the wander of the camera and let its heading follow the flight's."""
         self._scenario = scenario.gimbal
+        self._places = scenario.aircraft
         self._trajectory = trajectory
         boresight = quat_from_euler(*scenario.gimbal.boresight_rpy_rad)
         self._q_gc = quat_multiply(boresight, Q_BODY_OPTICAL)
@@ -70,9 +71,9 @@ class Gimbal:
         times = np.atleast_1d(np.asarray(t_s, float))
         motion = self._trajectory.motion(times)
         rotation = self.rotation_pg(times)
-        pivot_p, _ = motion.at_arm(self._scenario.lever_arm_b)
+        pivot_p, _ = motion.at_arm(self._places.pivot_lever_b)
         q_pc = quat_multiply(quat_from_matrix(rotation), self._q_gc)
-        return pivot_p + rotation @ self._scenario.camera_offset_g, q_pc
+        return pivot_p + rotation @ self._places.camera_from_pivot_g, q_pc
 
 
 def gimbal_samples(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import yaml
 
-from tirgeo_ros.core.config import SimulatedAircraftConfig
 from tirgeo_ros.core.parameter import values_of
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -27,53 +26,44 @@ _IMU = (
 
 
 def parameters_text(scenario: Scenario) -> str:
-    """A ROS 2 parameter file."""
-    nodes = {
-        "dji_node": _dji(scenario),
-        "ekf_node": _ekf(scenario),
-        "gimbal_node": {
-            "lever_arm_m": list(scenario.gimbal.lever_arm_m),
-            "camera_offset_m": list(scenario.gimbal.camera_offset_m),
+    """A ROS 2 parameter file: the aircraft for all nodes, then what each has of its own."""
+    site = scenario.site
+    nodes: dict[str, dict[str, object]] = {
+        "/**": {"aircraft": _places(scenario)},
+        "/**/dji_node": {
+            "geoid_undulation_m": site.geoid_undulation_m,
+            "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
+            "delay": {"gps_s": scenario.gps.arrival_delay_s},
         },
-        "overlay_node": {
-            "ground_height_m": scenario.site.ground_height_m,
+        "/**/ekf_node": _ekf(scenario),
+        "/**/overlay_node": {
+            "ground_height_m": site.ground_height_m,
             "video_latency_s": scenario.video.latency_s,
         },
-        "bag_player": {"aircraft": _aircraft(scenario)},
+        "/**/bag_player": {"simulated_aircraft": {"geoid_undulation_m": site.geoid_undulation_m}},
     }
-    tree = {f"/**/{node}": {"ros__parameters": values} for node, values in nodes.items()}
+    tree = {pattern: {"ros__parameters": values} for pattern, values in nodes.items()}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return _HEAD.format(name=scenario.name) + body
 
 
-def _aircraft(scenario: Scenario) -> dict[str, object]:
-    """What an aircraft is like that says the flight in DJI's protocol."""
-    return {
-        "geoid_undulation_m": scenario.site.geoid_undulation_m,
-        "baseline_offset_deg": SimulatedAircraftConfig().baseline_offset_deg,
-    }
-
-
-def _dji(scenario: Scenario) -> dict[str, object]:
-    """How to understand that aircraft."""
-    told = _aircraft(scenario)
-    return {
-        "geoid_undulation_m": told["geoid_undulation_m"],
-        "heading": {"baseline_offset_deg": told["baseline_offset_deg"]},
-        "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
-        "delay": {"gps_s": scenario.gps.arrival_delay_s},
-    }
+def _places(scenario: Scenario) -> dict[str, object]:
+    """The places that are there: a list without numbers has no type in a parameter file."""
+    places = values_of(scenario.aircraft)
+    return {name: _plain(value) for name, value in places.items() if value != ()}
 
 
 def _ekf(scenario: Scenario) -> dict[str, object]:
     site, noise = scenario.site, values_of(scenario.imu.noise)
     return {
         "origin_lat_lon_h": [site.latitude_deg, site.longitude_deg, site.ground_height_m],
-        "imu": {name: _plain(noise[name]) for name in _IMU},
-        "rtk": {"lever_arm_m": list(scenario.rtk.lever_arm_m)},
-        "heading": {"offset_deg": scenario.heading.offset_deg},
-        "gps": {"lever_arm_m": list(scenario.gps.lever_arm_m)},
+        "imu": {name: _plain(noise[name]) for name in _IMU} | _imu_delay(scenario),
     }
+
+
+def _imu_delay(scenario: Scenario) -> dict[str, object]:
+    """The group delay of an IMU that averages."""
+    return {"delay_s": 0.5 / scenario.imu.rate_hz} if scenario.imu.averages else {}
 
 
 def _plain(value: object) -> object:

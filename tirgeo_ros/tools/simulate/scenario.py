@@ -11,7 +11,9 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from typing import ClassVar
 
+from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.errors import ConfigError, ScenarioError
 from tirgeo_ros.core.parameter import config_from, group, param, parameters_of
 from tirgeo_ros.io.parameter_file import load_yaml
@@ -55,6 +57,21 @@ class Scenario:
     video: VideoScenario = group(VideoScenario)
     park: ParkScenario = group(ParkScenario)
     survey: SurveyScenario = group(SurveyScenario)
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "heading.offset_deg": "is now the direction from rtk.lever_arm_m to rtk.second_antenna_m"
+    }
+
+    @property
+    def aircraft(self) -> AircraftConfig:
+        """The places of antennas, gimbal and camera, as the nodes' parameters have them."""
+        return AircraftConfig(
+            rtk_antenna_m=self.rtk.lever_arm_m,
+            second_antenna_m=self.rtk.second_antenna_m,
+            gps_antenna_m=self.gps.lever_arm_m,
+            gimbal_pivot_m=self.gimbal.lever_arm_m,
+            camera_from_pivot_m=self.gimbal.camera_offset_m,
+        )
 
     @property
     def start_ns(self) -> int:
@@ -103,6 +120,10 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
 def _check(scenario: Scenario) -> None:
     """What a range of one parameter cannot say."""
     _ = scenario.start_ns
+    try:
+        _ = scenario.aircraft.baseline_b
+    except ConfigError as error:
+        raise ScenarioError(str(error)) from None
     for name in ("north_m", "east_m"):
         low, high = getattr(scenario.park, name)
         if high - low < scenario.park.cell_m:

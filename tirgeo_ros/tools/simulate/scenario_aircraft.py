@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.config import ImuConfig
+from tirgeo_ros.core.config import ImuNoiseConfig
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.parameter import group, param
 from tirgeo_ros.core.samples import Array
@@ -66,7 +66,10 @@ class ImuScenario:
     noise_scale: float = param(
         1.0, "all random errors of the IMU times this; 0 = a perfect IMU", low=0, high=100
     )
-    noise: ImuConfig = group(ImuConfig)
+    averages: bool = param(
+        False, "each sample is the mean over the interval before its stamp, as of many real ones"
+    )
+    noise: ImuNoiseConfig = group(ImuNoiseConfig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,14 @@ class RtkScenario:
     )
     lever_arm_m: tuple[float, ...] = param(
         (-0.10, 0.32, 0.38),
-        "antenna from the IMU (forward, left, up)",
+        "antenna from the IMU, the first of two (forward, left, up)",
+        unit="m",
+        low=-100,
+        high=100,
+    )
+    second_antenna_m: tuple[float, ...] = param(
+        (0.90, 0.32, 0.38),
+        "second antenna from the IMU (forward, left, up)",
         unit="m",
         low=-100,
         high=100,
@@ -97,9 +107,6 @@ class HeadingScenario:
     sigma_deg: float = param(0.4, "white noise", unit="deg", low=0, high=90)
     step_deg: float = param(
         1.0, "reported in steps of this; 0 = not rounded", unit="deg", low=0, high=90
-    )
-    offset_deg: float = param(
-        0.0, "direction reported, from the nose, clockwise", unit="deg", low=-360, high=360
     )
 
 
@@ -205,13 +212,3 @@ class GimbalScenario:
     def boresight_rpy_rad(self) -> Array:
         """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
         return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))
-
-    @property
-    def lever_arm_b(self) -> Array:
-        """(3,) pivot from the IMU, FRD, m."""
-        return flu_from_frd(np.array(self.lever_arm_m))
-
-    @property
-    def camera_offset_g(self) -> Array:
-        """(3,) camera from the pivot, camera body FRD, m."""
-        return flu_from_frd(np.array(self.camera_offset_m))

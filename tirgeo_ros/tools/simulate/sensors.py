@@ -16,7 +16,6 @@ from tirgeo_ros.core.attitude import (
     quat_from_euler,
     wrap_pi,
 )
-from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.core.geodesy import radii_of_curvature
 from tirgeo_ros.core.samples import (
     Array,
@@ -34,6 +33,9 @@ from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator,
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.scenario_aircraft import ImuScenario
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state, local_axes
+
+#: Instants that stand for the interval over which an IMU averages.
+_PARTS = 8
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 Arrival = tuple[int, Sample]
@@ -122,10 +124,15 @@ class Autopilot:
 def imu_samples(
     scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, bias: ImuBias
 ) -> list[Arrival]:
-    """``imu/data``: instantaneous force and rate, white noise, bias; the autopilot's attitude."""
+    """``imu/data``: force and rate, white noise, bias; the autopilot's attitude.
+
+    Force and rate are those of the stamp, or means over the interval before it, as the scenario
+    has it.
+    """
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     motion = trajectory.motion(epochs.t_s)
-    force, rate = trajectory.inertial(motion)
+    averages = scenario.imu.averages
+    force, rate = _means(scenario, trajectory, epochs) if averages else trajectory.inertial(motion)
     white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
     rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
     rotation_nb = _rotation_nb(trajectory, motion)
@@ -134,6 +141,16 @@ def imu_samples(
         (stamp, ImuSample(stamp, f, w, q))
         for stamp, f, w, q in zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
     ]
+
+
+def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[Array, Array]:
+    """Force and rate (N, 3): means over the interval that ends with each epoch."""
+    # The midpoint rule: with eight parts its error is 1/64 of what the motion's curvature makes.
+    shares = (np.arange(_PARTS) + 0.5) / _PARTS
+    times = epochs.t_s[:, None] - shares / scenario.imu.rate_hz
+    motion = trajectory.motion(np.maximum(times, 0.0).ravel())  # the flight begins at 0
+    force, rate = (x.reshape(-1, _PARTS, 3).mean(axis=1) for x in trajectory.inertial(motion))
+    return force, rate
 
 
 def _rotation_nb(trajectory: Trajectory, motion: Motion) -> Array:
@@ -154,7 +171,7 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     fixes = _fixes(
         trajectory,
         epochs,
-        (motion, flu_from_frd(np.array(rtk.lever_arm_m))),
+        (motion, scenario.aircraft.rtk_lever_b),
         (draws[0] * sigmas[0], draws[1] * sigmas[1]),
         (np.diag(sigmas[0] ** 2), np.diag(sigmas[1] ** 2)),
         (Source.RTK_POSITION, Source.RTK_VELOCITY),
@@ -171,10 +188,11 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
 def _headings(
     scenario: Scenario, seed: int, rotation_nb: Array, epochs: Epochs
 ) -> list[HeadingSample]:
-    """White noise, then whole steps, of the direction in which the baseline points."""
-    config = scenario.heading
-    offset = math.radians(config.offset_deg)
-    baseline_b = np.array([math.cos(offset), math.sin(offset), 0.0])
+    """The baseline's azimuth with white noise, in whole steps, less its direction in the body."""
+    config, aircraft = scenario.heading, scenario.aircraft
+    baseline_b, direction_deg = aircraft.baseline_b, aircraft.baseline_deg
+    assert baseline_b is not None  # a scenario has two antennas
+    assert direction_deg is not None
     baseline_n = rotation_nb @ baseline_b
     heading_deg = np.degrees(np.arctan2(baseline_n[:, 1], baseline_n[:, 0]))
     noise = generator(seed, "rtk heading").standard_normal(len(heading_deg))
@@ -184,7 +202,7 @@ def _headings(
     # The variance of rounding is a twelfth of the step's square.
     variance = math.radians(1) ** 2 * (config.sigma_deg**2 + config.step_deg**2 / 12)
     return [
-        HeadingSample(stamp, math.radians(value % 360.0), variance)
+        HeadingSample(stamp, math.radians((value - direction_deg) % 360.0), variance)
         for stamp, value in zip(epochs.stamp_ns, heading_deg, strict=True)
     ]
 
@@ -204,7 +222,7 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     positions, velocities = _fixes(
         trajectory,
         epochs,
-        (motion, flu_from_frd(np.array(gps.lever_arm_m))),
+        (motion, scenario.aircraft.gps_lever_b),
         (slow(epochs.t_s), gps.velocity_sigma_m_s * draws),
         (np.diag(np.array(gps.position_rms_m) ** 2), np.eye(3) * gps.velocity_sigma_m_s**2),
         (Source.GPS_POSITION, Source.GPS_VELOCITY),

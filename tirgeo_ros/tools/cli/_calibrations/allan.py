@@ -39,6 +39,9 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "--plot", type=Path, metavar="PNG", help="the plot's place (default: beside the YAML)"
     )
     parser.add_argument("--csv", type=Path, metavar="CSV", help="the curves as numbers too")
+    parser.add_argument(
+        "--moved", action="store_true", help="write the figures of a record that moved, too"
+    )
     return parser
 
 
@@ -58,6 +61,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             to_s=args.to_s,
             plot=args.plot,
             csv=args.csv,
+            moved=args.moved,
             progress=bar,
         )
 

@@ -1,0 +1,53 @@
+"""Makes the virtual environment that runs it smaller; nothing that runs is lost.
+
+Wheels hold no links, so ROS's have one library under up to five names; identical ones become one
+file with several names. Headers of C++ are for who compiles against ROS. Some libraries bring
+their tests; NumPy's stay, for NumPy imports one.
+"""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import shutil
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+SMALLEST_BYTES = 100_000
+WITH_TESTS = ("scipy", "matplotlib", "mpl_toolkits", "pyogrio")
+
+
+def main() -> None:
+    """Slim ``sys.prefix``."""
+    prefix = Path(sys.prefix)
+    if sys.prefix == sys.base_prefix:
+        sys.exit("slim.py: this Python is not of a virtual environment")
+    for headers in (prefix / "include").iterdir():
+        shutil.rmtree(headers)
+    for library in WITH_TESTS:
+        for tests in list(prefix.glob(f"lib/python3*/site-packages/{library}/**/tests")):
+            shutil.rmtree(tests)
+    by_size: dict[int, list[Path]] = defaultdict(list)
+    for path in sorted((prefix / "lib").rglob("*.so*")):
+        if path.is_file() and not path.is_symlink() and path.stat().st_size >= SMALLEST_BYTES:
+            by_size[path.stat().st_size].append(path)
+    for paths in by_size.values():
+        link_same(paths)
+
+
+def link_same(paths: list[Path]) -> None:
+    """Make each file that has the bytes of an earlier one a second name of it."""
+    kept: list[Path] = []
+    for path in paths:
+        same = next((one for one in kept if filecmp.cmp(one, path, shallow=False)), None)
+        if same is None:
+            kept.append(path)
+        elif not path.samefile(same):
+            beside = path.with_name(f"{path.name}.new")
+            os.link(same, beside)
+            beside.replace(path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""What a callback raises is counted, named and told, and the node goes on."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
+from rclpy.node import Node  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from tirgeo_ros.core.errors import MessageError  # noqa: E402
+from tirgeo_ros.io.messages import Messages  # noqa: E402
+from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
+from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402
+from tirgeo_ros.nodes.monitor import ERROR, OK, Monitor  # noqa: E402
+from tirgeo_ros.nodes.qos import output  # noqa: E402
+from tirgeo_ros.nodes.runner import make_executor  # noqa: E402
+from tirgeo_ros.nodes.topics import message_class, subscribe  # noqa: E402
+
+
+class Log:
+    """A node's logger, and the node."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+        self.errors: list[str] = []
+
+    def get_logger(self):
+        return self
+
+    def warning(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def error(self, text: str) -> None:
+        self.errors.append(text)
+
+
+@pytest.fixture
+def node(environment):
+    """In the default context, where the executor of the nodes is."""
+    rclpy.init(args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = Node("listener")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
+    log, monitor = Log(), Monitor()
+
+    def work(message):
+        raise MessageError(f"rtk/fix: {message}")
+
+    call = guarded(log, monitor, "rtk/fix", work)
+    assert not any(call(number) for number in range(3))
+    assert not call("\x1b[2J\n" * 10_000)
+    assert log.warnings == ["rtk/fix: rtk/fix: 0"]
+    item = monitor.item("x")
+    assert item.level == OK
+    assert item.values["rtk/fix unreadable"] == "4"
+    because = item.values["rtk/fix unreadable because"]
+    assert because.isprintable()
+    assert len(because) < 20_000
+
+
+def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
+    log, monitor = Log(), Monitor()
+    call = guarded(log, monitor, "tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
+    assert call(1)
+    for number in (0, 0, 5, 0):
+        assert not call(number)
+    assert len(log.errors) == 2  # of two kinds
+    assert "ZeroDivisionError: division by zero" in log.errors[0]
+    assert "test_callbacks.py" in log.errors[0]
+    assert call(1)
+    for _ in range(2):
+        item = monitor.item("x")
+        assert item.level == ERROR
+        assert "tirgeo/origin: ZeroDivisionError at test_callbacks.py:" in item.message
+        assert item.values["tirgeo/origin failed"] == "4"
+
+
+def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
+    """Over the executor of the nodes: a subscription, a timer, and its own diagnostics."""
+    monitor, ticks, heard = Monitor(), [], []
+
+    def work(*message):
+        ticks.append(message)
+        raise ValueError("math domain error")
+
+    subscribe(node, "words", work, output(), monitor, "std_msgs/msg/String")
+    steady_timer(node, monitor, "drawing", 0.01, work)
+    Diagnostics(node, Messages(message_class), monitor, work)
+    node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+    words = node.create_publisher(String, "words", 10)
+    executor = make_executor()
+    executor.add_node(node)
+    end_s = time.monotonic() + 30.0
+
+    def told() -> dict[str, str]:
+        return {pair.key: pair.value for pair in heard[-1].status[0].values} if heard else {}
+
+    wanted = {"words failed", "drawing failed", "diagnostics failed"}
+    while not wanted <= told().keys():
+        assert time.monotonic() < end_s, told()
+        words.publish(String(data="x"))
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    assert heard[-1].status[0].level == bytes([ERROR])
+
+
+def test_one_thread_reads_what_another_writes():
+    """As dji_node's serial thread and its diagnostics; here each message is of a new topic."""
+    monitor, stop, raised = Monitor(), threading.Event(), []
+
+    def write():
+        number = 0
+        while not stop.is_set():
+            number += 1
+            monitor.took(f"topic {number}", 0.001)
+
+    usual_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        for _ in range(100):
+            time.sleep(0.001)
+            monitor.item("x")
+    except RuntimeError as error:
+        raised.append(error)
+    finally:
+        stop.set()
+        writer.join()
+        sys.setswitchinterval(usual_s)
+    assert not raised

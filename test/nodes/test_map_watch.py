@@ -1,0 +1,155 @@
+"""The map of a node that starts, is stopped or killed meanwhile, and meets a fault of ours."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from map_readers import reader_of
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from graph_helpers import await_words
+
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.nodes.map_watch import MapWatch
+
+PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
+#: Two seconds are what is asked for; the machine may do other work.
+SOON_S = 6.0
+
+
+def until(done, timeout_s: float = 30.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not done():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def write_line(path: Path, length_deg: float = 0.001) -> None:
+    line = [[114.3, 30.5], [114.3 + length_deg, 30.5]]
+    path.write_text(json.dumps({"type": "LineString", "coordinates": line}))
+
+
+def has_reader(pid: int) -> bool:
+    try:
+        return reader_of(pid) > 0
+    except AssertionError:
+        return False
+
+
+def ended_soon(node) -> None:
+    ended = node.wait(SOON_S)
+    assert ended is not None, f"runs on: {node.text()}"
+    assert ended.exit_code == 0
+    assert "Traceback" not in node.text()
+
+
+@pytest.fixture
+def waiting(spawn, tmp_path):
+    """A node whose map comes from a pipe to which nobody writes."""
+    pipe = tmp_path / "slow.geojson"
+    os.mkfifo(pipe)
+    node = spawn("overlay_node", "-p", f"map:={pipe}", "-p", "ground_height_m:=20.0")
+    until(lambda: has_reader(node.pid))
+    time.sleep(0.5)
+    assert not node.said("ready")
+    return node
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_that_waits_for_its_map(waiting, number):
+    reader = reader_of(waiting.pid)
+    waiting.signal(number)
+    ended_soon(waiting)
+    assert waiting.said(f"stopped by {number.name}")
+    assert not Path(f"/proc/{reader}").exists()
+
+
+@pytest.mark.graph
+def test_the_reader_ends_with_a_node_that_is_killed(waiting):
+    reader = reader_of(waiting.pid)
+    waiting.signal(signal.SIGKILL)
+    assert waiting.wait(SOON_S) is not None
+    until(lambda: not Path(f"/proc/{reader}").exists(), SOON_S)
+
+
+@pytest.mark.graph
+def test_a_signal_ends_a_node_that_waits_for_its_elevation_model(spawn, tmp_path):
+    pytest.importorskip("rasterio", reason="rasterio is not installed")
+    os.mkfifo(tmp_path / "slow.tif")
+    node = spawn("overlay_node", "-p", f"dem:={tmp_path / 'slow.tif'}")
+    await_words(node, "no map")
+    time.sleep(1.0)
+    node.signal(signal.SIGTERM)
+    ended_soon(node)
+
+
+class Told:
+    """A node's logger, and a node that has nothing but it."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def get_logger(self):
+        return self
+
+    def info(self, text: str) -> None:
+        self.lines.append(text)
+
+    warning = error = info
+
+
+@pytest.fixture
+def config(tmp_path) -> OverlayConfig:
+    write_line(tmp_path / "map.geojson")
+    return OverlayConfig(map=str(tmp_path / "map.geojson"), ground_height_m=30.0, reload_s=0.05)
+
+
+def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_same(config):
+    told, asked = Told(), []
+
+    def plane() -> TangentPlane:
+        asked.append(1)
+        if len(asked) == 1:
+            raise ZeroDivisionError("a fault of ours")
+        return PLANE
+
+    found = []
+    with MapWatch(told, config, plane) as watch:
+        until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
+    assert found[0].features == 1
+    assert any("Traceback" in line and "a fault of ours" in line for line in told.lines)
+    assert any("the map stays as it was" in line for line in told.lines)
+
+
+def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
+    config, tmp_path, monkeypatch
+):
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\nhead -c 3000000 /dev/zero | tr '\\0' x >&2\n")
+    broken.write_text(broken.read_text() + "echo; echo 'KeyError: a fault of ours' >&2; exit 1\n")
+    broken.chmod(0o755)
+    told, whole = Told(), sys.executable
+    with MapWatch(told, config, lambda: PLANE) as watch:
+        until(watch.changed)
+        monkeypatch.setattr(sys, "executable", str(broken))
+        write_line(Path(config.map), 0.002)
+        until(lambda: watch.changed() or watch.error)
+        assert "its reader ended (exit code 1)" in watch.error
+        assert len(watch.error) < 4500
+        said = [line for line in told.lines if "KeyError: a fault of ours" in line]
+        assert said
+        assert max(map(len, said)) < 4500
+        monkeypatch.setattr(sys, "executable", whole)
+        write_line(Path(config.map), 0.003)
+        until(lambda: watch.changed() is not None)
+        assert watch.counts == {"reloads": 1, "reload_errors": 1}

@@ -1,0 +1,86 @@
+"""What never came is counted by the numbers of the sender, with either executor."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Header
+
+from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.qos import output, sensor_input
+from tirgeo_ros.nodes.runner import make_executor
+from tirgeo_ros.nodes.sent_numbers import SentNumbers
+from tirgeo_ros.nodes.topics import subscribe
+
+
+def heard(*numbers):
+    found = SentNumbers()
+    for number in numbers:
+        found.heard(number)
+    return found.sent, found.missed
+
+
+def test_gaps_are_missed():
+    assert heard(1, 2, 3) == (3, 0)
+    assert heard(1, 4, 5, 9) == (9, 5)
+
+
+def test_what_was_sent_before_the_first_is_not_of_this_life():
+    assert heard(500, 501, 503) == (4, 1)
+
+
+def test_a_number_that_goes_back_is_a_new_senders():
+    assert heard(500, 501, 1, 2, 4) == (6, 1)
+
+
+def test_a_message_without_a_number_is_passed_on_all_the_same():
+    taken, numbers = [], SentNumbers()
+    take = numbers.listening(taken.append)
+    take("one", {"publication_sequence_number": None})
+    take(("two", None))
+    assert taken == ["one", "two"]
+    assert numbers.sent == 0
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("executor_of", [make_executor, SingleThreadedExecutor])
+def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
+    context = Context()
+    rclpy.init(context=context, args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("numbered", context=context)
+    executor = None
+    try:
+        numbers, taken = SentNumbers(), []
+        subscribe(
+            node, "x", taken.append, sensor_input(1), Monitor(), "std_msgs/msg/Header", numbers
+        )
+        sender = node.create_publisher(Header, "x", output(100))
+        executor = executor_of(context=context)
+        executor.add_node(node)
+        end_s = time.monotonic() + 20
+        while not taken:  # until they have found each other
+            assert time.monotonic() < end_s
+            sender.publish(Header(frame_id="before"))
+            executor.spin_once(timeout_sec=0.1)
+        begun = numbers.sent
+        for number in range(50):
+            sender.publish(Header(frame_id=str(number)))
+        while taken[-1].frame_id != "49":
+            assert time.monotonic() < end_s
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        if executor is not None:
+            executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+    after = [message for message in taken if message.frame_id != "before"]
+    assert numbers.sent == len(taken) + numbers.missed
+    assert 50 <= numbers.sent - begun + 1 <= 52
+    assert len(after) < 50

@@ -1,0 +1,83 @@
+"""The SROS 2 policy allows each node what it really does, and no more."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from sros2_policy import Permissions, allowed
+
+from tirgeo_ros.io.bag import BagWriter
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.nodes.psdk_source import _LOST, _TOPICS, _is_installed
+from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.tools.resources import find_resource
+
+pytestmark = pytest.mark.graph
+
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
+#: Those that others play.
+OTHERS = {"camera", "operator"}
+
+
+@pytest.fixture
+def every_input(tmp_path) -> Path:
+    """A bag with a message of each topic that a bag can bring."""
+    path = tmp_path / "inputs.mcap"
+    with BagWriter(path) as writer:
+        for topic in (*SENSED_TOPICS, *PICTURES):
+            data = serialize_message(message_class(TOPIC_TYPES[topic])())
+            for second in (1, 100):
+                writer.write(f"/{topic}", TOPIC_TYPES[topic], data, second * 1_000_000_000)
+    return path
+
+
+def test_each_node_may_do_what_it_does_and_no_more(spawn, meet, every_input, tmp_path):
+    """In a namespace, which tells relative names from absolute ones."""
+    here = ("-r", "__ns:=/uav1", "-p", "use_sim_time:=true")
+    for name in ("ekf_node", "gimbal_node", "overlay_node"):
+        spawn(name, *here)
+    port = ("-p", f"port:={tmp_path / 'aircraft'}")
+    spawn("dji_node", *here, "-r", "__node:=dji_serial", *port)
+    spawn("dji_node", *here, "-p", "source:=psdk")
+    spawn("bag_player", *here[:2], "-p", f"bag:={every_input}")
+    may = expected()
+    looker = meet().node
+    end_s = time.monotonic() + 30.0
+    while (does := {name: of_node(looker, name) for name in may}) != may:
+        if time.monotonic() > end_s:
+            break
+        time.sleep(0.2)
+    assert does == may
+    serial = of_node(looker, "dji_serial")
+    assert serial["publish"] == may["dji_node"]["publish"]
+    assert serial["subscribe"] <= may["dji_node"]["subscribe"]
+
+
+def expected() -> dict[str, Permissions]:
+    """What the policy allows our nodes, without the types that are not installed here."""
+    policy = find_resource("config/sros2_policy.xml")
+    found = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
+    absent = {topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])}
+    found["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
+    return found
+
+
+def of_node(looker: Node, name: str) -> Permissions:
+    """What a node of the running graph does."""
+    ask = {
+        "publish": looker.get_publisher_names_and_types_by_node,
+        "subscribe": looker.get_subscriber_names_and_types_by_node,
+        "reply": looker.get_service_names_and_types_by_node,
+        "request": looker.get_client_names_and_types_by_node,
+    }
+    if (name, "/uav1") not in looker.get_node_names_and_namespaces():
+        return {}
+    found = {key: {topic for topic, _ in answer(name, "/uav1")} for key, answer in ask.items()}
+    return {key: names for key, names in found.items() if names}

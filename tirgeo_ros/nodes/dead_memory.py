@@ -1,0 +1,68 @@
+"""Removes the segments of shared memory that Fast DDS left behind of processes that died.
+
+A process that is killed cannot remove its files in /dev/shm, 17 MB each with this package's
+profile, and nobody else does: they are memory lost until the computer starts again. Fast DDS holds
+a lock (flock) on a file beside each segment (``_el``) for as long as the process lives; where none
+is held, the owner is dead. A segment's name is drawn at random, so a dead one never lives again.
+Ports are left alone: their names are numbers, which the next process may take at any moment, and
+Fast DDS itself makes a dead one anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import time
+from pathlib import Path
+
+FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts them there
+_SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
+_LOCK = "_el"
+#: What is younger may be in the making, and not yet locked.
+_YOUNG_S = 2.0
+
+
+def remove_dead(folder: Path = FOLDER) -> list[str]:
+    """Remove the segments whose owners are dead; their names.
+
+    What belongs to other users, or is gone meanwhile, is passed over.
+    """
+    names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
+    segments = filter(_SEGMENT.fullmatch, names)
+    dead = sorted(name for name in segments if not _lives(folder, name))
+    for name in dead:
+        for file in (name, name + _LOCK):
+            with contextlib.suppress(OSError):
+                (folder / file).unlink()
+    return dead
+
+
+def _lives(folder: Path, name: str) -> bool:
+    lock = folder / (name + _LOCK)
+    return _young(folder / name) or _young(lock) or _locked(lock)
+
+
+def _young(path: Path) -> bool:
+    try:
+        return time.time() - path.lstat().st_mtime < _YOUNG_S
+    except OSError:
+        return False
+
+
+def _locked(path: Path) -> bool:
+    """Whether somebody holds the lock of a file; one that cannot be opened counts as held."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False

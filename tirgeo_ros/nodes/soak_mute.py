@@ -1,0 +1,43 @@
+"""One who subscribes to everything and never reads, for ``make soak``."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.node import Node
+
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.topics import message_class
+
+TOPICS = (
+    "tirgeo/odometry",
+    "tirgeo/camera_pose",
+    "tirgeo/overlay/image",
+    "tirgeo/overlay/image/compressed",
+    "/diagnostics",
+)
+
+
+class Mute(Node):
+    """Holds a second node whose reliable subscriptions nobody spins."""
+
+    def __init__(self) -> None:
+        super().__init__("soak_mute")
+        self._deaf = rclpy.create_node("soak_deaf", namespace=self.get_namespace())
+        for topic in TOPICS:
+            kind = message_class(TOPIC_TYPES[topic])
+            self._deaf.create_subscription(kind, topic, self._never, output())
+
+    def _never(self, _: object) -> None:
+        raise AssertionError("nobody spins this")
+
+    def destroy_node(self) -> None:
+        """Both."""
+        self._deaf.destroy_node()
+        super().destroy_node()
+
+
+def main() -> int:
+    """Run the node; the exit code."""
+    return run("soak_mute", Mute)
