@@ -33,7 +33,8 @@ def with_files_below(size: int, *words: str) -> subprocess.CompletedProcess[str]
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", *words]
+    # Python does not look whether its compiled modules were written whole.
+    command = [sys.executable, "-B", "-m", "tirgeo_ros.tools.cli.main", *words]
     return subprocess.run(
         command,
         capture_output=True,
@@ -71,9 +72,11 @@ def test_a_simulation_that_does_not_fit(tmp_path):
 def files_below(size: int) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    compiling, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
     finally:
+        sys.dont_write_bytecode = compiling
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
