@@ -61,6 +61,7 @@ setup(
         "pyserial>=3.5",
         "cryptography>=41",
         "pyshp>=2.3",
+        "av>=13",
         # Of the commands alone: plots and statistics.
         "matplotlib>=3.6",
         "scipy>=1.11",

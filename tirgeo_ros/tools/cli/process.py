@@ -35,7 +35,8 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map; without it no overlay")
     parser.add_argument("--no-images", action="store_true", help="poses only, no overlay")
     parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
-    parser.add_argument("--video", type=Path, metavar="OUT.mp4", help="the overlay as a video")
+    video = "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"
+    parser.add_argument("--video", type=Path, metavar="OUT.mp4", help=video)
     return parser
 
 
