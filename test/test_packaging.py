@@ -43,7 +43,7 @@ WHEELS = {
     "shapefile": "pyshp",
 }
 #: No key of rosdep that a system with an externally managed Python would take.
-BY_PIP_ALONE = {"mcap", "lz4", "zstandard", "rosbags", "shapefile"}
+BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "shapefile"}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
 #: Imported where they are needed and installed: extras of setup.py.
