@@ -37,8 +37,11 @@ from tirgeo_ros.tools.soak.schedule import NODES, Kind, schedule
 MB = 1 << 20
 
 
-def life(node="ekf_node", last_s=300, mb=lambda _: 100.0, began_s=0.0):
-    memory = [(float(t), int(mb(t) * MB), 0) for t in range(last_s)]
+def life(node="ekf_node", last_s=300, mb=lambda _: 100.0, began_s=0.0, shared=lambda _: 0.0):
+    """Own and shared memory over the seconds of a life."""
+    memory = [
+        (float(t), int((mb(t) + shared(t)) * MB), int(shared(t) * MB)) for t in range(last_s)
+    ]
     return Life(node, None, began_s, memory=memory)
 
 
@@ -57,7 +60,22 @@ def missed(figures):
 )
 def test_growth_is_of_what_comes_after_the_first_minute(mb, expected):
     # The blocks are 15 s long: a slope is known to that.
-    assert max(growth(life(mb=mb).memory), 0.0) == pytest.approx(expected, abs=0.003)
+    grown = growth(life(mb=mb).memory)
+    assert max(grown.own, 0.0) == pytest.approx(expected, abs=0.003)
+    assert grown.resident == grown.own
+
+
+def test_pages_of_shared_memory_are_told_and_no_cover_for_a_process_s_own():
+    """Pages of a peer's segment cost nothing anew; own memory is judged without them below it."""
+    reads = life(shared=lambda t: 20 + 10 * (t >= 200))
+    grown = growth(reads.memory)
+    assert grown.own == 0.0
+    assert grown.resident == pytest.approx(10 / 120)
+    assert not missed(memory_figures([reads]))
+    # 3 of 100 MB are 1.5 % of the 200 that are resident, and less while a segment is unmapped.
+    leaks = life(mb=lambda t: 100 + 3 * (t >= 200), shared=lambda t: 100 - 10 * (t >= 200))
+    assert growth(leaks.memory).own == pytest.approx(0.03)
+    assert missed(memory_figures([leaks]))
 
 
 def test_a_short_life_tells_nothing():
