@@ -32,7 +32,7 @@ from tirgeo_ros.tools.soak.records import (
     read_ledger,
     read_record,
 )
-from tirgeo_ros.tools.soak.schedule import NODES, Kind, schedule
+from tirgeo_ros.tools.soak.schedule import GUEST, NODES, Kind, schedule
 
 MB = 1 << 20
 
@@ -148,8 +148,21 @@ def test_a_schedule_is_the_same_for_a_seed_and_touches_everything():
     assert happened >= {(kind, node) for kind in (Kind.KILL, Kind.STOP) for node in NODES}
     assert {Kind.JUMP, Kind.BUSY} <= {event.kind for event in events}
     for before, after in pairwise(events):
-        assert after.at_s >= before.at_s + before.lasts_s + 8.0
+        assert after.at_s >= before.at_s + before.lasts_s + 4.0
     assert events[-1].at_s + events[-1].lasts_s <= 592.0
+
+
+def test_each_life_is_run_in_within_its_first_minute():
+    """A minute, less what a node takes to start on a busy machine (5 s)."""
+    events = schedule(1, 1200.0)
+    begins = [(0.0, node) for node in ("ekf_node", "gimbal_node", "overlay_node")]
+    kills = [e for e in events if e.kind is Kind.KILL and e.node in NODES]
+    begins += [(e.at_s + e.lasts_s, e.node) for e in kills if e.at_s < 1100.0]
+    assert len(begins) > 10
+    for begin_s, node in begins:
+        early = [e for e in events if begin_s < e.at_s and e.at_s + e.lasts_s < begin_s + 55.0]
+        assert {(Kind.STOP, node), (Kind.KILL, GUEST)} <= {(e.kind, e.node) for e in early}
+        assert {Kind.JUMP, Kind.BUSY} <= {e.kind for e in early}
 
 
 def test_a_short_schedule_is_closer():
