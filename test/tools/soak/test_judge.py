@@ -32,7 +32,7 @@ from tirgeo_ros.tools.soak.records import (
     read_ledger,
     read_record,
 )
-from tirgeo_ros.tools.soak.schedule import GUEST, NODES, Kind, schedule
+from tirgeo_ros.tools.soak.schedule import GUEST, NODES, Kind, repeated, schedule
 
 MB = 1 << 20
 
@@ -163,6 +163,15 @@ def test_each_life_is_run_in_within_its_first_minute():
         early = [e for e in events if begin_s < e.at_s and e.at_s + e.lasts_s < begin_s + 55.0]
         assert {(Kind.STOP, node), (Kind.KILL, GUEST)} <= {(e.kind, e.node) for e in early}
         assert {Kind.JUMP, Kind.BUSY} <= {e.kind for e in early}
+
+
+def test_one_event_alone_is_repeated_to_the_end():
+    events = repeated((Kind.KILL, "soak_mute"), 180.0)
+    assert len(events) > 20
+    assert {(event.kind, event.node) for event in events} == {(Kind.KILL, "soak_mute")}
+    for before, after in pairwise(events):
+        assert after.at_s > before.at_s + before.lasts_s
+    assert events[-1].at_s + events[-1].lasts_s <= 172.0
 
 
 def test_a_short_schedule_is_closer():
