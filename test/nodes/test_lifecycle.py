@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import itertools
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,7 +21,10 @@ from tirgeo_ros.io.bag import BagReader
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
+
+from tirgeo_ros.nodes.dead_memory import FOLDER as SHARED
 
 pytestmark = pytest.mark.graph
 
@@ -25,6 +32,10 @@ pytestmark = pytest.mark.graph
 STOP_S = 15.0
 #: With the modules still to be loaded, a dozen nodes at a time.
 START_AND_STOP_S = 60.0
+#: What Fast DDS says where two processes start at the same moment: to learn whether the reader of
+#: a port is dead, one takes the port's lock for an instant, and the other cannot make that port.
+#: It takes the next one (``test_a_port_whose_lock_another_holds_is_passed_over``).
+PORT_TAKEN = re.compile(r".*Failed init_port .*fastrtps_port\d+: open_and_lock_file failed.*\n")
 
 
 def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
@@ -38,7 +49,7 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     ended = process.wait(within_s)
     assert ended is not None, f"{process.name} runs on for {within_s:g} s"
     assert ended.exit_code == 0, process.log.read_text()
-    said = process.log.read_text()
+    said = PORT_TAKEN.sub("", process.log.read_text())
     assert "Traceback" not in said
     assert "rror" not in said
 
@@ -79,6 +90,29 @@ def test_a_node_that_was_stopped_lives_on(spawn, tmp_path, flight_bag):
         process.signal(signal.SIGTERM)
     for process in processes:
         ended_cleanly(process)
+
+
+@contextlib.contextmanager
+def held_locks(domain: int) -> Iterator[None]:
+    """Hold the locks of the first ports of shared memory that a domain's participants make."""
+    first = 7400 + 250 * domain + 11  # RTPS 2.2, section 9.6.1.1
+    with contextlib.ExitStack() as held:
+        for port in range(first, first + 12, 2):
+            path = SHARED / f"fastrtps_port{port}_el"
+            held.callback(path.unlink, missing_ok=True)
+            fcntl.flock(held.enter_context(path.open("w")), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+
+
+def test_a_port_whose_lock_another_holds_is_passed_over(spawn, meet, environment):
+    with held_locks(int(environment["ROS_DOMAIN_ID"])):
+        process = spawn("gimbal_node")
+        await_words(process, "ready")
+    assert PORT_TAKEN.search(process.text())
+    stranger = meet(diagnostics=DiagnosticArray)
+    stranger.spin_until(lambda: stranger.received["diagnostics"])
+    process.signal(signal.SIGINT)
+    ended_cleanly(process)
 
 
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):

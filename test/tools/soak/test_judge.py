@@ -32,13 +32,16 @@ from tirgeo_ros.tools.soak.records import (
     read_ledger,
     read_record,
 )
-from tirgeo_ros.tools.soak.schedule import NODES, Kind, schedule
+from tirgeo_ros.tools.soak.schedule import GUEST, NODES, Kind, repeated, schedule
 
 MB = 1 << 20
 
 
-def life(node="ekf_node", last_s=300, mb=lambda _: 100.0, began_s=0.0):
-    memory = [(float(t), int(mb(t) * MB), 0) for t in range(last_s)]
+def life(node="ekf_node", last_s=300, mb=lambda _: 100.0, began_s=0.0, shared=lambda _: 0.0):
+    """Own and shared memory over the seconds of a life."""
+    memory = [
+        (float(t), int((mb(t) + shared(t)) * MB), int(shared(t) * MB)) for t in range(last_s)
+    ]
     return Life(node, None, began_s, memory=memory)
 
 
@@ -57,7 +60,22 @@ def missed(figures):
 )
 def test_growth_is_of_what_comes_after_the_first_minute(mb, expected):
     # The blocks are 15 s long: a slope is known to that.
-    assert max(growth(life(mb=mb).memory), 0.0) == pytest.approx(expected, abs=0.003)
+    grown = growth(life(mb=mb).memory)
+    assert max(grown.own, 0.0) == pytest.approx(expected, abs=0.003)
+    assert grown.resident == grown.own
+
+
+def test_pages_of_shared_memory_are_told_and_no_cover_for_a_process_s_own():
+    """Pages of a peer's segment cost nothing anew; own memory is judged without them below it."""
+    reads = life(shared=lambda t: 20 + 10 * (t >= 200))
+    grown = growth(reads.memory)
+    assert grown.own == 0.0
+    assert grown.resident == pytest.approx(10 / 120)
+    assert not missed(memory_figures([reads]))
+    # 3 of 100 MB are 1.5 % of the 200 that are resident, and less while a segment is unmapped.
+    leaks = life(mb=lambda t: 100 + 3 * (t >= 200), shared=lambda t: 100 - 10 * (t >= 200))
+    assert growth(leaks.memory).own == pytest.approx(0.03)
+    assert missed(memory_figures([leaks]))
 
 
 def test_a_short_life_tells_nothing():
@@ -130,8 +148,30 @@ def test_a_schedule_is_the_same_for_a_seed_and_touches_everything():
     assert happened >= {(kind, node) for kind in (Kind.KILL, Kind.STOP) for node in NODES}
     assert {Kind.JUMP, Kind.BUSY} <= {event.kind for event in events}
     for before, after in pairwise(events):
-        assert after.at_s >= before.at_s + before.lasts_s + 8.0
+        assert after.at_s >= before.at_s + before.lasts_s + 4.0
     assert events[-1].at_s + events[-1].lasts_s <= 592.0
+
+
+def test_each_life_is_run_in_within_its_first_minute():
+    """A minute, less what a node takes to start on a busy machine (5 s)."""
+    events = schedule(1, 1200.0)
+    begins = [(0.0, node) for node in ("ekf_node", "gimbal_node", "overlay_node")]
+    kills = [e for e in events if e.kind is Kind.KILL and e.node in NODES]
+    begins += [(e.at_s + e.lasts_s, e.node) for e in kills if e.at_s < 1100.0]
+    assert len(begins) > 10
+    for begin_s, node in begins:
+        early = [e for e in events if begin_s < e.at_s and e.at_s + e.lasts_s < begin_s + 55.0]
+        assert {(Kind.STOP, node), (Kind.KILL, GUEST)} <= {(e.kind, e.node) for e in early}
+        assert {Kind.JUMP, Kind.BUSY} <= {e.kind for e in early}
+
+
+def test_one_event_alone_is_repeated_to_the_end():
+    events = repeated((Kind.KILL, "soak_mute"), 180.0)
+    assert len(events) > 20
+    assert {(event.kind, event.node) for event in events} == {(Kind.KILL, "soak_mute")}
+    for before, after in pairwise(events):
+        assert after.at_s > before.at_s + before.lasts_s
+    assert events[-1].at_s + events[-1].lasts_s <= 172.0
 
 
 def test_a_short_schedule_is_closer():

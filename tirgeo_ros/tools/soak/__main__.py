@@ -30,7 +30,7 @@ from tirgeo_ros.tools.soak.judge import (
 from tirgeo_ros.tools.soak.memory import plot_memory
 from tirgeo_ros.tools.soak.records import read_ledger, read_record
 from tirgeo_ros.tools.soak.run import SoakRun, run_soak
-from tirgeo_ros.tools.soak.schedule import Event, schedule
+from tirgeo_ros.tools.soak.schedule import NODES, Event, Kind, repeated, schedule
 
 #: What is shorter cannot tell of memory.
 _SHORT_S = 300.0
@@ -86,24 +86,35 @@ def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence
     plot_memory(run.lives.all, folder / "memory.png")
 
 
+def _one_event(words: str) -> tuple[Kind, str]:
+    kind, _, node = words.partition(":")
+    if kind not in {"kill", "stop"} or node not in NODES:
+        raise argparse.ArgumentTypeError(f"kill or stop, a colon, and one of {', '.join(NODES)}")
+    return Kind[kind.upper()], node
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m tirgeo_ros.tools.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="of the clock on the wall")
     parser.add_argument("--seed", type=int, default=1, help="of what happens when")
+    parser.add_argument(
+        "--only", type=_one_event, metavar="KIND:NODE", help="this alone: kill:NODE or stop:NODE"
+    )
     parser.add_argument("-o", "--out", type=Path, default=Path("soak"), metavar="DIR")
     args = parser.parse_args(argv)
     if not args.minutes > 0:
         parser.error("--minutes: more than 0")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     write = sys.stdout.write
-    events = schedule(args.seed, 60 * args.minutes)
+    duration_s = 60 * args.minutes
+    events = repeated(args.only, duration_s) if args.only else schedule(args.seed, duration_s)
     try:
         with tempfile.TemporaryDirectory() as made:
             with Progress("simulating the flight", "s") as bar:
                 flight = make_flight(Path(made), bar)
             with Progress("soaking", "s") as bar:
-                figures = soak(flight, args.out, 60 * args.minutes, events, bar)
+                figures = soak(flight, args.out, duration_s, events, bar)
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"soak: {error}\n")
         return 1

@@ -15,6 +15,7 @@ from tirgeo_ros.tools.soak.lives import Life
 from tirgeo_ros.tools.soak.memory import worst_growth
 from tirgeo_ros.tools.soak.records import Ledger, Record
 from tirgeo_ros.tools.soak.run import WITNESS
+from tirgeo_ros.tools.soak.schedule import GUEST
 from tirgeo_ros.tools.soak.truth import deviations, has_lines, lines_without_pose, witnessed
 
 #: What is asked, at the most.
@@ -50,11 +51,12 @@ class Truth:
 
 def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Figure]:
     """The growth of each node; the witness's is not the product's. A short soak cannot tell."""
-    for node, grown in worst_growth(lives).items():
-        value = math.nan if grown is None else 100 * grown
+    for node, grown in worst_growth([life for life in lives if life.node != GUEST]).items():
+        own, resident = (grown.own, grown.resident) if grown else (math.nan, math.nan)
         judged = node != WITNESS and not (short and grown is None)
         asked = 100 * GROWTH if judged else None
-        yield Figure(f"{node}: memory grown after its first minute", value, "%", asked)
+        yield Figure(f"{node}: memory grown after its first minute", 100 * own, "%", asked)
+        yield Figure("  with the pages of shared memory that it has touched", 100 * resident, "%")
 
 
 def leftover_figures(

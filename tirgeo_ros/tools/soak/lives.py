@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tirgeo_ros.tools.node_process import NodeProcess
+from tirgeo_ros.tools.soak.schedule import GUEST
 
 _SHARED = Path("/dev/shm")  # noqa: S108 where Fast DDS puts its files
 _DELETED = " (deleted)"
@@ -51,7 +52,8 @@ class Lives:
         """Begin a life."""
         number = sum(life.node == node for life in self.all)
         log = self._logs / f"{node}.{number}.log"
-        process = NodeProcess(node, [*self._arguments[node], *more], self._environment, log)
+        program = "soak_mute" if node == GUEST else node
+        process = NodeProcess(program, [*self._arguments[node], *more], self._environment, log)
         self.processes.append(process)
         self.all.append(Life(node, process, time.monotonic()))
         return self.all[-1]

@@ -16,7 +16,7 @@ from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.soak.flight import PERIOD_S, SoakFlight
 from tirgeo_ros.tools.soak.lives import Lives
 from tirgeo_ros.tools.soak.records import EPOCHS
-from tirgeo_ros.tools.soak.schedule import NODES, Event, Kind
+from tirgeo_ros.tools.soak.schedule import GUEST, NODES, Event, Kind
 
 RATE = 2.0
 WITNESS = "soak_witness"
@@ -59,7 +59,7 @@ def run_soak(
     lives = Lives(_arguments(flight, folder, ledger, record), environment, folder / "logs")
     with node_processes() as processes:
         lives.processes = processes
-        for node in (WITNESS, *NODES):
+        for node in (WITNESS, *NODES, GUEST):
             lives.start(node)
         await_words(processes, "ready")
         await_words([lives.current("soak_player").process], "playing")
@@ -83,6 +83,7 @@ def _arguments(
         "overlay_node": [*common, "-p", f"map:={flight.folder / 'map.geojson'}"],
         "soak_player": [w for key, value in player.items() for w in ("-p", f"{key}:={value}")],
         "soak_mute": sim,
+        GUEST: sim,
         WITNESS: [*sim, "-p", f"output:={record}"],
     }
 
