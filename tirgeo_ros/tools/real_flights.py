@@ -196,9 +196,11 @@ def _cuts_at(
     navigation, pose = Navigation(config), None
     hidden: dict[int, tuple[PositionSample, NavSolution | None]] = {}
     for sample in samples:
-        since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
-        inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S))
-        if not len(inside) or not _is_rtk(sample):
+        inside: Array = np.array([])
+        if _is_rtk(sample):
+            since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
+            inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S))
+        if not len(inside):
             pose = navigation.process(sample).solution or pose
         elif _is_fix(sample):
             hidden[int(inside[0])] = sample, pose
