@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 
 from tirgeo_ros.core.arrival_order import ArrivalOrder
 from tirgeo_ros.nodes.callbacks import told
@@ -42,7 +41,8 @@ class Inbox:
     def __init__(self, node: Node, monitor: Monitor) -> None:
         self._node, self._monitor = node, monitor
         self._order: ArrivalOrder[_Waiting] = ArrivalOrder()
-        self._subscriptions: list[Subscription] = []
+        # Of each topic: its depth, what takes a message and its numbers, and what puts them here.
+        self._sources: list[tuple[int, Callable[[], Any], Callable[..., None]]] = []
         self._taking = self._resumes = False
         self.taken_ns = 0
 
@@ -55,8 +55,10 @@ class Inbox:
         """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
         made = subscribe(self._node, topic, handle, qos, self._monitor, wrapped=deferred)
-        self._order.open(topic, made.qos_profile.depth)
-        self._subscriptions.append(made)
+        depth = made.qos_profile.depth
+        self._order.open(topic, depth)
+        take = partial(made.handle.take_message, made.msg_type, made.raw)
+        self._sources.append((depth, take, made.callback))
 
     def _deferred(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
         clock = self._node.get_clock()
@@ -89,12 +91,11 @@ class Inbox:
         """Take what waits in the queues of the middleware."""
         self._taking = True
         try:
-            for subscription in self._subscriptions:
-                take, kind = subscription.handle.take_message, subscription.msg_type
-                for _ in range(subscription.qos_profile.depth):
-                    found = take(kind, False)  # not raw
+            for most, take, put in self._sources:
+                for _ in range(most):
+                    found = take()
                     if found is None:
                         break
-                    subscription.callback(*found)
+                    put(*found)
         finally:
             self._taking = False
