@@ -92,7 +92,8 @@ class OverlayNode(Node):
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
             self._numbers.append(SentNumbers())
-            subscribe(self, topic, take_frame, frames, self._monitor, numbers=self._numbers[-1])
+            counted = self._numbers[-1].listening
+            subscribe(self, topic, take_frame, frames, self._monitor, wrapped=counted)
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
