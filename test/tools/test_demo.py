@@ -11,15 +11,25 @@ import numpy as np
 import pytest
 from domain_ports import taken_port
 
+from tirgeo_ros.core.confidence import CHI2_95
 from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.located import Located
 from tirgeo_ros.core.samples import CameraPose, FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.io.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools import resources
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError
-from tirgeo_ros.tools.demo import against_truth, demonstrate, make_pictures, summary, with_sample
+from tirgeo_ros.tools.demo import (
+    against_targets,
+    against_truth,
+    demonstrate,
+    make_pictures,
+    summary,
+    with_sample,
+)
 from tirgeo_ros.tools.graph import GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.localhost import PROFILES
 from tirgeo_ros.tools.outputs import Outputs, read_outputs
@@ -93,6 +103,32 @@ def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
     # Latitude and longitude go through degrees in the origin: 1e-9 m.
     assert judged["position_rms_m"] == pytest.approx(0.03, abs=1e-6)
     assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_click_is_held_against_the_nearest_target(tmp_path):
+    there = [[30.0, 40.0, 0.0], [60.0, 40.0, 0.5]]
+    lat, lon, height = PLANE.geodetic_from_ned(np.array(there))
+    names = ("person 1", "fire 1")
+    points = [SurveyPoint(*one) for one in zip(names, lat, lon, height, strict=True)]
+    targets = tmp_path / "targets.geojson"
+    save_survey(targets, points)
+    clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
+    covariance_n = np.diag([0.04, 0.01, 0.01])
+    located = Located(5 * MS, (1.0, 2.0), clicked_n, covariance_n, 0.0, 0.0, 0.0)
+    origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
+    point = LocatedMessages(Cdr().types).point(located)
+    path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])
+    (found,) = against_targets(read_outputs(path), targets)
+    where = [np.degrees(x) for x in PLANE.geodetic_from_ned(clicked_n)[:2]]
+    # The origin's latitude and longitude go through degrees: 1e-9 m.
+    assert [found["latitude_deg"], found["longitude_deg"]] == pytest.approx(where, abs=1e-9)
+    assert found["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
+    assert found["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
+    (line,) = demo._found({"found": [found]})
+    assert line == (
+        f"person 1: {where[0]:.6f}, {where[1]:.6f}, 0.5 m from where it is (ellipse of 95 % 0.5 m)"
+    )
+    assert against_targets(read_outputs(path), tmp_path / "none.geojson") == []
 
 
 def test_no_picture_is_an_error(tmp_path):

@@ -15,7 +15,9 @@ from tirgeo_ros.core.errors import BagError, GraphError
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.survey import load_survey
 from tirgeo_ros.io.whole_files import check_outputs, write_files
+from tirgeo_ros.tools.found_targets import found_targets
 from tirgeo_ros.tools.graph import AWAITED, GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.inputs import PICTURES
 from tirgeo_ros.tools.node_configs import node_configs
@@ -26,6 +28,8 @@ from tirgeo_ros.tools.resources import find_resource
 from tirgeo_ros.tools.video import VideoFile
 
 SAMPLE = "bags/sample"
+#: Beside the bag: where what an operator clicks on truly is.
+TARGETS = "targets.geojson"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
 #: Where in the flight the still is taken: the filter has settled and the map is in view.
 _STILL_AT = 2 / 3
@@ -52,6 +56,7 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     result["serial"] = setup.serial
     result |= summary(outputs, first_ns) | cost(run)
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
+    result["found"] = against_targets(outputs, setup.bag.with_name(TARGETS))
     result["error"] = run.error
     text = json.dumps(result, indent=2) + "\n"
     write_files({setup.folder / "summary.json": text}, GraphError)
@@ -63,8 +68,8 @@ def check_place_of(setup: GraphSetup) -> None:
     configs = node_configs(setup.params)
     named = [*configs.files, *map_files(str(setup.map or ""))]
     outputs = [setup.folder / name for name in _NAMES]
-    truth = setup.bag.with_name("truth.mcap")
-    check_outputs((setup.bag, truth, setup.params, *named), outputs, GraphError)
+    beside = [setup.bag.with_name(name) for name in ("truth.mcap", TARGETS)]
+    check_outputs((setup.bag, *beside, setup.params, *named), outputs, GraphError)
 
 
 def with_sample(setup: GraphSetup) -> GraphSetup:
@@ -149,6 +154,13 @@ def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
         "attitude_rms_deg": math.degrees(_rms(apart.angle_rad)),
         "heading_rms_deg": math.degrees(_rms(apart.rotation_n[:, 2])),
     }
+
+
+def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
+    """What was clicked on, each with the target nearest to it; none where no file says targets."""
+    if not targets.is_file():
+        return []
+    return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]
 
 
 def _rms(values: Array) -> float:

@@ -36,6 +36,7 @@ RECORDED = (
     "tirgeo/origin",
     "tirgeo/camera_pose",
     "tirgeo/overlay/image/compressed",
+    "tirgeo/locate/point",
     "/diagnostics",
 )
 

@@ -1,4 +1,4 @@
-"""What a run of the node graph left in its bag: poses, pictures, diagnostics."""
+"""What a run of the node graph left in its bag: poses, pictures, located points, diagnostics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
 
@@ -28,6 +28,8 @@ class Outputs:
     frame_stamps_ns: list[int] = field(default_factory=list)
     #: Item (``ekf_node: navigation``) to key to every value that was reported, in order.
     diagnostics: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    #: Of clicks: point (3,) m and covariance (3, 3) m2, NED in the plane.
+    located_n: list[tuple[Array, Array]] = field(default_factory=list)
 
     def numbers(self, item: str, key: str) -> list[float]:
         """The finite values of a key of the diagnostics."""
@@ -57,6 +59,8 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
             found.plane = convert.tangent_plane(message)
         elif item.topic == f"{lead}tirgeo/camera_pose":
             found.cameras.append(convert.camera_pose(message))
+        elif item.topic == f"{lead}tirgeo/locate/point":
+            found.located_n.append(convert.ground_point(message)[1:])
         elif item.topic == lead + OVERLAY:
             found.frame_stamps_ns.append(convert.stamp_ns(message))
         elif item.topic == "/diagnostics":

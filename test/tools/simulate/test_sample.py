@@ -16,7 +16,8 @@ from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.scenario import scenario_from
-from tirgeo_ros.tools.simulate.survey import surveyed
+from tirgeo_ros.tools.simulate.survey import sightings, surveyed
+from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
 
 START_S, END_S = 35.0, 65.0
 
@@ -68,6 +69,31 @@ def test_its_map_survey_and_parameters_are_the_scenarios(flight, sample):
     assert [(c.id, c.stamp_ns) for c in stored] == [(c.id, c.stamp_ns) for c in inside]
     np.testing.assert_allclose(
         [(c.u, c.v) for c in stored], [(c.u, c.v) for c in inside], atol=1e-3
+    )
+
+
+def test_it_shows_a_person_where_its_operator_clicks(flight, sample):
+    targets = targets_of(flight.scenario, flight.seed)
+    told = (sample / "targets.geojson").read_text()
+    assert told == targets_text(targets, flight.plane)
+    ((stamp_ns, u, v),) = read(sample / "flight.mcap", "/tirgeo/locate/pixel", convert.pixel)
+    (seen,) = (
+        one
+        for one in sightings(flight, XT2, targets)
+        if START_S * 1e9 <= one.stamp_ns - flight.scenario.start_ns <= END_S * 1e9
+    )
+    assert (stamp_ns, u, v) == (seen.stamp_ns, pytest.approx(seen.u), pytest.approx(seen.v))
+    cdr, reader = Cdr(), BagReader(sample / "flight.mcap")
+    (picture,) = (
+        convert.compressed_pixels(cdr.deserialize(m.data, m.typename))
+        for m in reader.messages(["/thermal/image_raw/compressed"])
+        if m.log_time_ns == stamp_ns
+    )
+    around = picture[round(v) - 20 : round(v) + 21, round(u) - 20 : round(u) + 21].astype(float)
+    rows, columns = np.nonzero(around > 170)  # half of the way from grass, 84 here, to 212
+    # 10 px by 6 px, their grey levels rough by the JPEG: half a pixel, less over sixty of them.
+    np.testing.assert_allclose(
+        [columns.mean() - 20, rows.mean() - 20], [u - round(u), v - round(v)], atol=0.3
     )
 
 

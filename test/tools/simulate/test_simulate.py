@@ -41,6 +41,7 @@ NAMES = {
     "truth.mcap",
     "map.geojson",
     "survey.geojson",
+    "targets.geojson",
     "observations.csv",
     "params.yaml",
 }

@@ -1,4 +1,4 @@
-"""Located ground points to messages, and back."""
+"""Clicks and located ground points to messages, and back."""
 
 from __future__ import annotations
 
@@ -13,19 +13,27 @@ from tirgeo_ros.io.messages.axes import covariance_turned_world
 from tirgeo_ros.io.messages.decode import stamp_ns
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 from tirgeo_ros.io.messages.parts import Parts
-from tirgeo_ros.io.messages.topics import MAP_FRAME
+from tirgeo_ros.io.messages.topics import MAP_FRAME, OPTICAL_FRAME
 
 _NO_TURN = (1.0, 0.0, 0.0, 0.0)
 
 
 class LocatedMessages:
-    """Makes the messages of ``tirgeo/locate/fix`` and ``tirgeo/locate/point``.
+    """Makes the messages of ``tirgeo/locate/pixel``, ``tirgeo/locate/fix`` and ``.../point``.
 
-    ``types`` gives the classes, as for ``Messages``. The stamp of both is the picture's.
+    ``types`` gives the classes, as for ``Messages``. The stamp of all is the picture's.
     """
 
     def __init__(self, types: Callable[[str], type]) -> None:
         self._parts = Parts(types)
+
+    def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
+        """``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
+        return self._parts.new(
+            "geometry_msgs/msg/PointStamped",
+            header=self._parts.header(stamp_ns, OPTICAL_FRAME),
+            point=self._parts.new("geometry_msgs/msg/Point", x=u, y=v, z=0.0),
+        )
 
     def fix(self, located: Located) -> Any:
         """``sensor_msgs/NavSatFix`` of the ground point, covariance in ENU."""

@@ -71,11 +71,21 @@ def describe(result: dict[str, object]) -> str:
     rows += [(f"cores {name}", _number(cores)) for name, cores in _table(result["cores"]).items()]
     truth = _table(result["camera_against_truth"])
     rows += [(f"truth {name}", _number(value)) for name, value in truth.items()]
-    return "\n".join(f"{name:<24}{value}" for name, value in rows)
+    return "\n".join([*(f"{name:<24}{value}" for name, value in rows), *_found(result)])
 
 
 def _table(value: object) -> dict[str, object]:
     return value if isinstance(value, dict) else {}
+
+
+def _found(result: dict[str, object]) -> list[str]:
+    """What was clicked on, and where it is."""
+    found = result.get("found")
+    return [
+        "{target}: {latitude_deg:.6f}, {longitude_deg:.6f}, {off_m:.1f} m from where it is "
+        "(ellipse of 95 % {ellipse_95_m:.1f} m)".format(**one)
+        for one in (found if isinstance(found, list) else [])
+    ]
 
 
 def _number(value: object) -> str:

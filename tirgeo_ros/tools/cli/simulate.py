@@ -15,8 +15,8 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "simulate",
         help="fly a scenario, with truth",
         description="Flies a scenario and writes flight.mcap (what the aircraft recorded, with "
-        "thermal video), truth.mcap, map.geojson, survey.geojson, observations.csv and "
-        "params.yaml. The same seed gives the same bytes.",
+        "thermal video), truth.mcap, map.geojson, survey.geojson, targets.geojson (what is "
+        "warm in it), observations.csv and params.yaml. The same seed gives the same bytes.",
         epilog="example:\n  tirgeo simulate config/scenarios/paper_flight.yaml -o flight "
         "--start 30 --duration 30",
     )

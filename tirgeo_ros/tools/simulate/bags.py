@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ import numpy as np
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.samples import CameraPose, ImuSample, NavSolution
 from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages, Messages, sensed
+from tirgeo_ros.io.survey import Observation
 from tirgeo_ros.tools.progress import Report
 from tirgeo_ros.tools.simulate.flight import Flight
 from tirgeo_ros.tools.simulate.processes import generator
@@ -43,13 +44,18 @@ def write_flight(
     window: Window,
     camera: Camera,
     renderer: Renderer | None,
+    clicks: Sequence[Observation],
     progress: Report,
 ) -> dict[str, int]:
-    """Write what the aircraft recorded; without a renderer no pictures. Messages by topic."""
+    """Write what the aircraft recorded, and an operator's clicks on its pictures.
+
+    Without a renderer no pictures. Returns the number of messages by topic.
+    """
     messages = Messages(Cdr().types)
     streams = [_sensed(messages, flight, window), _video(messages, flight, window, camera)]
     if renderer is not None:
         streams.append(_pictures(messages, flight, window, renderer))
+    streams.append(_clicks(flight, window, clicks))
     # Equal times keep the order of the streams.
     merged = heapq.merge(*streams, key=lambda outgoing: outgoing[0])
     return _write(path, merged, window, progress)
@@ -118,6 +124,15 @@ def _pictures(
         _, jpeg = cv2.imencode(".jpg", renderer.frame(position[0], q_pc[0], rng), quality)
         message = messages.compressed(stamp_ns, jpeg.tobytes())
         yield stamp_ns, "thermal/image_raw/compressed", message
+
+
+def _clicks(flight: Flight, window: Window, clicks: Sequence[Observation]) -> Iterator[Outgoing]:
+    messages = LocatedMessages(Cdr().types)
+    wait_ns = round(flight.scenario.scene.click_after_s * 1e9)
+    for click in clicks:
+        if click.stamp_ns in window and click.stamp_ns + wait_ns in window:
+            message = messages.pixel(click.stamp_ns, click.u, click.v)
+            yield click.stamp_ns + wait_ns, "tirgeo/locate/pixel", message
 
 
 def _true_body(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:

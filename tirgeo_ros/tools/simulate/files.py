@@ -18,10 +18,11 @@ from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import Park, lay_out
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario import load_scenario
-from tirgeo_ros.tools.simulate.survey import surveyed
+from tirgeo_ros.tools.simulate.survey import sightings, surveyed
+from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
 
-NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "observations.csv",
-         "params.yaml")  # fmt: skip
+NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
+         "observations.csv", "params.yaml")  # fmt: skip
 
 
 def simulate(
@@ -63,17 +64,20 @@ def _written(
     park = lay_out(flight.scenario.park, flight.seed)
     points, clicks = surveyed(flight, XT2, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
+    targets = targets_of(flight.scenario, flight.seed)
     made_folder(folder, ScenarioError)
     texts: dict[PathLike, str | bytes] = {
         folder / "map.geojson": map_text(park, flight.plane),
+        folder / "targets.geojson": targets_text(targets, flight.plane),
         folder / "params.yaml": parameters_text(flight.scenario),
     }
     write_files(texts, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
-    renderer = _renderer(flight, park) if images else None
-    counts = write_flight(folder / "flight.mcap", flight, window, XT2, renderer, progress)
+    renderer = _renderer(flight, park, targets) if images else None
+    seen = sightings(flight, XT2, targets) if images else []
+    counts = write_flight(folder / "flight.mcap", flight, window, XT2, renderer, seen, progress)
     return {
         "folder": str(folder),
         "scenario": flight.scenario.name,
@@ -81,11 +85,13 @@ def _written(
         "duration_s": (window.end_ns - window.start_ns) / 1e9,
         "control_points": len(points),
         "observations": len(clicks),
+        "targets": len(targets),
         "messages": counts,
         "bytes": {name: (folder / name).stat().st_size for name in NAMES},
     }
 
 
-def _renderer(flight: Flight, park: Park) -> Renderer:
+def _renderer(flight: Flight, park: Park, targets: list[Target]) -> Renderer:
     ground = paint(park, flight.scenario.park, flight.seed)
-    return Renderer(XT2, ground, flight.scenario.video)
+    patches = [patch for target in targets for patch in target.patches()]
+    return Renderer(XT2, ground, flight.scenario.video, patches)

@@ -20,7 +20,9 @@ from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
 Grey = npt.NDArray[np.uint8]
 
-_GRASS, _PAVING, _KERB, _SOIL = 92.0, 158.0, 192.0, 118.0
+#: Grey levels of the grass, and of a kelvin.
+GRASS, GREY_PER_K = 92.0, 10.0
+_PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
 _BED_SPAN, _PLANT_SPAN, _SHRUB_SPAN, _HOT = 58.0, 16.0, 34.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
@@ -52,7 +54,7 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
     for plant in park.plants:
         canvas.tint(plant, _PLANT_SPAN * plant.warmth)
     for shrub in park.shrubs:
-        canvas.disc(shrub, _GRASS + _SHRUB_SPAN * shrub.warmth)
+        canvas.disc(shrub, GRASS + _SHRUB_SPAN * shrub.warmth)
     for hydrant in park.hydrants:
         canvas.disc(Spot(hydrant.center, 0.3, 0.0), 30.0)
     for spot in park.hot:
@@ -99,7 +101,7 @@ class _Canvas:
         step = 2 ** (_LEVELS - 1)
         rows = step * round((north - south + side) / self.resolution_m / step)
         columns = step * round((east - west + side) / self.resolution_m / step)
-        self.grey: Grey = np.full((rows, columns), round(_GRASS), np.uint8)
+        self.grey: Grey = np.full((rows, columns), round(GRASS), np.uint8)
 
     def _cells(self, points: Array) -> npt.NDArray[np.int32]:
         """Ground points (N, 2) in sixteenths of a cell, columns first; cell 0 is centred at 0."""

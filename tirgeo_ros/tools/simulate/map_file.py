@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,12 +23,25 @@ def map_text(park: Park, plane: TangentPlane) -> str:
             for path in park.paths
         ),
         *(
-            _feature(point.name, "hydrant", "Point", _positions(point.center[None, :], plane)[0])
+            point_feature({"name": point.name, "kind": "hydrant"}, point.center, plane)
             for point in park.hydrants
         ),
     ]
+    return collection(features)
+
+
+def collection(features: Sequence[Mapping[str, object]]) -> str:
+    """A FeatureCollection, one feature a line."""
     lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
     return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
+
+
+def point_feature(
+    properties: Mapping[str, object], place: Array, plane: TangentPlane
+) -> dict[str, object]:
+    """A Point on the ground at north, east (2,)."""
+    geometry = {"type": "Point", "coordinates": _positions(place[None, :], plane)[0]}
+    return {"type": "Feature", "properties": dict(properties), "geometry": geometry}
 
 
 def _feature(name: str, kind: str, geometry: str, coordinates: object) -> dict[str, object]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,7 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.simulate.ground import Grey, Ground
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
+from tirgeo_ros.tools.simulate.warm_spots import Patch, lay_on
 
 _SKY = 20.0
 _FAR_M = 2000.0
@@ -21,9 +24,16 @@ Floats = npt.NDArray[np.float32]
 class Renderer:
     """Draws frames; a frame depends on its pose and its random generator alone."""
 
-    def __init__(self, camera: Camera, ground: Ground, scenario: VideoScenario) -> None:
-        """Compute the ray of every pixel once."""
+    def __init__(
+        self,
+        camera: Camera,
+        ground: Ground,
+        scenario: VideoScenario,
+        patches: Sequence[Patch] = (),
+    ) -> None:
+        """Compute the ray of every pixel once; the patches lie on the ground."""
         self._shape = camera.height, camera.width
+        self._patches = patches
         self._ground = ground
         self._scenario = scenario
         v, u = np.mgrid[: camera.height, : camera.width]
@@ -44,6 +54,7 @@ class Renderer:
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         picture = self._sampled(north, east, self._footprints(depth, rays_p))
+        lay_on(picture, self._patches, north, east)
         picture[~seen.reshape(self._shape)] = _SKY
         return self._sensed(picture, rng)
 

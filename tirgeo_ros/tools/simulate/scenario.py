@@ -29,6 +29,7 @@ from tirgeo_ros.tools.simulate.scenario_aircraft import (
 )
 from tirgeo_ros.tools.simulate.scenario_ground import (
     ParkScenario,
+    SceneScenario,
     SiteScenario,
     SurveyScenario,
     VideoScenario,
@@ -56,6 +57,7 @@ class Scenario:
     gimbal: GimbalScenario = group(GimbalScenario)
     video: VideoScenario = group(VideoScenario)
     park: ParkScenario = group(ParkScenario)
+    scene: SceneScenario = group(SceneScenario)
     survey: SurveyScenario = group(SurveyScenario)
 
     renamed: ClassVar[Mapping[str, str]] = {

@@ -1,4 +1,4 @@
-"""The part of a scenario that is looked at: site, park, video, survey."""
+"""The part of a scenario that is looked at: site, park, warm things, video, survey."""
 
 from __future__ import annotations
 
@@ -61,6 +61,37 @@ class ParkScenario:
     cell_m: float = param(14.0, "one bed is laid in a square of this", unit="m", low=6, high=100)
     margin_m: float = param(50.0, "grass painted around the beds", unit="m", low=0, high=2000)
     resolution_m: float = param(0.05, "of the painted ground", unit="m", low=0.01, high=1)
+
+
+_PER_TARGET = 4
+_MOST_TARGETS = 100
+
+
+def _targets(kind: str, default: tuple[float, ...] = ()) -> tuple[float, ...]:
+    """Rows of places that are given one by one."""
+    made: tuple[float, ...] = param(
+        default,
+        f"{kind} at given places: north, east (m), warmer than grass by (K), size (m) of each",
+        low=-1e4,
+        high=1e4,
+        sizes=tuple(range(0, _PER_TARGET * _MOST_TARGETS + 1, _PER_TARGET)),
+    )
+    return made
+
+
+@dataclass(frozen=True, slots=True)
+class SceneScenario:
+    """What a search looks for, warmer than the ground."""
+
+    people: int = param(0, "people at seeded places, beside the given ones", low=0, high=100)
+    people_at: tuple[float, ...] = _targets("people", (31.0, 41.0, 12.0, 0.5))
+    fires: int = param(0, "fires at seeded places, beside the given ones", low=0, high=100)
+    fires_at: tuple[float, ...] = _targets("fires")
+    vehicles: int = param(0, "vehicles at seeded places, beside the given ones", low=0, high=100)
+    vehicles_at: tuple[float, ...] = _targets("vehicles")
+    click_after_s: float = param(
+        1.0, "an operator clicks so long after a picture shows it best", unit="s", low=0, high=30
+    )
 
 
 @dataclass(frozen=True, slots=True)

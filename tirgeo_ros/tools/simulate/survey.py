@@ -6,6 +6,7 @@ pictures in which it is near enough to be seen well.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +22,12 @@ from tirgeo_ros.tools.simulate.park import Park
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import SurveyScenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
+from tirgeo_ros.tools.simulate.targets import Target
 
 
 @dataclass(frozen=True)
 class Views:
-    """Where every corner is in every picture."""
+    """Where points, corners of beds say, are in every picture."""
 
     corners_p: Array  # (C, 3) m, on the plane of the site
     exposures: Epochs  # of F pictures
@@ -41,7 +43,8 @@ def surveyed(
     Raises ScenarioError if too few corners are seen often enough.
     """
     config = flight.scenario.survey
-    views = _views(flight, camera, park)
+    level = np.concatenate([bed.outline for bed in park.beds])
+    views = _views(flight, camera, np.column_stack([level, np.zeros(len(level))]))
     clicked = {corner: _apart(views, corner, config) for corner in range(len(views.corners_p))}
     candidates = [corner for corner, frames in clicked.items() if len(frames) >= config.views]
     if len(candidates) < config.points:
@@ -62,10 +65,36 @@ def exposures(flight: Flight) -> Epochs:
     return Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
 
 
-def _views(flight: Flight, camera: Camera, park: Park) -> Views:
-    """Project the outer corners of all beds into all pictures."""
-    level = np.concatenate([bed.outline for bed in park.beds])
-    corners_p = np.column_stack([level, np.zeros(len(level))])
+def sightings(flight: Flight, camera: Camera, targets: Sequence[Target]) -> list[Observation]:
+    """Each time that a target passes where an operator would click, its pixel nearest the middle.
+
+    In order of their stamps; without an error.
+    """
+    if not targets:
+        return []
+    places_p = np.array([[*target.center, 0.0] for target in targets])
+    views = _views(flight, camera, places_p)
+    off_middle = np.hypot(*np.moveaxis(views.uv - [camera.width / 2, camera.height / 2], -1, 0))
+    latency_ns = round(flight.scenario.video.latency_s * 1e9)
+    found = []
+    for k, target in enumerate(targets):
+        for frames in _passes(views.good[:, k]):
+            best = frames[int(np.argmin(off_middle[frames, k]))]
+            u, v = views.uv[best, k].tolist()
+            stamp_ns = views.exposures.stamp_ns[best] + latency_ns
+            found.append(Observation(target.id, stamp_ns, u, v))
+    return sorted(found, key=lambda one: (one.stamp_ns, one.id))
+
+
+def _passes(good: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.intp]]:
+    """The pictures in which a point is well seen, one array for each unbroken run."""
+    frames = np.flatnonzero(good)
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    return [run for run in runs if run.size]
+
+
+def _views(flight: Flight, camera: Camera, corners_p: Array) -> Views:
+    """Project points (C, 3) into all pictures."""
     epochs = exposures(flight)
     position, q_pc = flight.gimbal.camera(epochs.t_s)
     turned = [
