@@ -45,7 +45,8 @@ class Parameter:
             raise ConfigError(f"parameter {self.name}: {value!r} is not a list of numbers")
         numbers = tuple(float(self._checked_scalar(item, float)) for item in value)
         if len(numbers) not in self.sizes:
-            wanted = " or ".join(str(size) for size in self.sizes)
+            few = self.sizes if len(self.sizes) < 5 else (*self.sizes[:3], "...", self.sizes[-1])
+            wanted = " or ".join(map(str, few)).replace(" or ", ", ", max(len(few) - 2, 0))
             raise ConfigError(f"parameter {self.name}: needs {wanted} numbers, has {len(numbers)}")
         return numbers
 

@@ -50,6 +50,12 @@ def test_the_start_is_nanoseconds_of_unix_time():
         ("heading:\n  offset_deg: 90", r"bad.yaml: .*heading.offset_deg is now .* rtk.second_ant"),
         ("rtk:\n  second_antenna_m: [-0.1, 0.3, 0]", r"bad.yaml: .* too little for a heading"),
         ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
+        ("video:\n  bits: 12", r"bad.yaml: parameter video.bits: 12 is neither 8 nor 16"),
+        ("video:\n  distortion: [9, -99, 0, 0]", r"bad.yaml: video: .* lens model .* folds"),
+        (
+            "scene:\n  people_at: [1, 2, 3]",
+            r"bad.yaml: parameter scene.people_at: needs 0, 4, 8, ... or 400 numbers, has 3",
+        ),
         ("- 1", r"bad.yaml: holds no scenario"),
         ("a: [", r"bad.yaml: line 1: not YAML"),
         ("seed: 1\nseed: 2", r"bad.yaml: line 2: not YAML: key seed stands twice"),

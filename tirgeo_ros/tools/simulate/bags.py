@@ -116,14 +116,17 @@ def _video(
 def _pictures(
     messages: Messages, flight: Flight, window: Window, renderer: Renderer
 ) -> Iterator[Outgoing]:
-    quality = [cv2.IMWRITE_JPEG_QUALITY, flight.scenario.video.jpeg_quality]
     for number, stamp_ns, t_s in _frames(flight, window):
         position, q_pc = flight.gimbal.camera(t_s)
         # A generator of its own for each picture: a cut of the flight shows the same ones.
         rng = generator(flight.seed, f"picture {number}")
-        _, jpeg = cv2.imencode(".jpg", renderer.frame(position[0], q_pc[0], rng), quality)
-        message = messages.compressed(stamp_ns, jpeg.tobytes())
-        yield stamp_ns, "thermal/image_raw/compressed", message
+        picture = renderer.frame(position[0], q_pc[0], rng)
+        if flight.scenario.video.bits == 16:
+            yield stamp_ns, "thermal/image_raw", messages.image(stamp_ns, picture)
+            continue
+        quality = [cv2.IMWRITE_JPEG_QUALITY, flight.scenario.video.jpeg_quality]
+        jpeg = cv2.imencode(".jpg", picture, quality)[1].tobytes()
+        yield stamp_ns, "thermal/image_raw/compressed", messages.compressed(stamp_ns, jpeg)
 
 
 def _clicks(flight: Flight, window: Window, clicks: Sequence[Observation]) -> Iterator[Outgoing]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tirgeo_ros.core.camera import XT2
 from tirgeo_ros.core.errors import ScenarioError
 from tirgeo_ros.io.survey import save_observations, save_survey
 from tirgeo_ros.io.whole_files import PathLike, check_outputs, made_folder, write_files
@@ -61,8 +60,9 @@ def simulate(
 def _written(
     folder: Path, flight: Flight, window: Window, *, images: bool, progress: Report
 ) -> dict[str, object]:
+    camera = flight.scenario.video.camera
     park = lay_out(flight.scenario.park, flight.seed)
-    points, clicks = surveyed(flight, XT2, park)
+    points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets = targets_of(flight.scenario, flight.seed)
     made_folder(folder, ScenarioError)
@@ -76,8 +76,8 @@ def _written(
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
     renderer = _renderer(flight, park, targets) if images else None
-    seen = sightings(flight, XT2, targets) if images else []
-    counts = write_flight(folder / "flight.mcap", flight, window, XT2, renderer, seen, progress)
+    seen = sightings(flight, camera, targets) if images else []
+    counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
     return {
         "folder": str(folder),
         "scenario": flight.scenario.name,
@@ -94,4 +94,4 @@ def _written(
 def _renderer(flight: Flight, park: Park, targets: list[Target]) -> Renderer:
     ground = paint(park, flight.scenario.park, flight.seed)
     patches = [patch for target in targets for patch in target.patches()]
-    return Renderer(XT2, ground, flight.scenario.video, patches)
+    return Renderer(flight.scenario.video.camera, ground, flight.scenario.video, patches)

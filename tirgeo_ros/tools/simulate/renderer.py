@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,14 +12,17 @@ import numpy.typing as npt
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.tools.simulate.ground import Grey, Ground
+from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
 from tirgeo_ros.tools.simulate.warm_spots import Patch, lay_on
 
+#: Of 16 bits: a scene is a small part of the range, as a radiometric camera gives it.
+COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
 _SKY = 20.0
 _FAR_M = 2000.0
 
 Floats = npt.NDArray[np.float32]
+Picture = npt.NDArray[Any]  # uint8 or uint16
 
 
 class Renderer:
@@ -44,7 +48,7 @@ class Renderer:
         share = off_axis / off_axis.max()
         self._gain = (1 - scenario.vignetting * share).astype(np.float32)
 
-    def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> Grey:
+    def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> Picture:
         """A picture (h, w) of the plane d = 0 from a pose (3,), (4,) in the plane ``p``."""
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         seen = rays_p[:, 2] > -position_p[2] / _FAR_M
@@ -82,11 +86,14 @@ class Renderer:
             )
         return picture
 
-    def _sensed(self, picture: Floats, rng: np.random.Generator) -> Grey:
-        """Optics and detector: blur, falling off to the corners, noise, whole grey levels."""
+    def _sensed(self, picture: Floats, rng: np.random.Generator) -> Picture:
+        """Optics and detector: blur, falling off to the corners, noise, whole numbers."""
         scenario = self._scenario
         if scenario.blur_px > 0:
             cv2.GaussianBlur(picture, (0, 0), scenario.blur_px, dst=picture)
         picture = picture * self._gain
         picture += scenario.noise_grey * rng.standard_normal(self._shape, np.float32)
-        return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+        if scenario.bits == 16:
+            counts = COUNTS_OF_0 + COUNTS_PER_GREY * picture
+            return np.asarray(np.clip(np.rint(counts), 0, 65535), np.uint16)
+        return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8)

@@ -14,7 +14,7 @@ from datetime import datetime, timezone
 from typing import ClassVar
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.errors import ConfigError, ScenarioError
+from tirgeo_ros.core.errors import CameraError, ConfigError, ScenarioError
 from tirgeo_ros.core.parameter import config_from, group, param, parameters_of
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario_aircraft import (
@@ -126,6 +126,12 @@ def _check(scenario: Scenario) -> None:
         _ = scenario.aircraft.baseline_b
     except ConfigError as error:
         raise ScenarioError(str(error)) from None
+    try:
+        _ = scenario.video.camera
+    except CameraError as error:
+        raise ScenarioError(f"video: {error}") from None
+    if scenario.video.bits not in {8, 16}:
+        raise ScenarioError(f"parameter video.bits: {scenario.video.bits} is neither 8 nor 16")
     for name in ("north_m", "east_m"):
         low, high = getattr(scenario.park, name)
         if high - low < scenario.park.cell_m:

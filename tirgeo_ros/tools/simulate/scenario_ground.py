@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from tirgeo_ros.core.camera import XT2, Camera
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.parameter import param
 
@@ -36,8 +38,33 @@ class SiteScenario:
 
 @dataclass(frozen=True, slots=True)
 class VideoScenario:
-    """The thermal camera's pictures; the lens is Table 9's."""
+    """The thermal camera, by default that of Table 9, and its pictures."""
 
+    width: int = param(640, "of a picture", unit="px", low=16, high=4096)
+    height: int = param(512, "of a picture", unit="px", low=16, high=4096)
+    focal_px: tuple[float, ...] = param(
+        (XT2.fx, XT2.fy), "focal lengths fx, fy", unit="px", low=1, high=1e5
+    )
+    principal_px: tuple[float, ...] = param(
+        (XT2.cx, XT2.cy), "principal point cx, cy", unit="px", low=-1e4, high=1e4
+    )
+    fov_deg: float = param(
+        0.0,
+        "field of view across; then focal_px and principal_px count for nothing: square pixels "
+        "around the middle",
+        unit="deg",
+        low=0,
+        high=140,
+    )
+    distortion: tuple[float, ...] = param(
+        XT2.distortion, "k1, k2, p1, p2, k3, ...", low=-100, high=100, sizes=(0, 4, 5, 8)
+    )
+    bits: int = param(
+        8,
+        "of a pixel: 8 is thermal/image_raw/compressed (JPEG), 16 thermal/image_raw (mono16)",
+        low=8,
+        high=16,
+    )
     rate_hz: float = param(9.0, "frames per second", unit="Hz", low=0.1, high=60)
     latency_s: float = param(0.05, "stamp minus exposure", unit="s", low=0, high=2)
     jpeg_quality: int = param(65, "of thermal/image_raw/compressed", low=1, high=100)
@@ -46,6 +73,15 @@ class VideoScenario:
         1.0, "standard deviation of a pixel's noise, grey levels", low=0, high=50
     )
     vignetting: float = param(0.06, "loss of contrast in the corners", low=0, high=1)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera; raises CameraError."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_px
+        if self.fov_deg:
+            cx, cy = (self.width - 1) / 2, (self.height - 1) / 2
+            fx = fy = self.width / 2 / math.tan(math.radians(self.fov_deg) / 2)
+        return Camera(self.width, self.height, fx, fy, cx, cy, self.distortion)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,104 @@
+"""Other cameras: sizes, lenses, and pictures of 16 bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.tools.simulate import scenario_from, simulate
+from tirgeo_ros.tools.simulate.ground import Ground
+from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Renderer
+from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
+
+OTHER = """\
+duration_s: 6.0
+route: {hover_s: 1.0}
+video: {width: 320, height: 256, fov_deg: 57.0, distortion: [], bits: 16, rate_hz: 5.0}
+park: {resolution_m: 0.2}
+scene: {people: 12}
+survey: {points: 4, views: 2, after_s: 0.0, apart_s: 0.5, rows_px: [90, 245], side_px: 20}
+"""
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("other")
+    (folder / "other.yaml").write_text(OTHER)
+    return folder, simulate(folder / "other.yaml", folder)
+
+
+def read(path, topic, convert_one):
+    cdr = Cdr()
+    return [
+        convert_one(cdr.deserialize(m.data, m.typename)) for m in BagReader(path).messages([topic])
+    ]
+
+
+def test_the_papers_camera_is_the_default():
+    assert scenario_from({}).video.camera == XT2
+
+
+def test_a_field_of_view_gives_the_focal_length():
+    camera = scenario_from({"video.fov_deg": 60.0, "video.distortion": []}).video.camera
+    left, right = camera.rays(np.array([[-0.5, 255.5], [639.5, 255.5]]))
+    assert np.degrees(np.arctan2(right[0], right[2]) - np.arctan2(left[0], left[2])) == (
+        pytest.approx(60.0)
+    )
+
+
+def test_the_bag_says_the_camera_of_its_pictures(other):
+    folder, summary = other
+    assert summary["messages"]["thermal/image_raw"] == 30
+    assert "thermal/image_raw/compressed" not in summary["messages"]
+    (camera,) = set(read(folder / "flight.mcap", "/thermal/camera_info", convert.camera))
+    assert (camera.width, camera.height) == (320, 256)
+    assert camera.fx == camera.fy == pytest.approx(160 / np.tan(np.radians(28.5)))
+    pictures = read(folder / "flight.mcap", "/thermal/image_raw", convert.image_pixels)
+    assert {(picture.shape, picture.dtype.name) for picture in pictures} == {
+        ((256, 320), "uint16")
+    }
+    # Grass to kerbs and people, some ten kelvin: a small part of the range, which no pixel fills.
+    low, high = np.percentile(pictures, [1, 99])
+    assert 20_500 < low < high < 24_500
+    assert np.max(pictures) < 26_000
+
+
+def test_clicks_are_on_people_in_its_pictures(other):
+    folder, _ = other
+    clicks = read(folder / "flight.mcap", "/tirgeo/locate/pixel", convert.pixel)
+    assert clicks
+    cdr = Cdr()
+    pictures = {
+        m.log_time_ns: convert.image_pixels(cdr.deserialize(m.data, m.typename))
+        for m in BagReader(folder / "flight.mcap").messages(["/thermal/image_raw"])
+    }
+    for stamp_ns, u, v in clicks:
+        # 10 K and more, 10 grey levels each, of 16 counts, less what blur takes of few pixels.
+        assert pictures[stamp_ns][round(v), round(u)] > 20_000 + 16 * 170
+
+
+def test_its_observations_are_of_its_camera(other):
+    folder, _ = other
+    names = ("flight.mcap", "survey.geojson", "observations.csv")
+    assert len(load_survey(folder / names[1])) == 4
+    assert all(one.u < 320 and one.v < 256 for one in load_observations(folder / names[2]))
+
+
+def test_sixteen_bits_hold_what_eight_do_and_the_fire_beyond():
+    ground = Ground([np.full((64, 64), 100, np.uint8)] * 4, 320.0, -320.0, 10.0)
+    bare = {"noise_grey": 0.0, "vignetting": 0.0}
+    pose = np.array([0.0, 0.0, -20.0]), np.array([0.5, 0.5, 0.5, 0.5])  # level, to the north
+    eight, sixteen = (
+        Renderer(XT2, ground, VideoScenario(bits=bits, **bare)).frame(
+            *pose, np.random.default_rng(0)
+        )
+        for bits in (8, 16)
+    )
+    assert (eight.dtype, sixteen.dtype) == (np.uint8, np.uint16)
+    # Eight bits round to whole grey levels.
+    back = (sixteen - COUNTS_OF_0) / COUNTS_PER_GREY
+    np.testing.assert_allclose(eight, back, atol=0.51)
