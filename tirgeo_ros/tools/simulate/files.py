@@ -15,6 +15,7 @@ from tirgeo_ros.tools.simulate.ground import paint
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import Park, lay_out
+from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario import load_scenario
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
@@ -22,6 +23,10 @@ from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
 
 NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
          "observations.csv", "params.yaml")  # fmt: skip
+
+#: Beside NAMES where the ground is not level.
+ELEVATION = ("dem.asc", "dem.prj")
+_CLEAR_M = 3.0  # over all ground
 
 
 def simulate(
@@ -40,7 +45,7 @@ def simulate(
     it, the observations are those of its pictures, all else is the whole flight's. Returns what
     was written. Raises ScenarioError, and BagError or SurveyError where files cannot be written.
     """
-    outputs = [Path(out_dir) / name for name in NAMES]
+    outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
     if duration_s is None:
@@ -65,17 +70,22 @@ def _written(
     points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets = targets_of(flight.scenario, flight.seed)
+    relief = Relief(flight.scenario.park, flight.seed)
+    _check_clear(flight, relief)
     made_folder(folder, ScenarioError)
     texts: dict[PathLike, str | bytes] = {
-        folder / "map.geojson": map_text(park, flight.plane),
-        folder / "targets.geojson": targets_text(targets, flight.plane),
+        folder / "map.geojson": map_text(park, flight.plane, relief),
+        folder / "targets.geojson": targets_text(targets, flight.plane, relief),
         folder / "params.yaml": parameters_text(flight.scenario),
     }
+    if not relief.is_level:
+        texts[folder / "dem.asc"] = elevation_text(relief, flight.plane)
+        texts[folder / "dem.prj"] = WGS84_TEXT
     write_files(texts, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
-    renderer = _renderer(flight, park, targets) if images else None
+    renderer = _renderer(flight, park, targets, relief) if images else None
     seen = sightings(flight, camera, targets) if images else []
     counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
     return {
@@ -91,7 +101,17 @@ def _written(
     }
 
 
-def _renderer(flight: Flight, park: Park, targets: list[Target]) -> Renderer:
+def _check_clear(flight: Flight, relief: Relief) -> None:
+    """Raise ScenarioError where hills could be as high as the aircraft."""
+    lowest_m = -float(flight.truth.position_p[:, 2].max())
+    if relief.highest_m > lowest_m - _CLEAR_M:
+        raise ScenarioError(
+            f"park: its ground may rise to {relief.highest_m:.1f} m, and the flight is as low as "
+            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg or hills_m less"
+        )
+
+
+def _renderer(flight: Flight, park: Park, targets: list[Target], relief: Relief) -> Renderer:
     ground = paint(park, flight.scenario.park, flight.seed)
     patches = [patch for target in targets for patch in target.patches()]
-    return Renderer(flight.scenario.video.camera, ground, flight.scenario.video, patches)
+    return Renderer(flight.scenario.video.camera, ground, flight.scenario.video, patches, relief)

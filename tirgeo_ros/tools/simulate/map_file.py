@@ -10,20 +10,21 @@ import numpy as np
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.simulate.park import Bed, Park
+from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 
 _DECIMALS = 9  # of a degree: a tenth of a millimetre
 
 
-def map_text(park: Park, plane: TangentPlane) -> str:
-    """The park's map with heights above the ellipsoid, on the plane of the site."""
+def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
+    """The park's map with heights above the ellipsoid."""
     features = [
-        *(_feature(bed.name, "bed", "Polygon", _polygon(bed, plane)) for bed in park.beds),
+        *(_feature(bed.name, "bed", "Polygon", _polygon(bed, plane, relief)) for bed in park.beds),
         *(
-            _feature(path.name, "path", "LineString", _positions(path.line, plane))
+            _feature(path.name, "path", "LineString", _positions(path.line, plane, relief))
             for path in park.paths
         ),
         *(
-            point_feature({"name": point.name, "kind": "hydrant"}, point.center, plane)
+            point_feature({"name": point.name, "kind": "hydrant"}, point.center, plane, relief)
             for point in park.hydrants
         ),
     ]
@@ -37,10 +38,13 @@ def collection(features: Sequence[Mapping[str, object]]) -> str:
 
 
 def point_feature(
-    properties: Mapping[str, object], place: Array, plane: TangentPlane
+    properties: Mapping[str, object],
+    place: Array,
+    plane: TangentPlane,
+    relief: Relief = LEVEL,
 ) -> dict[str, object]:
     """A Point on the ground at north, east (2,)."""
-    geometry = {"type": "Point", "coordinates": _positions(place[None, :], plane)[0]}
+    geometry = {"type": "Point", "coordinates": _positions(place[None, :], plane, relief)[0]}
     return {"type": "Feature", "properties": dict(properties), "geometry": geometry}
 
 
@@ -52,10 +56,10 @@ def _feature(name: str, kind: str, geometry: str, coordinates: object) -> dict[s
     }
 
 
-def _polygon(bed: Bed, plane: TangentPlane) -> list[list[list[float]]]:
+def _polygon(bed: Bed, plane: TangentPlane, relief: Relief) -> list[list[list[float]]]:
     """Outer ring counterclockwise, holes clockwise, all closed (RFC 7946, 3.1.6)."""
     rings: Sequence[Array] = (_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes))
-    return [_positions(np.vstack([ring, ring[:1]]), plane) for ring in rings]
+    return [_positions(np.vstack([ring, ring[:1]]), plane, relief) for ring in rings]
 
 
 def _clockwise(ring: Array) -> Array:
@@ -65,9 +69,9 @@ def _clockwise(ring: Array) -> Array:
     return ring if twice_area > 0 else ring[::-1]
 
 
-def _positions(points: Array, plane: TangentPlane) -> list[list[float]]:
+def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[float]]:
     """Longitude, latitude (deg), height (m) of ground points (N, 2)."""
-    lat, lon, height = plane.geodetic_from_ned(np.column_stack([points, np.zeros(len(points))]))
+    lat, lon, height = plane.geodetic_from_ned(relief.places(points))
     degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
     return [
         [x, y, z] for (x, y), z in zip(degrees.tolist(), np.round(height, 4).tolist(), strict=True)

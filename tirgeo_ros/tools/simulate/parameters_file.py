@@ -36,15 +36,18 @@ def parameters_text(scenario: Scenario) -> str:
             "delay": {"gps_s": scenario.gps.arrival_delay_s},
         },
         "/**/ekf_node": _ekf(scenario),
-        "/**/overlay_node": {
-            "ground_height_m": site.ground_height_m,
-            "video_latency_s": scenario.video.latency_s,
-        },
+        "/**/overlay_node": _ground(scenario) | {"video_latency_s": scenario.video.latency_s},
         "/**/bag_player": {"simulated_aircraft": {"geoid_undulation_m": site.geoid_undulation_m}},
     }
     tree = {pattern: {"ros__parameters": values} for pattern, values in nodes.items()}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return _HEAD.format(name=scenario.name) + body
+
+
+def _ground(scenario: Scenario) -> dict[str, object]:
+    """The height of level ground; of any other ``--dem`` is asked."""
+    is_level = not (scenario.park.slope_deg or scenario.park.hills_m)
+    return {"ground_height_m": scenario.site.ground_height_m} if is_level else {}
 
 
 def _places(scenario: Scenario) -> dict[str, object]:

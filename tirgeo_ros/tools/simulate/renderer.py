@@ -13,6 +13,7 @@ from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.simulate.ground import Ground
+from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
 from tirgeo_ros.tools.simulate.warm_spots import Patch, lay_on
 
@@ -34,10 +35,12 @@ class Renderer:
         ground: Ground,
         scenario: VideoScenario,
         patches: Sequence[Patch] = (),
+        relief: Relief = LEVEL,
     ) -> None:
         """Compute the ray of every pixel once; the patches lie on the ground."""
         self._shape = camera.height, camera.width
         self._patches = patches
+        self._relief = relief
         self._ground = ground
         self._scenario = scenario
         v, u = np.mgrid[: camera.height, : camera.width]
@@ -49,12 +52,14 @@ class Renderer:
         self._gain = (1 - scenario.vignetting * share).astype(np.float32)
 
     def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> Picture:
-        """A picture (h, w) of the plane d = 0 from a pose (3,), (4,) in the plane ``p``."""
+        """A picture (h, w) of the ground from a pose (3,), (4,) in the plane ``p``."""
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         seen = rays_p[:, 2] > -position_p[2] / _FAR_M
         # Single precision serves: some 100 m to 1e-5 m.
         place = position_p.astype(np.float32)
         depth = -place[2] / np.where(seen, rays_p[:, 2], np.float32(1))
+        if not self._relief.is_level:
+            depth[seen] = self._relief.met(place, rays_p[seen])
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         picture = self._sampled(north, east, self._footprints(depth, rays_p))

@@ -97,6 +97,10 @@ class ParkScenario:
     cell_m: float = param(14.0, "one bed is laid in a square of this", unit="m", low=6, high=100)
     margin_m: float = param(50.0, "grass painted around the beds", unit="m", low=0, high=2000)
     resolution_m: float = param(0.05, "of the painted ground", unit="m", low=0.01, high=1)
+    slope_deg: float = param(0.0, "the ground rises by this", unit="deg", low=0, high=30)
+    uphill_deg: float = param(0.0, "towards here, from north", unit="deg", low=-360, high=360)
+    hills_m: float = param(0.0, "height of hills, and depth of hollows", unit="m", low=0, high=50)
+    hill_size_m: float = param(60.0, "from hill to hill", unit="m", low=10, high=1000)
 
 
 _PER_TARGET = 4

@@ -20,6 +20,7 @@ from tirgeo_ros.io.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.simulate.flight import Flight
 from tirgeo_ros.tools.simulate.park import Park
 from tirgeo_ros.tools.simulate.processes import generator
+from tirgeo_ros.tools.simulate.relief import Relief
 from tirgeo_ros.tools.simulate.scenario_ground import SurveyScenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
 from tirgeo_ros.tools.simulate.targets import Target
@@ -44,7 +45,7 @@ def surveyed(
     """
     config = flight.scenario.survey
     level = np.concatenate([bed.outline for bed in park.beds])
-    views = _views(flight, camera, np.column_stack([level, np.zeros(len(level))]))
+    views = _views(flight, camera, level)
     clicked = {corner: _apart(views, corner, config) for corner in range(len(views.corners_p))}
     candidates = [corner for corner, frames in clicked.items() if len(frames) >= config.views]
     if len(candidates) < config.points:
@@ -72,8 +73,7 @@ def sightings(flight: Flight, camera: Camera, targets: Sequence[Target]) -> list
     """
     if not targets:
         return []
-    places_p = np.array([[*target.center, 0.0] for target in targets])
-    views = _views(flight, camera, places_p)
+    views = _views(flight, camera, np.array([target.center for target in targets]))
     off_middle = np.hypot(*np.moveaxis(views.uv - [camera.width / 2, camera.height / 2], -1, 0))
     latency_ns = round(flight.scenario.video.latency_s * 1e9)
     found = []
@@ -93,8 +93,10 @@ def _passes(good: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.intp]]:
     return [run for run in runs if run.size]
 
 
-def _views(flight: Flight, camera: Camera, corners_p: Array) -> Views:
-    """Project points (C, 3) into all pictures."""
+def _views(flight: Flight, camera: Camera, level: Array) -> Views:
+    """Project places on the ground, north and east (C, 2), into all pictures."""
+    relief = Relief(flight.scenario.park, flight.seed)
+    corners_p = relief.places(level)
     epochs = exposures(flight)
     position, q_pc = flight.gimbal.camera(epochs.t_s)
     turned = [
@@ -102,6 +104,8 @@ def _views(flight: Flight, camera: Camera, corners_p: Array) -> Views:
         for place, rotation in zip(position, matrix_from_quat(q_pc), strict=True)
     ]
     uv = np.array([camera.project(points_c)[0] for points_c in turned])
+    if not relief.is_level:
+        uv[[relief.hides(place, corners_p) for place in position]] = np.nan
     return Views(corners_p, epochs, uv, _well_seen(uv, camera, epochs, flight.scenario.survey))
 
 

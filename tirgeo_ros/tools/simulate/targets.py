@@ -12,6 +12,7 @@ from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.simulate.map_file import collection, point_feature
 from tirgeo_ros.tools.simulate.processes import generator
+from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.warm_spots import Patch
 
@@ -81,16 +82,16 @@ def _of_kind(
         yield Target(f"{kind} {number}", kind, row[:2], float(row[2]), float(row[3]), heading)
 
 
-def targets_text(targets: list[Target], plane: TangentPlane) -> str:
+def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LEVEL) -> str:
     """The targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
-    return collection([_feature(target, plane) for target in targets])
+    return collection([_feature(target, plane, relief) for target in targets])
 
 
-def _feature(target: Target, plane: TangentPlane) -> dict[str, object]:
+def _feature(target: Target, plane: TangentPlane, relief: Relief) -> dict[str, object]:
     about = {
         "id": target.id,
         "kind": target.kind,
         "warmer_k": round(target.warmer_k, 3),
         "size_m": round(target.size_m, 3),
     }
-    return point_feature(about, target.center, plane)
+    return point_feature(about, target.center, plane, relief)
