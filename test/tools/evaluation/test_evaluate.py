@@ -27,6 +27,7 @@ from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluation.evaluate import evaluate
 from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation
 from tirgeo_ros.tools.evaluation.tables import text_tables
+from tirgeo_ros.tools.evaluation.verdict import verdict
 from tirgeo_ros.tools.simulate import simulate
 
 pytestmark = pytest.mark.slow
@@ -335,9 +336,20 @@ def test_the_survey_of_another_place_is_told(sample, raw_flight, tmp_path):
     assert any("points lie 11.1 km from where the survey" in note for note in away.notes)
 
 
+def test_the_verdict_names_the_boresight_that_was_planted(found):
+    told = verdict(found.methods)
+    assert told.startswith("0 of 24 lie in their ellipse of 95 %, mean offset ")
+    assert told.endswith(": systematic; run calibrate boresight (calibrated)")
+    degrees = float(re.search(r"([0-9.]+) deg[)]", told)[1])
+    assert degrees == pytest.approx(5.0, abs=0.5)  # a tenth is the linear fit's
+    honest = verdict(found.methods[:-1])
+    assert re.fullmatch(r"2\d of 24 lie in .* 95 %, 0[.]\d\d m off on average \(.*\)", honest)
+
+
 def test_the_tables(found):
     lines = text_tables(summary(found)).splitlines()
-    assert lines[1].split() == ["point", *METHODS, "calibrated", "seen"]
+    assert lines[:2] == [verdict(found.methods), ""]
+    assert lines[3].split() == ["point", *METHODS, "calibrated", "seen"]
     located = next(line for line in lines if line.startswith("located"))
     assert located.split() == ["located", "25", "25", "24", "24", "24", "of", "25"]
     rmse = found.method("rtk").errors.point_rmse_m["P02"]
@@ -370,6 +382,7 @@ def test_the_command_in_json(raw_flight, tmp_path, capsys):
     words = ["evaluate", bag, "--survey", survey, "--observations", seen, "-o", tmp_path / "out"]
     assert main([str(word) for word in [*words, "--json"]]) == 0
     numbers = json.loads(capsys.readouterr().out)
+    assert next(iter(numbers)) == "verdict"
     assert list(numbers["methods"]) == ["raw"]
     assert list(numbers["missing"]) == METHODS[1:]
     # the filter would fall back on GPS, but that is no method of Table 6

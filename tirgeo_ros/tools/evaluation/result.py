@@ -21,6 +21,7 @@ from tirgeo_ros.core.locating import Ground
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.evaluation.projection import Projection
+from tirgeo_ros.tools.evaluation.systematic import PixelMoves
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
 from tirgeo_ros.tools.recording import BodyErrors
 
@@ -55,6 +56,7 @@ class LocatedPoint:
     error_en: Array  # (2,) located less surveyed, m
     covariance_en: Array  # (2, 2) of the located point, as the method predicts it, m2
     ellipse: Ellipse  # of 95 %; its azimuth from the plane's north
+    moves: PixelMoves | None = None  # the offset in the picture, with what may have made it
 
     @property
     def distance_m(self) -> float:

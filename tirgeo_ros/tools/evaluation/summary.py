@@ -17,6 +17,7 @@ from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodR
 from tirgeo_ros.tools.evaluation.series import SETTLED_S
 from tirgeo_ros.tools.evaluation.setups import CALIBRATED
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
+from tirgeo_ros.tools.evaluation.verdict import verdict
 from tirgeo_ros.tools.recording import BodyErrors
 
 #: What the measures mean; it stands beside them wherever they are told.
@@ -40,6 +41,7 @@ def summary(found: Evaluation) -> dict[str, object]:
     """All numbers, for JSON: lengths in m, in the projected plane."""
     checks, projection = found.checks, found.projection
     return {
+        "verdict": verdict(found.methods),
         "input": found.bag,
         "survey": found.survey_path,
         "observations": found.observations_path,
