@@ -211,6 +211,7 @@ class _Flight:
             run.setup.overlay,
             run.setup.ground,
             layers,
+            run.setup.method,
         )
         return overlay_stills(source, self._given.control.values(), self._given.observations)
 
