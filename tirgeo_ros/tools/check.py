@@ -1,0 +1,159 @@
+"""What is wrong with a recorded flight's set-up and sensors: the work of ``tirgeo check``."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings, verdict_line
+from tirgeo_ros.core.checks.recording_checks import damage_findings, no_pose_findings
+from tirgeo_ros.core.draping import Ground
+from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.camera_file import given_camera
+from tirgeo_ros.io.elevation import ground_of
+from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.parameter_file import Files, PathLike
+from tirgeo_ros.tools.checks import FlightChecks, finding_items, setting_of
+from tirgeo_ros.tools.checks.setting import CAMERA_INFO, INPUTS
+from tirgeo_ros.tools.checks.words import tally_line
+from tirgeo_ros.tools.inputs import PICTURES, resolved
+from tirgeo_ros.tools.node_configs import NodeConfigs, node_configs
+from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.tools.registration import SAMPLES, Registration
+
+
+def check(
+    bag: PathLike,
+    *,
+    params: Files = None,
+    map: PathLike | None = None,  # noqa: A002 the option's name
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
+    camera: PathLike | None = None,
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Take a bag through filter, gimbal and all checks, and return findings and numbers.
+
+    ``error`` is the verdict where a flight must not begin so, else None. ``map``, ``dem`` or
+    ``ground_height`` (ellipsoidal m) and ``camera`` stand before those in ``params``. Raises
+    BagError, CameraError, ConfigError, ElevationError and MapError for files that cannot be read.
+    """
+    configs = node_configs(params, namespace, dem=dem, ground_height=ground_height, camera=camera)
+    reader = BagReader(bag)
+    fitted, notes = configs.fitting(reader, namespace)
+    overlay = fitted.overlay
+    map_path = overlay.map if map is None else os.fspath(map)
+    ground, known = ground_of(overlay), given_camera(overlay)
+    layers = None
+    if map_path:
+        layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
+    setting = setting_of(
+        fitted,
+        reader,
+        params,
+        namespace,
+        ground=ground,
+        layers=layers,
+        camera=known,
+        pictures=True,
+    )
+    flight = _Flight(reader, fitted, namespace, FlightChecks(setting))
+    flight.read(progress)
+    found = flight.findings()
+    return {
+        "input": os.fspath(bag),
+        "verdict": tally_line(found),
+        "findings": finding_items(found),
+        "checked": flight.numbers(ground) | ({"map_layers": len(layers)} if layers else {}),
+        "notes": notes,
+        "error": verdict_line(found) if tally_line(found).startswith("NO GO") else None,
+    }
+
+
+class _Flight:
+    """One pass through a bag: no overlay, nothing written."""
+
+    def __init__(
+        self, reader: BagReader, configs: NodeConfigs, namespace: str, checks: FlightChecks
+    ) -> None:
+        self._reader = reader
+        self._checks = checks
+        self._cdr = Cdr()
+        self._arrivals = Arrivals()
+        self._registration = Registration(configs.ekf, configs.gimbal)
+        self._heights_m = (math.inf, -math.inf)  # lowest and highest, ellipsoidal
+        present = reader.topics()
+        names = {resolved(topic, namespace): topic for topic in INPUTS}
+        self._topics = {
+            name: topic for name, topic in names.items() if present.get(name) == TOPIC_TYPES[topic]
+        }
+
+    def read(self, progress: Report) -> None:
+        """Take every message; ``progress`` is told seconds of the flight."""
+        first_ns, last_ns = self._reader.span_ns
+        for message in self._reader.messages(self._topics):
+            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            topic = self._topics[message.topic]
+            try:
+                self._take(topic, message)
+            except TirgeoError as error:
+                self._checks.refused(topic, str(error))
+
+    def _take(self, topic: str, message: BagMessage) -> None:
+        decoded = self._cdr.deserialize(message.data, message.typename, topic)
+        arrival_ns = message.log_time_ns
+        if topic == CAMERA_INFO:
+            self._checks.camera(convert.camera(decoded), arrival_ns)
+        elif topic in PICTURES:
+            self._picture(topic, decoded, arrival_ns)
+        else:
+            self._sample(topic, decoded, arrival_ns)
+
+    def _picture(self, topic: str, decoded: Any, arrival_ns: int) -> None:
+        read = convert.compressed_pixels if "compressed" in topic else convert.image_pixels
+        self._checks.frame(topic, convert.stamp_ns(decoded), read(decoded), arrival_ns)
+
+    def _sample(self, topic: str, decoded: Any, arrival_ns: int) -> None:
+        sample = SAMPLES[topic](decoded)
+        self._checks.sample(topic, sample, arrival_ns)
+        found = self._registration.take(self._arrivals.stamped(topic, sample, arrival_ns))
+        self._checks.registered(found, self._registration.navigation.plane)
+        if found.solution is not None:
+            low, high = self._heights_m
+            height_m = found.solution.height_m
+            self._heights_m = (min(low, height_m), max(high, height_m))
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong, the worst first."""
+        found = [*damage_findings(self._reader.damage), *self._checks.findings()]
+        explained = any(one.severity is Severity.STOP for one in found)
+        if not self._has_pose and not explained:
+            found += no_pose_findings(self._registration.navigation.status())
+        return sorted_findings(found)
+
+    @property
+    def _has_pose(self) -> bool:
+        return math.isfinite(self._heights_m[0])
+
+    def numbers(self, ground: Ground | None) -> dict[str, object]:
+        """Return what was looked at."""
+        status = self._registration.navigation.status()
+        first_ns, last_ns = self._reader.span_ns
+        numbers: dict[str, object] = {
+            "duration_s": (last_ns - first_ns) * 1e-9,
+            "topics": self._checks.seen.topics,
+            "method": status.method,
+            "state": status.state.value,
+            "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+            "composition": self._registration.composer.composition,
+            "picture_size": self._checks.seen.size,
+        }
+        if isinstance(ground, float) and self._has_pose:
+            numbers["height_above_ground_m"] = [one - ground for one in self._heights_m]
+        return numbers
