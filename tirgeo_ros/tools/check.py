@@ -111,13 +111,10 @@ class _Flight:
         if topic == CAMERA_INFO:
             self._checks.camera(convert.camera(decoded), arrival_ns)
         elif topic in PICTURES:
-            self._picture(topic, decoded, arrival_ns)
+            pixels = convert.pixels(topic, decoded)
+            self._checks.frame(topic, convert.stamp_ns(decoded), pixels, arrival_ns)
         else:
             self._sample(topic, decoded, arrival_ns)
-
-    def _picture(self, topic: str, decoded: Any, arrival_ns: int) -> None:
-        read = convert.compressed_pixels if "compressed" in topic else convert.image_pixels
-        self._checks.frame(topic, convert.stamp_ns(decoded), read(decoded), arrival_ns)
 
     def _sample(self, topic: str, decoded: Any, arrival_ns: int) -> None:
         sample = SAMPLES[topic](decoded)

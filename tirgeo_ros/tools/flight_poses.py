@@ -153,6 +153,7 @@ class RecordedFlight:
     def _take(self, topic: str, message: BagMessage) -> None:
         if topic in PICTURES:
             self.picture_stamps_ns.append(header_stamp_ns(message.data))
+            self._look_at_picture(topic, message)
             return
         decoded = self._cdr.deserialize(message.data, message.typename)
         self.read += 1
@@ -167,6 +168,12 @@ class RecordedFlight:
         sample = self._arrivals.stamped(topic, sample, message.log_time_ns)
         for taker in self._takers[topic]:
             taker.take(sample)
+
+    def _look_at_picture(self, topic: str, message: BagMessage) -> None:
+        if self._checks is not None:
+            decoded = self._cdr.deserialize(message.data, message.typename)
+            stamp_ns, pixels = convert.stamp_ns(decoded), convert.pixels(topic, decoded)
+            self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
 
 
 class FlightPoses:

@@ -22,10 +22,9 @@ def picture_size(reader: BagReader, namespace: str) -> tuple[int, int] | None:
         name = resolved(topic, namespace)
         if present.get(name) != TOPIC_TYPES[topic]:
             continue
-        read = convert.compressed_pixels if "compressed" in topic else convert.image_pixels
         for message in islice(reader.messages([name]), _TRIED):
             try:
-                pixels = read(cdr.deserialize(message.data, message.typename))
+                pixels = convert.pixels(topic, cdr.deserialize(message.data, message.typename))
             except TirgeoError:
                 continue
             return pixels.shape[1], pixels.shape[0]

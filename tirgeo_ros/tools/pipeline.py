@@ -206,10 +206,8 @@ class Pipeline:
             self._checks.camera(camera, log_time_ns)
             self.overlay.set_camera(camera)
             return
-        compressed = topic.endswith("/compressed")
-        read = convert.compressed_pixels if compressed else convert.image_pixels
         self.overlay.set_status(self.registration.navigation.status())
-        pixels, stamp_ns = read(message), convert.stamp_ns(message)
+        pixels, stamp_ns = convert.pixels(topic, message), convert.stamp_ns(message)
         self._checks.frame(topic, stamp_ns, pixels, log_time_ns)
         stamp_ns = self.arrivals.stamp_ns(topic, stamp_ns, log_time_ns)
         self.overlay.add_frame(stamp_ns, pixels, log_time_ns)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checks.finding import Finding, sorted_findings
 from tirgeo_ros.core.checks.recording_checks import unreadable_findings
@@ -26,6 +27,7 @@ class FlightChecks:
         self.seen = Seen()
         self._setting = setting
         self._groups = Groups(setting)
+        self._arrivals = Arrivals()
         self._camera: Camera | None = None
         self._plane: TangentPlane | None = None
         self._refused: Counter[str] = Counter()
@@ -36,14 +38,18 @@ class FlightChecks:
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, its stamp as its message has it."""
         self.seen.message(topic, arrival_ns)
-        if isinstance(sample, JointSample):
+        if not isinstance(sample, JointSample | CameraAttitudeSample):
+            self._groups.navigation.take(topic, sample, arrival_ns)
+        self._gimbal(self._arrivals.stamped(topic, sample, arrival_ns))
+
+    def _gimbal(self, sample: Sample) -> None:
+        if isinstance(sample, ImuSample):
+            if sample.autopilot_q_nb is not None:
+                self._groups.gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+        elif isinstance(sample, JointSample):
             self._groups.gimbal.joints(sample)
         elif isinstance(sample, CameraAttitudeSample):
             self._groups.gimbal.reported(sample)
-        else:
-            self._groups.navigation.take(topic, sample, arrival_ns)
-            if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
-                self._groups.gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
 
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
         """Take what filter and gimbal made of a sample, and the plane of the poses."""
@@ -54,6 +60,7 @@ class FlightChecks:
             self._groups.pictures.plane(plane)
         if found.body is not None:
             self._groups.gimbal.body(found.body)
+            self._groups.pictures.body(found.body)
         for pose in found.cameras:
             self._groups.pictures.pose(pose)
 

@@ -65,6 +65,9 @@ class PictureGroup(Protocol):
     def pose(self, pose: CameraPose) -> None:
         """Take a pose of the camera."""
 
+    def body(self, pose: BodyPose) -> None:
+        """Take a pose of the body."""
+
     def plane(self, plane: TangentPlane) -> None:
         """Take the plane of the poses."""
 
