@@ -14,9 +14,9 @@ from tirgeo_ros.core.labels import Room, wish_beside
 from tirgeo_ros.core.map_layers import LayerStyle
 from tirgeo_ros.core.polylines import BoolArray, Polylines
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines, thin_strokes
 from tirgeo_ros.core.text import Box, Colour, Pixels, Stamp, stamp, text_px
-from tirgeo_ros.core.uncertainty_marks import MARK_TIMES, ellipse_dashes, paint_ellipses
+from tirgeo_ros.core.uncertainty_marks import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
@@ -63,7 +63,7 @@ class PlacedMarkers:
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         dashes = _ellipses(self._uv, self._covariance, mark_radius_px(image))
-        paint_ellipses(image, painter, dashes)
+        thin_strokes(image, dashes, ELLIPSE_BGR)
         painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
         for text, box in self._labels:
             text.lay(image, box.left, box.top)
@@ -82,4 +82,4 @@ def _ellipses(uv: Array, covariance: Array, mark_px: float) -> Polylines:
     drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # not if nan
     semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
     dotted = np.zeros(len(drawn), bool)
-    return ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)[0]
+    return ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)

@@ -34,7 +34,6 @@ from tirgeo_ros.core.line_samples import each, ribbons, sampled
 from tirgeo_ros.core.map_layers import LayerStyle
 from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.strokes import Painter
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen
@@ -51,7 +50,7 @@ MOST_ELLIPSES = 40
 _BAND_STEP_PX = 16.0
 _BAND_OPACITY = 0.25
 #: No layer's by default, nor a click's: what is so drawn is no place but a doubt.
-_ELLIPSE = LayerStyle(line_bgr=(255, 175, 215), width_px=1)
+ELLIPSE_BGR = (255, 175, 215)
 _CORNERS = 48  # of an ellipse
 _TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
 _CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
@@ -72,7 +71,6 @@ class Ellipses:
     """Ellipses of 95 % for N anchors."""
 
     outlines: Polylines  # (2, V) pixels, owned by features: the dashes, or dots of a hint
-    opacity: Array  # (outlines,) 1/4 to 1, as that of lines
     uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or nobody can tell
 
 
@@ -168,8 +166,8 @@ class Confidence:
         chosen = np.flatnonzero(drawn & self._config.ellipses)
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
         uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
-        outlines, which = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
-        return Ellipses(outlines, self._opacity(semi_px[which, 0]), uncertain)
+        dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
+        return Ellipses(dashes, uncertain)
 
 
 def layer_sigmas(vector_map: VectorMap) -> Array:
@@ -218,8 +216,8 @@ def _spread_out(uv: Array, camera: Camera) -> IntArray:
 
 def ellipse_dashes(
     uv: Array, semi_px: Array, angle: Array, owner: IntArray, dotted: BoolArray
-) -> tuple[Polylines, IntArray]:
-    """Dashes (2, V) of ellipses around uv (2, N), and of which ellipse each is.
+) -> Polylines:
+    """Dashes (2, V) of ellipses around uv (2, N).
 
     Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
     ``owner`` (N,) is whose they are; those that are ``dotted`` (N,) have shorter dashes.
@@ -231,7 +229,7 @@ def ellipse_dashes(
     lengths = np.where(dotted[which], _DOT, _DASH) + 1
     begin = np.tile(begins, len(owner)) + which * (_CORNERS + 1)
     number, starts = runs(begin, lengths)
-    return Polylines(corners.reshape(2, -1).take(number, axis=1), starts, owner[which]), which
+    return Polylines(corners.reshape(2, -1).take(number, axis=1), starts, owner[which])
 
 
 def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
@@ -240,10 +238,3 @@ def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
     along, across = semi_px.T
     axes = np.array([[along * c, -across * s], [along * s, across * c]])
     return np.asarray(axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None])
-
-
-def paint_ellipses(
-    image: Pixels, painter: Painter, dashes: Polylines, opacity: Array | None = None
-) -> None:
-    """Draw ellipses' dashes (2, V) with an opacity (dashes,) each, in the ellipses' own colour."""
-    painter.strokes(image, dashes, np.zeros(len(dashes), np.int64), [_ELLIPSE], opacity)
