@@ -79,7 +79,7 @@ class GyroChecks:
         scale = np.sqrt(np.outer(self._own, self._other))
         same = np.divide(self._both, scale, out=np.zeros((3, 3)), where=scale > 0)
         ratio = np.sqrt(self._own / np.maximum(self._other, 1e-12))
-        found = [_fault(axis, same[:, axis], float(ratio[axis])) for axis in np.flatnonzero(told)]
+        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if told[k]]
         kinds = [one for one in found if one]
         return sorted(kinds, key=lambda one: -one.severity)[:1]
 

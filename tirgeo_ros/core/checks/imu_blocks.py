@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from tirgeo_ros.core.samples import Array, ImuSample
@@ -11,6 +10,8 @@ from tirgeo_ros.core.strapdown import Vector
 _BLOCK_NS = 50_000_000
 #: A longer step between samples has lost some: a block across it would be no mean.
 _LONGEST_STEP_NS = 40_000_000
+#: In whatever unit.
+_NO_NUMBER = 1e7
 
 
 class ImuBlock(NamedTuple):
@@ -37,7 +38,7 @@ class ImuBlocks:
     def add(self, sample: ImuSample) -> ImuBlock | None:
         """Take the next sample; return the block that it ends, if it does.
 
-        A sample stands for the interval before its stamp. One that is not finite is left out.
+        A sample stands for the interval before its stamp. One that is no number is left out.
         """
         stamp_ns = sample.stamp_ns
         step_ns, self._newest_ns = stamp_ns - self._newest_ns, stamp_ns
@@ -48,7 +49,7 @@ class ImuBlocks:
         p, q, r = self._rate
         x, y, z = sample.specific_force_b.tolist()
         u, v, w = sample.angular_rate_b.tolist()
-        if not math.isfinite(x + y + z + u + v + w):
+        if not abs(x + y + z) + abs(u + v + w) < _NO_NUMBER:  # nor is a NaN
             return None
         self._force = a + x, b + y, c + z
         self._rate = p + u, q + v, r + w

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from tirgeo_ros.core.checks.covariance_checks import CovarianceChecks
-from tirgeo_ros.core.checks.finding import Finding, sorted_findings
+from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.checks.force_checks import ForceChecks
 from tirgeo_ros.core.checks.gyro_checks import GyroChecks
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
@@ -102,8 +102,9 @@ class NavigationChecks:
             *self._rates.findings(self._streams, self._arrived_ns),
             *self._covariances.findings(),
             *([] if units else self._vibration.findings()),  # it is measured in their units
-            *self._levers.findings(self._streams),
         ]
+        if not any(one.severity is Severity.STOP for one in found):  # it believes all of them
+            found += self._levers.findings(self._streams)
         return sorted_findings(found)
 
     def _imu(self, sample: ImuSample) -> None:
@@ -120,9 +121,12 @@ class NavigationChecks:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
         elif isinstance(sample, VelocitySample):
+            if fault_of(sample):
+                return
             self._velocities[sample.source].velocity(sample)
             if sample.source is Source.RTK_VELOCITY:
                 self._heading.velocity(sample)
+                self._levers.velocity(sample.stamp_ns, sample.velocity_n)
         else:
             self._position(sample)
 

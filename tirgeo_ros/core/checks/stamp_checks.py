@@ -54,10 +54,10 @@ class StampChecks:
         if topic not in _DELAYED or not imu.windows:
             return
         mine = stream.windows[-1]
-        near = [w.age_ns for w in imu.windows if abs(w.arrival_ns - mine.arrival_ns) < _OLD_NS]
-        if not near:
+        near = min(imu.windows, key=lambda w: abs(w.arrival_ns - mine.arrival_ns))
+        if abs(near.arrival_ns - mine.arrival_ns) > _OLD_NS:
             return
-        age_s = (mine.age_ns + self._delay_ns[topic] - min(near)) * 1e-9
+        age_s = (mine.age_ns + self._delay_ns[topic] - near.age_ns) * 1e-9
         ages = self._against.setdefault(topic, deque(maxlen=2 * _WINDOWS))
         ages.append(age_s)
         self._number[topic] = self._number.get(topic, 0) + 1

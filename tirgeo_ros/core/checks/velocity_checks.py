@@ -73,8 +73,7 @@ class VelocityChecks:
         inside = [v for t, v in self._velocities if begin_ns <= t <= stamp_ns]
         if len(inside) >= 2:
             mean = np.mean(inside, axis=0)
-            if np.isfinite(mean).all():
-                self._compare((position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9), mean)
+            self._compare((position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9), mean)
         self._restart(stamp_ns, position_n)
 
     def _restart(self, stamp_ns: int, position_n: Array) -> None:
