@@ -27,6 +27,26 @@ _STEP_RAD = 1e-5  # 64 m: short beside a model, long beside its cells' arithmeti
 _MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem"
 
 
+class MapChecks:
+    """Looks at map and elevation model of a flight whenever the map or the plane is new."""
+
+    def __init__(self, ground: Ground) -> None:
+        self._ground = ground
+        self._found: list[Finding] = []
+
+    def plane(self, plane: TangentPlane) -> None:
+        """Take the plane of the flight; a map comes after it."""
+        self._found = dem_findings(self._ground, plane)
+
+    def map(self, laid: LaidMap) -> None:
+        """Take a map that is laid in the plane."""
+        self._found = map_findings(laid, self._ground)
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong, the worst first."""
+        return self._found
+
+
 def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
     """Return what is wrong with a map that was laid in the flight's plane, the worst first.
 
