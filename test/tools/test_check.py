@@ -42,8 +42,9 @@ class Group:
 @pytest.fixture
 def stand_ins(monkeypatch):
     """The three groups, by module."""
-    made = {name: Group() for name in ("navigation_checks", "gimbal_checks", "picture_checks")}
-    monkeypatch.setattr(groups, "_made", lambda group, *_: made[group[0]])
+    made = {name: Group() for name in ("Navigation", "Gimbal", "Picture")}
+    for name, group in made.items():
+        monkeypatch.setattr(groups, f"{name}Checks", lambda *_, it=group: it)
     return made
 
 
@@ -81,8 +82,8 @@ def test_a_good_flight_goes(sample, capsys):
 
 
 def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, stand_ins, capsys):
-    stand_ins["navigation_checks"].found = [NOTE, CAUTION]
-    stand_ins["picture_checks"].found = [STOP]
+    stand_ins["Navigation"].found = [NOTE, CAUTION]
+    stand_ins["Picture"].found = [STOP]
     assert main(["check", str(short), *given(sample)]) == 1
     out, err = capsys.readouterr()
     assert out.split("checked over")[0] == (
@@ -95,7 +96,7 @@ def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, sta
 
 
 def test_a_caution_alone_may_fly(short, sample, stand_ins, capsys):
-    stand_ins["gimbal_checks"].found = [CAUTION]
+    stand_ins["Gimbal"].found = [CAUTION]
     assert main(["check", str(short), *given(sample), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["verdict"] == "GO: 1 caution"
@@ -161,7 +162,7 @@ def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp
     outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     said = []
     for out, found in zip(outs, ([], [STOP, CAUTION, NOTE]), strict=True):
-        stand_ins["navigation_checks"].found = found
+        stand_ins["Navigation"].found = found
         assert main(["process", str(short), "-o", str(out), *given(sample), "--no-images"]) == 0
         said.append(capsys.readouterr())
     assert outs[0].read_bytes() == outs[1].read_bytes()
@@ -193,14 +194,14 @@ def test_process_shows_the_gimbals_checks_some_of_what_the_overlay_does_not_want
     params = tmp_path / "more.yaml"
     params.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
     process(short, tmp_path / "a.mcap", params=[sample / "params.yaml", params], images=False)
-    assert "reported" not in stand_ins["gimbal_checks"].calls  # encoders alone are read
+    assert "reported" not in stand_ins["Gimbal"].calls  # encoders alone are read
     process(short, tmp_path / "b.mcap", params=sample / "params.yaml", images=False)
-    assert stand_ins["gimbal_checks"].calls["reported"] >= 20
+    assert stand_ins["Gimbal"].calls["reported"] >= 20
 
 
 @pytest.mark.parametrize("verb", ["locate", "evaluate"])
 def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
-    stand_ins["gimbal_checks"].found = [CAUTION, NOTE]
+    stand_ins["Gimbal"].found = [CAUTION, NOTE]
     seen = sample / "observations.csv"
     more = {
         "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],

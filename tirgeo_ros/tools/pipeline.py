@@ -197,6 +197,8 @@ class Pipeline:
         self._send("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
         if self.overlay is not None:
             self.overlay.set_plane(plane)
+            if self.overlay.laid is not None:
+                self._checks.map(self.overlay.laid)
 
     def _picture(self, topic: str, message: Any, log_time_ns: int) -> None:
         if self.overlay is None:

@@ -13,8 +13,9 @@ from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checks.finding import Finding, sorted_findings
 from tirgeo_ros.core.checks.recording_checks import unreadable_findings
 from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_drawing import LaidMap
 from tirgeo_ros.core.samples import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.tools.checks.groups import Groups
+from tirgeo_ros.tools.checks.groups import groups_of
 from tirgeo_ros.tools.checks.seen import Seen
 from tirgeo_ros.tools.checks.setting import CheckSetting
 from tirgeo_ros.tools.registration import Registered, Sample
@@ -26,7 +27,7 @@ class FlightChecks:
     def __init__(self, setting: CheckSetting) -> None:
         self.seen = Seen()
         self._setting = setting
-        self._groups = Groups(setting)
+        self._groups = groups_of(setting)
         self._arrivals = Arrivals()
         self._camera: Camera | None = None
         self._plane: TangentPlane | None = None
@@ -58,11 +59,16 @@ class FlightChecks:
         if plane is not None and plane is not self._plane:
             self._plane = plane
             self._groups.pictures.plane(plane)
+            self._groups.map.plane(plane)
         if found.body is not None:
             self._groups.gimbal.body(found.body)
             self._groups.pictures.body(found.body)
         for pose in found.cameras:
             self._groups.pictures.pose(pose)
+
+    def map(self, laid: LaidMap) -> None:
+        """Take the map as it lies in the plane that was taken before."""
+        self._groups.map.map(laid)
 
     def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
         """Take a calibration; without a time of arrival, one from a file."""
