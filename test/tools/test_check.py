@@ -8,6 +8,7 @@ from collections import Counter
 import pytest
 
 from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.errors import BagError
 from tirgeo_ros.io.bag import BagReader, BagWriter
 from tirgeo_ros.tools.check import check
 from tirgeo_ros.tools.checks import groups
@@ -197,6 +198,25 @@ def test_process_shows_the_gimbals_checks_some_of_what_the_overlay_does_not_want
     assert "reported" not in stand_ins["Gimbal"].calls  # encoders alone are read
     process(short, tmp_path / "b.mcap", params=sample / "params.yaml", images=False)
     assert stand_ins["Gimbal"].calls["reported"] >= 20
+
+
+def test_a_fault_of_a_check_is_told_and_changes_nothing(
+    short, sample, stand_ins, tmp_path, monkeypatch
+):
+    files = {"params": sample / "params.yaml", "images": False}
+    outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    assert process(short, outs[0], **files)["findings"] == []
+
+    def broken(*_):
+        raise BagError("no plane")  # an error of ours would count the sample as unreadable
+
+    monkeypatch.setattr(stand_ins["Navigation"], "take", broken, raising=False)
+    summary = process(short, outs[1], **files)
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    assert summary["unreadable"] == {}
+    (finding,) = summary["findings"]
+    assert (finding["check"], finding["severity"]) == ("check_failed", "caution")
+    assert "times: BagError: no plane (test_check.py:" in finding["evidence"]
 
 
 @pytest.mark.parametrize("verb", ["locate", "evaluate"])
