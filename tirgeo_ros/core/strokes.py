@@ -63,6 +63,21 @@ def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
     return Polylines(corners.reshape(2, -1), starts, marks.owner)
 
 
+def thin_strokes(image: Pixels, lines: Polylines, colour: Colour) -> None:
+    """Draw a few short lines (2, V), in pixels, thin, with halo, straight into the picture.
+
+    For lines of a colour of their own: one more colour costs ``Painter`` as much as all lines.
+    """
+    if not len(lines):
+        return
+    scale = drawing_scale(image)
+    width, halo = _pen_px(1, scale), max(round(_HALO_PX * scale), 1)
+    runs = lines.split_rows(_fixed_point(lines.points[:2]))
+    cv2.polylines(image, runs, False, (0, 0, 0), width + 2 * halo, cv2.LINE_8, _SHIFT)
+    for _ in range(2):  # once is too weak on its halo
+        cv2.polylines(image, runs, False, colour, width, cv2.LINE_AA, _SHIFT)
+
+
 class Painter:
     """Draws on one picture after another. It keeps its masks: fresh memory costs as much as ink.
 
