@@ -117,8 +117,7 @@ def process(
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
     summary = run.summary(elapsed_s, notes)
-    wanted = configs.ekf.method  # the default's aids are missed where the bag decides
-    summary["warning"] = _warning(reader, topics, wanted, namespace)
+    summary["warning"] = _warning(reader, topics, ekf.method, namespace)
     summary["findings"] = finding_items(checks.findings())  # damage is an error here
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
 
@@ -255,8 +254,8 @@ class _Run:
     def _notes(self) -> list[str]:
         """What of the map and the ground is not drawn, or not as its files say: a line each."""
         layers, ground = self._settings.layers or (), self._settings.ground
-        notes = [note for layer in layers for note in layer.left_out]
-        notes += ground.notes if isinstance(ground, Terrain) else ()
+        notes = list(ground.notes) if isinstance(ground, Terrain) else []
+        notes += [note for layer in layers for note in layer.left_out]
         return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
 
     def _error(self, reason: str) -> str | None:

@@ -269,7 +269,8 @@ def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_
     assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
     assert "needed topic absent: /gps/fix" in found.missing["raw"]
     numbers = summary(found)
-    assert "raw is missing: " in numbers["warning"]
+    assert numbers["warning"] is None  # a fact, and no fault
+    assert "ekf_heading is left out: needed topic absent: /rtk/heading" in numbers["notes"]
     assert [(t["first"], t["second"]) for t in numbers["t_tests"]] == [("rtk", "ekf")]
 
 
@@ -279,6 +280,7 @@ def test_a_method_that_never_starts_is_missing(sample, tmp_path):
     found = evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     assert [one.method for one in found.methods] == ["raw", "rtk"]
     assert found.missing["ekf"].startswith("no camera pose could be made: ")
+    assert f"ekf is missing: {found.missing['ekf']}" in summary(found)["warning"]
     assert "no observation could be located: no trusted pose" in found.error
     numbers = summary(found)
     assert numbers["methods"]["raw"]["rmse_m"] is None

@@ -126,7 +126,7 @@ def test_names_are_text_and_no_tags(found):
     point = next(iter(found.control.values()))
     odd = dataclasses.replace(point, id="<b>&'\"")
     changed = dataclasses.replace(
-        found, control={odd.id: odd}, notes=["<i>"], missing={"ekf": "<script>"}, error="<u>"
+        found, control={odd.id: odd}, notes=["<i>"], faults={"ekf": "<script>"}, error="<u>"
     )
     text = report_html(changed)
     assert not re.findall(r"<[biu]>|<script", text)

@@ -98,7 +98,8 @@ def evaluate(
         checks,
         sensors,
         methods,
-        flight.missing,
+        flight.missing | flight.faults,
+        flight.faults,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
         stills,
         notes,
@@ -174,7 +175,8 @@ class _Flight:
         looking: FlightChecks,
     ) -> None:
         self.looking = looking
-        self.missing: dict[str, str] = {}
+        self.missing: dict[str, str] = {}  # topics
+        self.faults: dict[str, str] = {}
         self.notes: list[str] = []
         self.recorded = RecordedFlight(
             reader,
@@ -202,7 +204,9 @@ class _Flight:
             self._check_essential(method)
             poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
         except BagError as error:
-            self.missing[setup.method] = str(error).removeprefix(f"{self._reader.path}: ")
+            reason = str(error).removeprefix(f"{self._reader.path}: ")
+            self.missing[setup.method] = reason
+            self.notes.append(f"{setup.method} is left out: {reason}")
             return None
         absent = [self._name(topic) for topic in done_without(poses.topics, method)]
         if absent:
@@ -223,7 +227,7 @@ class _Flight:
 
     def results(self) -> list[MethodResult]:
         """Of the methods that have poses; the others become missing."""
-        self.missing |= {run.setup.method: run.fault for run in self._runs if run.fault}
+        self.faults = {run.setup.method: run.fault for run in self._runs if run.fault}
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
         return [run.result(self.recorded.camera, self._given) for run in runs]
@@ -248,7 +252,7 @@ class _Flight:
     def _check_any(self, runs: Sequence[_Run]) -> None:
         if not runs:
             reasons: dict[str, list[str]] = {}
-            for method, reason in self.missing.items():
+            for method, reason in (self.missing | self.faults).items():
                 reasons.setdefault(reason, []).append(method)
             said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
             raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")

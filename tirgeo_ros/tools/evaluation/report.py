@@ -94,7 +94,7 @@ def _lead(found: Evaluation) -> str:
 
 def _remarks(found: Evaluation) -> list[str]:
     faults = [] if found.error is None else [found.error]
-    missing = [f"{method} could not be run: {why}" for method, why in found.missing.items()]
+    missing = [f"{method} could not be run: {why}" for method, why in found.faults.items()]
     return [
         *[f'<p class="fault">{escape(text)}</p>' for text in faults],
         *[f'<p class="note">{escape(text)}</p>' for text in missing],

@@ -204,6 +204,7 @@ class Evaluation:
     sensors: Sensors
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method to the reason why it could not
+    faults: Mapping[str, str]  # of these those whose topics the bag has
     tests: Sequence[PairedTest]  # each pair of ``methods`` once
     stills: Sequence[Still]  # of the last method; none where the bag has no pictures
     notes: Sequence[str]

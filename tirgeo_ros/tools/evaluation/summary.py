@@ -130,8 +130,8 @@ def _test(test: PairedTest) -> dict[str, object]:
 
 
 def _warning(found: Evaluation) -> str | None:
-    missing = [f"{method} is missing: {reason}" for method, reason in found.missing.items()]
-    return "; ".join(missing) or None
+    faults = [f"{method} is missing: {reason}" for method, reason in found.faults.items()]
+    return "; ".join(faults) or None
 
 
 def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
