@@ -374,8 +374,10 @@ def test_the_command(sample, raw_flight, tmp_path, capsys):
     words += ["--params", sample / "params.yaml", "--truth", sample / "truth.mcap"]
     assert main([str(word) for word in words]) == 0
     said, complaint = capsys.readouterr()
-    assert said.splitlines()[1].split() == ["point", "raw", "seen"]
-    assert "rtk is missing: needed topic absent: /rtk/fix" in complaint
+    assert re.match(r"\d+ of 25 lie in their ellipse of 95 %, .* [(]raw[)]\n", said)
+    assert said.splitlines()[3].split() == ["point", "raw", "seen"]
+    assert "rtk is left out: needed topic absent: /rtk/fix" in said
+    assert "missing" not in complaint
     assert (tmp_path / "out" / "result.json").is_file()
 
 
