@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pyproj
-from pyproj.crs import Datum
+from pyproj.crs import Datum  # type: ignore[attr-defined]
 from pyproj.exceptions import CRSError, ProjError
 
 from tirgeo_ros.core.errors import MapError
@@ -28,6 +28,7 @@ _WGS84_AXIS_M = 6378137.0
 #: and the like), which services for RTK work in too, and 2 or 3 m to some (NAD83(2011), GDA2020).
 _EXACT_M = 1.0
 _PLATE_M = 3.0
+_ROUNDING_DEG = 1e-9  # a tenth of a millimetre
 _NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
 
 
@@ -162,10 +163,19 @@ def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
 
 def in_range(points: Array) -> BoolArray:
     """Which points (N, 3) are a longitude and a latitude in degrees."""
-    right: BoolArray = (np.abs(points[:, 0]) <= 180) & (np.abs(points[:, 1]) <= 90)
+    right: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
     return right
 
 
-def range_error(where: str, x: float, y: float) -> MapError:
-    """The error for a vertex that is none."""
-    return MapError(f"{where}: ({x:.6g}, {y:.6g}) is not a longitude and a latitude; {_REMEDY}")
+def range_fault(x: float, y: float, *, all_are: bool) -> str:
+    """What is wrong with a vertex that is none; and what to do where all are such."""
+    remedy = f"; {_REMEDY}" if all_are else ""
+    return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{remedy}"
+
+
+def once_around(longitudes: Array) -> Array:
+    """Longitudes (deg) between -180 and 180; what is beyond by rounding is on the edge."""
+    beyond = np.abs(longitudes) > 180
+    rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
+    around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
+    return np.where(beyond, around, longitudes)

@@ -144,18 +144,18 @@ def line(*positions):
 
 
 BAD = {
-    "not JSON": ("name,lat,lon\n", "not JSON .*; a map is a GeoJSON file"),
+    "not JSON": ("name,lat,lon\n", "not JSON .*; a map is a GeoJSON file, without comments and"),
     "empty file": ("", "not JSON"),
     "deep": ("[" * 100_000, "not JSON"),
     "a list": ([1, 2], "JSON, but not GeoJSON"),
-    "TopoJSON": ({"type": "Topology"}, "JSON, but not GeoJSON"),
+    "other": ({"type": "Topologie"}, "JSON, but not GeoJSON"),
     "odd type": ({"type": ["Feature"]}, "JSON, but not GeoJSON"),
     "no features": ({"type": "FeatureCollection"}, "no list of features"),
     "empty": (collection(), "no feature with a geometry"),
     "no shapes": (collection(None), "no feature with a geometry"),
     "not a feature": (
         {"type": "FeatureCollection", "features": [3]},
-        "feature 1 is not a GeoJSON",
+        "feature 1: it is not a GeoJSON",
     ),
     "unknown shape": (collection(geometry("Circle", [1, 2])), "feature 1: its geometry is none"),
     "odd shape": (collection({"type": {}}), "feature 1: its geometry is none"),
@@ -180,7 +180,7 @@ BAD = {
     ),
     "heights alone": (
         collection(geometry("Point", [1, 2]), crs={"properties": {"name": "EPSG:5773"}}),
-        "unknown coordinate reference system 'EPSG:5773'",
+        "'EPSG:5773' is a Vertical CRS, and a map needs",
     ),
     "linked crs": (
         collection(geometry("Point", [1, 2]), crs={"type": "link", "properties": {"href": "x"}}),

@@ -156,7 +156,7 @@ def test_a_line_of_no_length_is_counted(folder):
     path.write_text(json.dumps({"type": "GeometryCollection", "geometries": shapes}))
     (layer,) = load_layers(str(path))
     assert [len(f.points) for f in layer.features] == [2]
-    assert layer.left_out == (f"{path}: 1 lines of no length left out",)
+    assert layer.left_out == (f"{path}: part of feature 1: a line of no length; left out",)
 
 
 def test_a_feature_a_line(folder):
