@@ -153,15 +153,15 @@ def test_tracks_are_lines(path):
         (
             "<NetworkLink><Link><href>a.kml</href></Link></NetworkLink>" * 2,
             (
-                "it has 0 placemarks and 2 NetworkLink (a link: open it in Google Earth or QGIS and "
-                "save what it leads to as KML)"
+                "it has 0 placemarks and 2 NetworkLink (a link: open it in Google Earth or QGIS "
+                "and save what it leads to as KML)"
             ),
         ),
         (
             "<GroundOverlay><Icon><href>a.png</href></Icon></GroundOverlay><Style/>",
             (
-                "it has 0 placemarks and 1 GroundOverlay (a picture: draw as lines what is wanted of "
-                "it), 1 styles"
+                "it has 0 placemarks and 1 GroundOverlay (a picture: draw as lines what is "
+                "wanted of it), 1 styles"
             ),
         ),
         ("<Style/><StyleMap/>", "it has 0 placemarks and 2 styles"),

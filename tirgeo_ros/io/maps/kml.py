@@ -148,8 +148,9 @@ def _elements(roots: list[Element]) -> Iterator[Element]:
     return iter(dict.fromkeys(each for root in roots for each in root.iter()))
 
 
-def _instead(tags: Counter[str]) -> str:
+def _instead(chosen: list[Element]) -> str:
     """What a file without a shape has, and what to do."""
+    tags = Counter(each.tag for each in _elements(chosen))
     styles = sum(tags[tag] for tag in _STYLES)
     told = [f"{tags[tag]} {tag} ({what})" for tag, what in _NOT_DRAWN.items() if tags[tag]]
     told += [f"{styles} styles"] if styles else []
@@ -188,7 +189,7 @@ def _table(path: Path, name: str, chosen: list[Element]) -> Table:
         _told(path, chosen),
         set_aside,
         faults=shapes.faults,
-        empty=empty_map(path, _instead(Counter(each.tag for each in _elements(chosen)))),
+        empty="" if shapes.parts else empty_map(path, _instead(chosen)),
     )
 
 

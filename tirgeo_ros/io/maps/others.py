@@ -42,7 +42,9 @@ def read_other(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
         line = " ".join(str(error).split())[:160]
         hint = elsewhere(f"{path} {line}")
-        raise MapError(f"{path}: no map that can be read: {line}{hint}") from None
+        raise MapError(
+            f"{path}: no map that can be read: {line}{hint}; save it as a GeoPackage"
+        ) from None
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
