@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,7 +33,7 @@ _NO_MAPS = {
     b"PMTiles": "tiles, cut up for a screen; save the layers themselves as a GeoPackage",
 }
 #: JSON of other kinds, which GDAL reads.
-_OTHER_JSON = (b'"Topology"', b'"esriGeometry', b'"esriFieldType')
+_OTHER_JSON = re.compile(rb'"type"\s*:\s*"Topology"|"esri(Geometry|FieldType)')
 _BLANK = b" \t\r\n\xef\xbb\xbf\x1e"  # also a byte order mark, and JSON's record separator
 
 
@@ -103,7 +104,7 @@ def _by_content(path: Path, head: bytes) -> Reader | None:
             raise MapError(f"{path}: {what}; a map is of points, lines and outlines")
     text = head.lstrip(_BLANK)
     if text[:1] in {b"{", b"["}:
-        return read_other if any(each in head for each in _OTHER_JSON) else _geojson
+        return read_other if _OTHER_JSON.search(head) else _geojson
     return _kml if text[:1] == b"<" and b"kml" in head.lower() else None
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from tirgeo_ros.core.map_layers import GeoFeature
 from tirgeo_ros.core.polylines import BoolArray, IntArray
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.condition import Condition
 from tirgeo_ros.io.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
 from tirgeo_ros.io.label_rule import LabelRule
@@ -50,7 +51,7 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
     features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
     notes = (*table.left_out, *bad, *_bare(table), *remarks, *unmet)
     refusal = table.faults.refusal(table.where, name) or table.empty
-    return Laid(features, notes, None if texts else refusal)
+    return Laid(features, tuple(map(shown, notes)), None if texts else refusal)
 
 
 def _name(table: Table, label: str, number: int) -> str:
