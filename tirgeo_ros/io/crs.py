@@ -169,8 +169,9 @@ def in_range(points: Array) -> BoolArray:
 
 def range_fault(x: float, y: float, *, all_are: bool) -> str:
     """What is wrong with a vertex that is none; and what to do where all are such."""
+    swapped = " (are the two swapped?)" if abs(x) <= 90 < abs(y) <= 180 else ""
     remedy = f"; {_REMEDY}" if all_are else ""
-    return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{remedy}"
+    return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{swapped}{remedy}"
 
 
 def once_around(longitudes: Array) -> Array:

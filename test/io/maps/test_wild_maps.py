@@ -16,7 +16,7 @@ from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.maps import load_layers
 
 #: Formats that are read through pyogrio.
-BY_GDAL = {".gpx", ".fgb", ".gml", ".dxf", ".gdb", ".sqlite", ".mif", ".csv", ".osm"}
+BY_GDAL = {".gpx", ".fgb", ".gml", ".dxf", ".gdb", ".sqlite", ".mif", ".csv", ".osm", ".pbf"}
 BY_GDAL_TOO = {"TopoJSON", "JSON of ESRI"}
 CLOSE_DEG = 1e-8  # a millimetre
 WHERE = {case: (name, write, RING, notes) for case, (name, write, notes) in READ.items()}
@@ -60,6 +60,12 @@ def test_a_map_is_read_where_it_lies(tmp_path, case):
         assert note.startswith(f"{path}: ")
         assert re.search(pattern, note), note
     assert sorted(tmp_path.iterdir()) == before  # nothing is left beside the map
+
+
+def test_letters_by_the_name_of_their_encoding(tmp_path):
+    name, write, _ = READ["shapefile, letters by .cpg"]
+    path = written(tmp_path, "", name, write)
+    assert load_layers(str(path))[0].features[0].label == "消防栓"
 
 
 @pytest.mark.parametrize("case", REFUSED)
