@@ -137,7 +137,7 @@ BAD = {
     "one point": (gpb(wkb("LineString", RING[:1])), "a LineString of 1 positions is none"),
     "nan": (gpb(wkb("LineString", [RING[0], (math.nan, 1.0)])), "(nan, 1, nan) is not finite"),
     "infinite": (gpb(wkb("Point", (math.inf, 1.0))), "(inf, 1, nan) is not finite"),
-    "range": (gpb(wkb("Point", (16.0, 90.1))), "(16, 90.1) is not a longitude and a latitude"),
+    "range": (gpb(wkb("Point", (16.0, 190.5))), "(16, 190.5) is not a longitude and a latitude"),
 }
 
 

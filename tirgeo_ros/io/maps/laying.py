@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,8 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
     texts = {i: wanted.label.text(columns, table.properties[i]) for i in owners}
 
     def name(number: int) -> str:
-        return _name(table, wanted.label.text(columns, table.properties[number]), number)
+        row = table.properties[number]
+        return _name(row, wanted.label.text(columns, row))
 
     bad = table.faults.notes(table.where, name, texts)
     features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
@@ -54,11 +56,10 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
     return Laid(features, tuple(map(shown, notes)), None if texts else refusal)
 
 
-def _name(table: Table, label: str, number: int) -> str:
+def _name(row: Mapping[str, Any], label: str) -> str:
     """What to call a feature in a message: its label, or else its name or id."""
-    row = table.properties[number]
     for rule in map(LabelRule.of_field, ("name", "id")):
-        label = label or rule.text(rule.columns(row, table.where), row)
+        label = label or rule.text(rule.columns(row, ""), row)
     return label[:_LONGEST_NAME]
 
 
@@ -83,12 +84,11 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
         points, remarks = to_wgs84(points, system, table.where)
     elif table.no_crs and len(points):
         remarks = (f"{table.where}: {table.no_crs}: {ASSUMED}",)
-    laid_shapes = _in_range(shapes, points, table.faults)
-    around = once_around(laid_shapes.points[:, 0])
-    if (np.abs(around - laid_shapes.points[:, 0]) > 1).any():
+    shapes = _in_range(shapes, points, table.faults)
+    x = once_around(shapes.points[:, 0])
+    if (np.abs(x - shapes.points[:, 0]) > 1).any():
         remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
-    laid_shapes.points[:, 0] = around
-    return laid_shapes, remarks
+    return Shapes(np.column_stack([x, shapes.points[:, 1:]]), *_parts(shapes)), remarks
 
 
 def _finite(table: Table) -> Shapes:
@@ -180,7 +180,7 @@ def _chosen(
     features: list[GeoFeature], table: Table, condition: Condition | None
 ) -> tuple[list[GeoFeature], tuple[str, ...]]:
     """The features that a condition means; and why they are none, or fewer than wanted."""
-    if condition is None:
+    if condition is None or not features:
         return features, ()
     columns = condition.columns(table.fields)
     rows = table.properties
