@@ -220,7 +220,7 @@ def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not
     assert note.endswith("feature 2: (316, 148) is not a longitude and a latitude; left out")
 
 
-@pytest.mark.parametrize("bad", ["nesting", "no ring", "text", "position", "short"])
+@pytest.mark.parametrize("bad", ["nesting", "no ring", "text", "position", "half", "short"])
 def test_the_rest_of_a_file_is_where_it_was(written, bad):
     """One feature that is bad in any way changes neither place nor number of the others."""
     wrong = {
@@ -228,6 +228,7 @@ def test_the_rest_of_a_file_is_where_it_was(written, bad):
         "no ring": geometry("Polygon", [[]]),
         "text": geometry("LineString", [["16", "48"], ["17", "48"]]),
         "position": geometry("LineString", [[16.0], [17.0]]),
+        "half": geometry("MultiLineString", [RING, [[16.0], [17.0]]]),
         "short": geometry("MultiLineString", [RING[:1], RING]),
     }[bad]
     good = [geometry("Polygon", [RING, HOLE]), geometry("LineString", [[16, 48, 3], [17, 48]])]
