@@ -30,8 +30,8 @@ _MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem
 class MapChecks:
     """Looks at map and elevation model of a flight whenever the map or the plane is new."""
 
-    def __init__(self, ground: Ground) -> None:
-        self._ground = ground
+    def __init__(self, ground: Ground | None) -> None:
+        self._ground = math.nan if ground is None else ground
         self._found: list[Finding] = []
 
     def plane(self, plane: TangentPlane) -> None:
