@@ -57,7 +57,7 @@ def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) ->
     if not laid.features:
         return [_nothing("the map has no features")]
     found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
-    nearest = Whereabouts(laid.map).nearest(np.zeros(3))
+    nearest = Whereabouts(laid.map, laid.first_n).nearest(np.zeros(3))
     if nearest is not None and nearest.distance_m > _FAR_M:
         found.append(_elsewhere(laid, nearest.distance_m, nearest.azimuth_rad, nearest.point_n))
     return sorted_findings([*found, *_system_findings(laid)])
