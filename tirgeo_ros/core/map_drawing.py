@@ -215,7 +215,7 @@ def _notices(
     if absence:
         top = notices[0].box.bottom if notices else 0
         words = f"NO MAP IN VIEW: {absence}"
-        notices.append(place_notice(image, words, top=top, beside=beside, most_lines=3))
+        notices.append(place_notice(image, words, top=top, beside=beside))
     return notices
 
 
