@@ -177,7 +177,7 @@ class MapDrawing:
         if not seen.empty:
             return ""
         if seen.hidden:
-            return f"no layer is shown at this scale ({_sample_words(scale_m_px)} a pixel)"
+            return f"no layer is shown at this scale ({_sample_words(scale_m_px)})"
         assert self.view is not None
         assert self._laid is not None
         if self._absence is None:
@@ -220,7 +220,10 @@ def _notices(
 
 
 def _sample_words(scale_m_px: float) -> str:
-    return f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+    if math.isnan(scale_m_px):
+        return "the picture's middle sees no ground"
+    words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+    return f"{words} a pixel"
 
 
 def _ground(height_m: float, terrain: Terrain | None) -> Ground:
