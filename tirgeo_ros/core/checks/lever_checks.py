@@ -88,7 +88,7 @@ class LeverChecks:
         q_nb = self._attitude(start)
         if q_nb is None:
             return
-        path = integrated(blocks[1:], q_nb, self._rotation_bi)
+        path = integrated(blocks[1:], q_nb, self._rotation_bi, self._lever_b)
         normals: list[Normal | None] = []
         for aids, fit in zip(self._aids, (by_positions, by_velocities), strict=True):
             inside = [aid for aid in aids if start.stamp_ns < aid[0] < end_ns]

@@ -92,10 +92,11 @@ class NavigationChecks:
 
     def findings(self) -> list[Finding]:
         """Return what is wrong by all that came, the worst first."""
-        units = [*self._force.findings(), *self._gyro.findings()]
+        gyro = self._gyro.findings()
+        units = [*self._force.findings(), *gyro]
         found = [
             *units,
-            *self._heading.findings(),
+            *([] if gyro else self._heading.findings()),  # it is compared with them
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(self._streams),

@@ -77,11 +77,15 @@ class StampChecks:
         recent = {t: list(a)[-_WINDOWS:] for t, a in self._against.items() if len(a) >= _WINDOWS}
         ahead = {t: max(a) for t, a in recent.items() if max(a) < _AHEAD_S}
         late = {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s}
-        drifted = {
-            topic: statistics.median(ages) - self._first[topic]
+        changes = {
+            topic: [age - self._first[topic] for age in ages]
             for topic, ages in recent.items()
             if self._number[topic] >= _LEAST_DRIFTING
-            and abs(statistics.median(ages) - self._first[topic]) > _DRIFT_S
+        }
+        drifted = {
+            topic: statistics.median(change)
+            for topic, change in changes.items()
+            if min(change) > _DRIFT_S or max(change) < -_DRIFT_S
         }
         found = [*_unstamped(streams, [t for t, delay_ns in self._delay_ns.items() if delay_ns])]
         if ahead:
