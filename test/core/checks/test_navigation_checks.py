@@ -220,7 +220,7 @@ PLANTED = {
     "RTK in GPS time": (stamps(RTK, 18), ("stamp_ahead", STOP, "rtk/fix", "17.92 s ahead")),
     "RTK stamped 0.2 s early": (
         stamps(RTK, -0.2),
-        ("rtk_fix_delay", NOTE, "rtk.delay_s", "earlier"),
+        ("rtk_fix_delay", CAUTION, "rtk.delay_s", "earlier"),
     ),
     "IMU at 20 Hz": (every(5, "imu/data"), ("imu_rate", CAUTION, "imu/data", "20 Hz")),
     "RTK at 1 Hz": (every(5, *RTK.split()), ("rtk_rate", CAUTION, "rtk/fix", "1.0 Hz")),
@@ -271,6 +271,28 @@ def test_places_that_nobody_gave(flight):
     (said,) = checked(flight, EkfConfig(), given=("aircraft.rtk_antenna_m",))
     assert (said.check, said.severity) == ("antenna_place", CAUTION)
     assert "not at (+0.00, +0.00, +0.00)" in said.evidence
+
+
+def test_without_the_autopilots_attitude_the_course_tells(flight, config):
+    bare = changed("imu/data", autopilot_q_nb=lambda _: None)
+    assert checked(flight, config, bare, filtered=True) == []
+
+    def change(arrived):
+        return heading(lambda rad: rad + math.pi)(bare(arrived))
+
+    (found,) = checked(flight, config, change)
+    assert (found.check, found.severity) == ("heading_offset", STOP)
+    assert "the course over ground" in found.evidence
+
+
+def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight, config):
+    def change(arrived):
+        arrived = changed("imu/data", autopilot_q_nb=lambda _: None)(arrived)
+        return changed("imu/data", angular_rate_b=lambda w: np.degrees(w) * 0.7)(arrived)
+
+    found = {one.check: one for one in checked(flight, config, change)}
+    assert found["heading_unit"].severity is STOP
+    assert "imu/data angular_velocity" in found["heading_unit"].parameter
 
 
 def test_numbers_that_are_none_do_no_harm(flight, config):

@@ -31,14 +31,6 @@ def test_stamps_of_zero_count_as_arrivals():
     assert stream.rate_hz == pytest.approx(5)
 
 
-def test_a_window_keeps_its_smallest_age():
-    stream = Stream(1.0)
-    ended = [stream.add(5 * S + k * S // 5, 5 * S + k * S // 5 + (k % 3 + 1) * 10**7)
-             for k in range(12)]  # fmt: skip
-    assert ended.count(True) == len(stream.windows) == 2
-    assert {window.age_ns for window in stream.windows} == {10**7}
-
-
 def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
     """Findings on rtk/fix with an age for every second, beside an IMU without one."""
     imu, rtk = Stream(0.2), Stream(1.5)
@@ -47,8 +39,8 @@ def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
         for k in range(5):
             arrival_ns = second * S + k * S // 5
             imu.add(arrival_ns, arrival_ns)
-            if rtk.add(arrival_ns - round(age_s * 1e9), arrival_ns):
-                checks.window("rtk/fix", rtk, imu)
+            rtk.add(arrival_ns - round(age_s * 1e9), arrival_ns)
+            checks.take("rtk/fix", rtk, imu)
     return {one.check: one for one in checks.findings({"rtk/fix": rtk, "imu/data": imu})}
 
 
@@ -63,6 +55,18 @@ def test_a_known_delay_is_taken_off():
     assert ahead["stamp_ahead"].severity is Severity.STOP
     assert "0.30 s ahead" in ahead["stamp_ahead"].evidence
     assert aged([-0.3] * 9, replace(EkfConfig(), rtk=RtkConfig(delay_s=0.3))) == {}
+
+
+def test_a_recording_played_at_another_speed_without_its_clock():
+    """All ages change; those of the aids stay what they are against the IMU's."""
+    imu, rtk = Stream(0.2), Stream(1.5)
+    checks = StampChecks(EkfConfig())
+    for k in range(400):
+        stamp_ns, arrival_ns = 10 * S + k * S // 5, 90 * S + 3 * k * S // 5
+        imu.add(stamp_ns, arrival_ns)
+        rtk.add(stamp_ns - S // 10, arrival_ns)
+        checks.take("rtk/fix", rtk, imu)
+    assert checks.findings({"rtk/fix": rtk, "imu/data": imu}) == []
 
 
 def test_a_clock_that_drifts_or_jumps():

@@ -78,12 +78,12 @@ class NavigationChecks:
         stream = self._streams.get(topic)
         if stream is None:
             stream = self._streams[topic] = Stream(longest_step_s(topic, self._config))
-        ended = stream.add(sample.stamp_ns, arrival_ns)
+        stream.add(sample.stamp_ns, arrival_ns)
         if isinstance(sample, ImuSample):
             self._imu(sample)
             return
-        if ended and _IMU in self._streams:
-            self._stamps.window(topic, stream, self._streams[_IMU])
+        if _IMU in self._streams:
+            self._stamps.take(topic, stream, self._streams[_IMU])
         self._aid(topic, sample)
 
     def solution(self, solution: NavSolution) -> None:
