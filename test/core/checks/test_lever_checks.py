@@ -79,8 +79,8 @@ def test_late_stamps_are_found_and_taken_off(late_s, flown, arrived):
     move = changed("rtk/fix rtk/vel", stamp_ns=lambda ns: ns + round(late_s * 1e9))
     late = [move(one) for one in arrived]
     found = place_found(late, fitting_config(flown))
-    # Of the first order in the delay: the motion's own change within it is left.
-    assert found.delays_s == pytest.approx([late_s, 0.0], abs=0.3 * abs(late_s))
+    # Of the first order in the delay: what the motion changes within it is left, a third here.
+    assert found.delays_s == pytest.approx([late_s, 0.0], abs=0.4 * abs(late_s))
     # The parameter takes them off.
     known = place_found(late, fitting_config(flown, rtk__delay_s=late_s))
     assert (np.abs(known.delays_s) < np.maximum(4 * known.delay_sigmas_s, 0.01)).all()
