@@ -35,7 +35,8 @@ def motion_findings(
     if _sure(fit, FOCAL, _LEAST_FOCAL):
         found.append(_focal(fit, focal_px, lens))
     above_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    if _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > _LEAST_HEIGHT_M:
+    least_m = max(_LEAST_HEIGHT_M, _SURE * fit.height_sigma_m)
+    if _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
         found.append(_height(fit, above_m, ground))
     if _sure_boresight(fit):
         found.append(_boresight(fit))
@@ -109,9 +110,10 @@ def _height(fit: MotionFit, above_m: float, ground: str) -> Finding:
         f"not from {fit.above_m:.0f} m above it {_seen(fit)}"
     )
     severity = Severity.STOP if abs(fit.values[HEIGHT]) > _WRONG else Severity.CAUTION
+    off_m = fit.above_m - above_m
     mend = (
-        f"heights of the ground are {fit.above_m - above_m:+.0f} m off: they are ellipsoidal, not "
-        "above sea level"
+        f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m: heights are "
+        "ellipsoidal, not above sea level"
     )
     return Finding("ground_by_motion", severity, evidence, ground, mend)
 

@@ -47,6 +47,7 @@ class PictureMotion:
         self._ground = ground
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
+        self._height_sigma_m = 0.0
         self._waiting: deque[Tracks] = deque(maxlen=_WAITING)
         self._turning: deque[Pair] = deque(maxlen=_KEPT)
         self._straight: deque[Pair] = deque(maxlen=_KEPT)
@@ -66,6 +67,7 @@ class PictureMotion:
                 return
             self._poses.clear()
         self._newest_ns = pose.stamp_ns
+        self._height_sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
         while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9:
             self._poses.popleft()
@@ -90,7 +92,7 @@ class PictureMotion:
         above_m = self._above_m(plane, poses[0, len(OFFSETS_S) // 2], first)
         if not (above_m > _LEAST_ABOVE_M).all():
             return
-        pair = Pair(first, second, above_m, poses)
+        pair = Pair(first, second, above_m, poses, self._height_sigma_m)
         turns = np.linalg.norm(np.median(second - first, axis=0)) * camera.fx > _TURNS_PX
         (self._turning if turns else self._straight).append(pair)
         self._new += 1
