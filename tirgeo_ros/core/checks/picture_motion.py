@@ -24,13 +24,16 @@ from tirgeo_ros.core.terrain import Terrain
 #: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
 _KEPT = 48
 _TURNS_PX = 8.0
-_FEWEST, _NEW = 20, 20  # pairs for a fit, and for the next one
+_FEWEST, _NEW = 16, 20  # pairs for a fit, and for the next one
 _LONGEST_GAP_S = 0.1  # between poses
 #: Poses are means over this, so that their noise is the same at all instants: a time at which it
 #: were less would look like the right one.
 _MEAN_S = 0.08
 _WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
 _POSES_S = 2.0  # are kept
+#: Variance of an attitude that may be far off, and so turn as nothing turns: a filter's heading
+#: before it has seen headings, or accelerations.
+_LARGEST_RAD2 = math.radians(3.0) ** 2
 _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
 _FLATTEST = 0.2  # of a ray, downwards: terrain is looked up no further away
@@ -67,6 +70,9 @@ class PictureMotion:
                 return
             self._poses.clear()
         self._newest_ns = pose.stamp_ns
+        if float(pose.covariance.diagonal()[3:].max()) > _LARGEST_RAD2:
+            self._poses.clear()
+            return
         self._height_sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
         while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9:
