@@ -154,3 +154,16 @@ def test_a_latency_that_nobody_gave_is_a_note(flight):
     [finding] = checks.findings()
     assert finding.check == "latency_default"
     assert finding.severity is Severity.NOTE
+
+
+def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
+    nowhere = replace(flight.configs.overlay, ground_height_m=math.nan)
+    assert picture_findings(flight, overlay=nowhere) == []
+    [finding] = picture_findings(flight, overlay=replace(nowhere, video_latency_s=0.25))
+    assert finding.check == "video_latency"
+    [finding] = picture_findings(
+        flight,
+        overlay=nowhere,
+        lens=lambda camera: replace(camera, fx=camera.fx * 1.3, fy=camera.fy * 1.3),
+    )
+    assert finding.check == "focal_length"

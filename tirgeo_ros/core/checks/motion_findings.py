@@ -29,7 +29,10 @@ _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
 def motion_findings(
     fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
 ) -> list[Finding]:
-    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed."""
+    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed.
+
+    ``ground`` is empty where nothing does.
+    """
     if _unexplained(fit):
         return [_other_motion(fit)]
     found = []
@@ -39,7 +42,7 @@ def motion_findings(
         found.append(_focal(fit, focal_px, lens))
     above_m = fit.above_m * math.exp(fit.values[HEIGHT])
     least_m = max(_LEAST_HEIGHT_M, _SURE * fit.height_sigma_m)
-    if _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
+    if ground and _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
         found.append(_height(fit, above_m, ground))
     if _sure_boresight(fit):
         found.append(_boresight(fit))

@@ -112,7 +112,8 @@ class PictureChecks:
         fit = self._motion.fit()
         if fit is None:
             return []
-        return motion_findings(fit, self._latency_s, camera.fx, self._lens, self._ground)
+        ground = self._ground if self._motion.knows_ground else ""
+        return motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
 
 
 def _frozen(frozen: int, pairs: int) -> Finding:

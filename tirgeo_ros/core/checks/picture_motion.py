@@ -36,6 +36,7 @@ _POSES_S = 2.0  # are kept
 _LARGEST_RAD2 = math.radians(3.0) ** 2
 _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
+_UNKNOWN_M = 50.0  # above ground, where nothing says it: the fit then finds it
 _FLATTEST = 0.2  # of a ray, downwards: terrain is looked up no further away
 _STEPS = 3  # to a ray's place on terrain
 
@@ -47,7 +48,8 @@ class PictureMotion:
         self.plane: TangentPlane | None = None
         self.camera: Camera | None = None
         self._latency_ns = round(latency_s * 1e9)
-        self._ground = ground
+        unknown = isinstance(ground, float) and math.isnan(ground)
+        self._ground = None if unknown else ground
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
         self._height_sigma_m = 0.0
@@ -56,6 +58,11 @@ class PictureMotion:
         self._straight: deque[Pair] = deque(maxlen=_KEPT)
         self._new = 0
         self._fit: MotionFit | None = None
+
+    @property
+    def knows_ground(self) -> bool:
+        """Whether heights of the ground are given, so that they may be wrong."""
+        return self._ground is not None
 
     def forget(self) -> None:
         """Forget all that was seen: the plane or the camera has changed."""
@@ -87,7 +94,7 @@ class PictureMotion:
 
     def _pair(self, tracks: Tracks) -> None:
         camera, plane = self.camera, self.plane
-        if camera is None or plane is None or self._ground is None:
+        if camera is None or plane is None:
             return
         poses = self._poses_around(tracks)
         first, second = camera.rays(tracks.first)[:, :2], camera.rays(tracks.second)[:, :2]
@@ -121,10 +128,12 @@ class PictureMotion:
 
     def _above_m(self, plane: TangentPlane, pose: Array, rays: Array) -> Array:
         """(N,) height of the camera above the ground where rays (N, 2) meet it; nan beside it."""
-        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
         ground = self._ground
+        if ground is None:
+            return np.full(len(rays), _UNKNOWN_M)
+        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
         if not isinstance(ground, Terrain):
-            return np.full(len(rays), float(height_m) - (math.nan if ground is None else ground))
+            return np.full(len(rays), float(height_m) - ground)
         above_m = np.full(len(rays), float(height_m - ground.height_m(latitude, longitude)))
         q = pose[3:] / np.linalg.norm(pose[3:])
         rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ matrix_from_quat(q).T
