@@ -137,7 +137,7 @@ def _boresight(fit: MotionFit) -> Finding:
         f"the camera looks {size:.1f} deg aside of its poses (roll, pitch, yaw {told}; sigma "
         f"{worst:.1f}) {_seen(fit)}"
     )
-    mend = "run tirgeo calibrate boresight; or the lens's principal point is wrong"
+    mend = "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"
     return Finding(
         "boresight_by_motion",
         Severity.CAUTION,
