@@ -183,3 +183,13 @@ def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
         lens=lambda camera: replace(camera, fx=camera.fx * 1.3, fy=camera.fy * 1.3),
     )
     assert finding.check == "focal_length"
+
+
+def test_poses_that_are_none_are_left_out(flight):
+    bad = tuple(
+        ("pose", replace(what, position_n=np.full(3, np.nan)), at)
+        for kind, what, at in flight.events
+        if kind == "pose"
+    )
+    events = tuple(one for both in zip(flight.events, bad * 20, strict=False) for one in both)
+    assert picture_findings(CheckedFlight(flight.configs, events[: len(bad)])) == []

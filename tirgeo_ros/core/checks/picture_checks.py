@@ -19,6 +19,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground
 from tirgeo_ros.core.samples import BodyPose, CameraPose
+from tirgeo_ros.core.validity import pose_fault
 
 _FEWEST = 20  # pairs of pictures, eight seconds
 _FROZEN = 0.9  # of them
@@ -70,11 +71,14 @@ class PictureChecks:
 
     def body(self, pose: BodyPose) -> None:
         """Take a pose of the body, where they are at hand: heights are then the body's."""
-        self._bodies = True
-        self._heights.pose(pose)
+        if not pose_fault(pose.position_n, pose.q_nb, pose.covariance):
+            self._bodies = True
+            self._heights.pose(pose)
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose of the camera, in order of time."""
+        if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
+            return
         self._stamps.pose(pose.stamp_ns)
         if not self._bodies:
             self._heights.pose(pose)
