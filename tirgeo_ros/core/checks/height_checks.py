@@ -14,8 +14,10 @@ import numpy as np
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.pose_history import attitude_of
 from tirgeo_ros.core.samples import Array, BodyPose, CameraPose
 from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.validity import pose_fault
 
 _EVERY_NS = 250_000_000
 _LONGEST_GAP_NS = 1_000_000_000
@@ -58,6 +60,8 @@ class HeightChecks:
         """Take a pose, in order of time."""
         before = self._sampled
         if before is not None and 0 <= pose.stamp_ns - before[0] < _EVERY_NS:
+            return
+        if pose_fault(pose.position_n, attitude_of(pose), pose.covariance):
             return
         self._sampled = pose.stamp_ns, pose.position_n
         if self.plane is None or self._ground is None:

@@ -71,9 +71,8 @@ class PictureChecks:
 
     def body(self, pose: BodyPose) -> None:
         """Take a pose of the body, where they are at hand: heights are then the body's."""
-        if not pose_fault(pose.position_n, pose.q_nb, pose.covariance):
-            self._bodies = True
-            self._heights.pose(pose)
+        self._bodies = True
+        self._heights.pose(pose)
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose of the camera, in order of time."""
