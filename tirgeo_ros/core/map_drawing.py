@@ -106,6 +106,11 @@ class MapDrawing:
         return self._laid.map if self._laid else None
 
     @property
+    def laid(self) -> LaidMap | None:
+        """Return the same with what it was laid from; None where no plane is known yet."""
+        return self._laid
+
+    @property
     def empty(self) -> bool:
         """Whether there is nothing that could be drawn."""
         if self._laid:

@@ -147,6 +147,11 @@ class Overlay:
         """The map's plane, once it is known."""
         return self._plane
 
+    @property
+    def laid(self) -> LaidMap | None:
+        """Return the map as it lies in the plane, once both are known."""
+        return self._drawing.laid
+
     def set_map(self, new: LaidMap) -> None:
         """Draw a map that was laid elsewhere from here on; one in another plane is refused."""
         if new.plane == self._plane:

@@ -40,7 +40,8 @@ class PositionChecks:
     def position(self, sample: PositionSample) -> None:
         """Take a position as it came."""
         fault = place_fault(sample.latitude_rad, sample.longitude_rad, sample.height_m)
-        swapped = sample.status is not FixStatus.NONE and math.isfinite(sample.longitude_rad)
+        finite = math.isfinite(sample.longitude_rad) and math.isfinite(sample.height_m)
+        swapped = sample.status is not FixStatus.NONE and finite
         if (fault and not swapped) or sample.status is FixStatus.NONE:
             return
         self._newest[sample.source] = sample

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from types import FrameType, ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.errors import TirgeoError
@@ -23,6 +23,8 @@ from tirgeo_ros.io.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._verb import UsageError, complete
 
+#: What is told on stderr and not among the lines of a result.
+_TOLD = "findings"
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 
 
@@ -77,10 +79,21 @@ def _run(args: argparse.Namespace) -> int:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
         print(getattr(args.verb_module, "describe", _lines)(result))
+    for line in getattr(args.verb_module, "finding_lines", _finding_lines)(result):
+        _say(args, line, DONE)
     if result.get("warning") is not None:
         _say(args, f"warning: {result['warning']}", DONE)
     error = result.get("error")
     return DONE if error is None else _say(args, str(error), FAILED)
+
+
+def _finding_lines(result: Mapping[str, Any]) -> list[str]:
+    """What the checks found that is worse than a note."""
+    if not result.get("findings"):
+        return []
+    from tirgeo_ros.tools.checks.words import finding_lines  # noqa: PLC0415 heavy
+
+    return finding_lines(result["findings"])
 
 
 def _say(args: argparse.Namespace, message: str, code: int) -> int:
@@ -115,7 +128,7 @@ def plain(value: object) -> object:
 
 
 def _lines(result: Mapping[str, object]) -> str:
-    pairs = [(name, item) for name, item in _flat(result) if item is not None]
+    pairs = [(name, item) for name, item in _flat(result) if item is not None and name != _TOLD]
     width = max((len(name) for name, _ in pairs), default=0)
     return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.accuracy import GroundErrors
+from tirgeo_ros.core.checks.finding import Finding
 from tirgeo_ros.core.confidence import CHI2_95
 from tirgeo_ros.core.located import Ellipse
 from tirgeo_ros.core.locating import Ground
@@ -205,6 +206,7 @@ class Evaluation:
     stills: Sequence[Still]  # of the last method; none where the bag has no pictures
     notes: Sequence[str]
     error: str | None  # what makes it a failure although there is a result
+    findings: Sequence[Finding] = ()  # what is wrong with set-up or sensors, the worst first
 
     def method(self, name: str) -> MethodResult | None:
         """A method by its name, None where it is missing."""

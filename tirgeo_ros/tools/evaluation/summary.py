@@ -13,6 +13,7 @@ from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.io.parameter_output import parameters_yaml
 from tirgeo_ros.io.whole_files import PathLike, check_outputs, csv_text, made_folder, write_files
+from tirgeo_ros.tools.checks.words import finding_items
 from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodResult
 from tirgeo_ros.tools.evaluation.series import SETTLED_S
 from tirgeo_ros.tools.evaluation.setups import CALIBRATED
@@ -62,6 +63,7 @@ def summary(found: Evaluation) -> dict[str, object]:
         },
         "definitions": DEFINITIONS,
         "notes": list(found.notes),
+        "findings": finding_items(found.findings),
         "warning": _warning(found),
         "error": found.error,
     }
