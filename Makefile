@@ -4,8 +4,9 @@ VENV := .venv
 FLOOR := .venv-floor
 BIN := $(VENV)/bin
 PYTEST := -m pytest -q
-# A worker more than there are processors: those of the graph mostly wait. A file is one worker's.
-WORKERS = --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile
+# A worker more than there are processors: those of the graph mostly wait. A file is one worker's;
+# files go out in the order of test/conftest.py, not by their number of tests.
+WORKERS = --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile --no-loadscope-reorder
 
 # What the environment is made from, and for which ROS; a change of either makes it again.
 SOURCES := setup.py setup.cfg $(addprefix scripts/,setup.sh find_python.sh pip_install.sh slim.py)

@@ -73,7 +73,7 @@ setup(
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
-        "test": ["pytest>=7.4,<9", "pytest-xdist>=3.5", "hypothesis>=6.98", "setuptools>=64"],
+        "test": ["pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"],
         # Elevation models, and maps in any form that GDAL reads.
         "dem": ["rasterio>=1.3"],
         "maps": ["pyogrio>=0.7"],

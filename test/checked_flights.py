@@ -11,8 +11,10 @@ from typing import Any
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checks.finding import Finding
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
-from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
+from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.samples import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.tools.node_configs import NodeConfigs, node_configs
@@ -82,3 +84,23 @@ def picture_findings(
         elif kind in ("plane", "pose") or (kind == "body" and bodies):
             getattr(checks, kind)(what)
     return checks.findings()
+
+
+def recomposed(
+    flight: CheckedFlight,
+    change: Callable[[JointSample], JointSample],
+    gimbal: GimbalConfig | None = None,
+) -> CheckedFlight:
+    """A flight with the camera poses of other joint angles, or of another gimbal's parameters."""
+    composer = GimbalComposer(gimbal or flight.configs.gimbal)
+    events: list[Event] = []
+    for kind, what, arrival_ns in flight.events:
+        if kind == "pose":
+            continue
+        sample = change(what) if kind == "gimbal/joint_states" else what
+        events.append((kind, sample, arrival_ns))
+        if kind == "body" or isinstance(sample, JointSample):
+            take = composer.add_body if kind == "body" else composer.add_joints
+            poses = take(sample)
+            events += [("pose", pose, arrival_ns) for pose in poses]
+    return CheckedFlight(flight.configs, tuple(events))

@@ -21,6 +21,25 @@ settings.register_profile(
 settings.register_profile("brief", settings.get_profile("tirgeo"), max_examples=15)
 settings.load_profile("tirgeo")
 
+#: Files of slow tests that take a minute or more, the longest first: each is one worker's, and one
+#: that came last would leave the other processors idle. The first mostly waits.
+LONG = (
+    "nodes/test_soak.py",
+    "tools/test_calibrate_boresight.py",
+    "scenario/test_real_flights.py",
+    "scenario/test_table.py",
+    "tools/evaluation/test_evaluate.py",
+    "core/test_board_corners.py",
+    "scenario/test_wrong_headings.py",
+    "tools/test_calibrate_lens.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files that take long first."""
+    ranks = {PROJECT / "test" / name: rank for rank, name in enumerate(LONG)}
+    items.sort(key=lambda item: ranks.get(item.path, len(LONG)))
+
 
 @pytest.fixture(scope="session")
 def sample() -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -15,14 +16,18 @@ from tirgeo_ros.core.corner_fit import fit_corners
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, calibration_poses
 
 BOARD = Checkerboard(9, 6, 0.1)
-DRAW = BoardRenderer(XT2, BOARD)
 LOOK = BoardLook()
+
+
+@cache
+def renderer():
+    return BoardRenderer(XT2, BOARD)
 
 
 def view(look, seed=1, number=0):
     rng = np.random.default_rng(seed)
     poses = list(calibration_poses(XT2, BOARD, number + 1, rng))
-    return DRAW.view(*poses[number], look, rng)
+    return renderer().view(*poses[number], look, rng)
 
 
 def fitted(seen, off_px=0.7, seed=2):

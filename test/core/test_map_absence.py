@@ -93,8 +93,8 @@ def test_a_map_beside_the_elevation_model_lies_on_no_ground():
     grid_of = graticule((40.0, 10.0), (1e-4, 1e-4), 3)
     elsewhere = Terrain(np.full((3, 3), 25.0), grid_of)
     laid = lay_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
-    why = MapAbsence(laid.map, PLANE).why(XT2, pose_at(START), 1000.0)
-    assert why == "none of the map lies on known ground"
+    why = MapAbsence(laid.map, PLANE, laid.first_n).why(XT2, pose_at(START), 1000.0)
+    assert why == "none of the map lies on the elevation model"
 
 
 def test_it_is_looked_for_again_once_the_camera_has_moved():

@@ -11,49 +11,14 @@ from typing import Any
 import pytest
 from domain_ports import taken_port
 
-from tirgeo_ros.core.samples import (
-    CameraAttitudeSample,
-    HeadingSample,
-    ImuSample,
-    JointSample,
-    PositionSample,
-    Source,
-)
 from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.graph import GraphSetup, graph_environment
 from tirgeo_ros.tools.node_process import NodeProcess
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 Spawn = Callable[..., NodeProcess]
-
-
-def topic_of(sample: object) -> str:
-    fixed = {
-        ImuSample: "imu/data",
-        HeadingSample: "rtk/heading",
-        JointSample: "gimbal/joint_states",
-        CameraAttitudeSample: "gimbal/attitude",
-    }
-    if type(sample) in fixed:
-        return fixed[type(sample)]
-    receiver = "rtk" if sample.source in {Source.RTK_POSITION, Source.RTK_VELOCITY} else "gps"
-    return f"{receiver}/{'fix' if isinstance(sample, PositionSample) else 'vel'}"
-
-
-def message_of(messages: Messages, topic: str, sample: object) -> object:
-    if topic.endswith("fix"):
-        return messages.nav_sat_fix(sample, "antenna")
-    if topic.endswith("vel"):
-        return messages.velocity(sample, "antenna")
-    encode = {
-        "imu/data": messages.imu,
-        "rtk/heading": messages.heading,
-        "gimbal/joint_states": messages.joints,
-        "gimbal/attitude": messages.camera_attitude,
-    }
-    return encode[topic](sample)
 
 
 @pytest.fixture(scope="session")
@@ -63,8 +28,7 @@ def flight_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     messages = Messages(Cdr().types)
     with BagWriter(path) as writer:
         for arrival_ns, sample in fly(Scenario(duration_s=4.0)).samples:
-            topic = topic_of(sample)
-            message = message_of(messages, topic, sample)
+            topic, message = sensed(messages, sample)
             writer.write(f"/{topic}", TOPIC_TYPES[topic], message, arrival_ns)
     return path
 

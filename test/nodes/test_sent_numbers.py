@@ -58,9 +58,8 @@ def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
     executor = None
     try:
         numbers, taken = SentNumbers(), []
-        subscribe(
-            node, "x", taken.append, sensor_input(1), Monitor(), "std_msgs/msg/Header", numbers
-        )
+        counted, kind = numbers.listening, "std_msgs/msg/Header"
+        subscribe(node, "x", taken.append, sensor_input(1), Monitor(), kind, counted)
         sender = node.create_publisher(Header, "x", output(100))
         executor = executor_of(context=context)
         executor.add_node(node)

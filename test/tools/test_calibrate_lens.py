@@ -175,13 +175,14 @@ def test_wrong_use_is_2(folder, capsys, extra, message):
 
 
 @pytest.mark.slow
-def test_twenty_bad_pictures_do_no_harm(tmp_path):
+def test_bad_pictures_do_no_harm(tmp_path):
+    """Five kinds of the twenty, each of which is refused by itself."""
     good = board_views(XT2, BOARD, 25, 11)
     images = {f"good_{number}": view.image for number, view in enumerate(good)}
-    bad = bad_boards(XT2, BOARD)
+    bad = dict(list(bad_boards(XT2, BOARD).items())[::4])
     images |= {f"bad_{name.replace(' ', '_')}": image for name, image in bad.items()}
     result = calibrate_lens([write(tmp_path / "all", images)], BOARD, tmp_path / "camera.yaml")
-    assert len(bad) == 20
+    assert len(bad) == 5
     assert [name for name in result["view_rms_px"] if name.startswith("bad")] == []
     assert result["views"] >= 23
     assert np.abs(off_sigmas(result)).max() < 3

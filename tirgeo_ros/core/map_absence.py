@@ -30,8 +30,12 @@ _GRID = 5  # pixels along each side of the picture
 class MapAbsence:
     """Tells why one map is not in view; it looks again once the camera has moved or turned."""
 
-    def __init__(self, vector_map: VectorMap, plane: TangentPlane) -> None:
-        self._whereabouts = Whereabouts(vector_map)
+    def __init__(
+        self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
+    ) -> None:
+        """``first_n`` (3,) is a point of the map, should none be laid on the ground."""
+        self._whereabouts = Whereabouts(vector_map, first_n)
+        self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
         self._plane = plane
         self._told: tuple[Camera, Array, Array, float, str] | None = None
 
@@ -51,12 +55,14 @@ class MapAbsence:
     def _why(self, camera: Camera, pose: CameraPose, far_m: float) -> tuple[float, str]:
         nearest = self._whereabouts.nearest(pose.position_n)
         if nearest is None:
-            return math.inf, "none of the map lies on known ground"
+            return math.inf, "it has no place"
         distance_m, azimuth_rad, point_n = nearest
         if distance_m > ELSEWHERE_M:
             question = likely_mistake(self._plane, point_n)
             lead = f"map {way_words(distance_m, azimuth_rad)}"
             return distance_m, f"{lead}; {question}" if question else lead
+        if self._off_ground:
+            return distance_m, "none of the map lies on the elevation model"
         if _looks_above_horizon(camera, pose):
             return distance_m, "the camera looks above the horizon"
         lead = f"map {way_words(distance_m, azimuth_rad)}"

@@ -30,7 +30,7 @@ from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.core.map_painting import MapPainter, SeenMap
 from tirgeo_ros.core.marker_painting import PlacedMarkers
 from tirgeo_ros.core.painting import PlacedNotice, place_notice, status_box
-from tirgeo_ros.core.samples import CameraPose
+from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.status_line import VERDICT_BGR
 from tirgeo_ros.core.strokes import Painter
 from tirgeo_ros.core.terrain import Terrain
@@ -47,6 +47,7 @@ class LaidMap:
     map: VectorMap
     features: int  # in the layers
     level_m: float  # the middle one of the map's own heights; nan where a ground is given
+    first_n: Array | None = None  # (3,) the first of its points, on the ellipsoid
 
 
 class Verdict(NamedTuple):
@@ -75,7 +76,8 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
     laid = VectorMap.from_layers(layers, plane, ground)
-    return LaidMap(plane, laid, features, math.nan if _is_given(ground) else _middle_m(layers))
+    level_m = math.nan if _is_given(ground) else _middle_m(layers)
+    return LaidMap(plane, laid, features, level_m, _first_n(layers, plane))
 
 
 class MapDrawing:
@@ -180,11 +182,11 @@ class MapDrawing:
         if not seen.empty:
             return ""
         if seen.hidden:
-            return f"no layer is shown at this scale ({_sample_words(scale_m_px)} a pixel)"
+            return f"no layer is shown at this scale ({_sample_words(scale_m_px)})"
         assert self.view is not None
         assert self._laid is not None
         if self._absence is None:
-            self._absence = MapAbsence(self._laid.map, self._laid.plane)
+            self._absence = MapAbsence(self._laid.map, self._laid.plane, self._laid.first_n)
         return self._absence.why(self.view.camera, pose, far_m)
 
     def _decorations(
@@ -218,18 +220,29 @@ def _notices(
     if absence:
         top = notices[0].box.bottom if notices else 0
         words = f"NO MAP IN VIEW: {absence}"
-        notices.append(place_notice(image, words, top=top, beside=beside, most_lines=3))
+        notices.append(place_notice(image, words, top=top, beside=beside))
     return notices
 
 
 def _sample_words(scale_m_px: float) -> str:
-    return f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+    if math.isnan(scale_m_px):
+        return "the picture's middle sees no ground"
+    words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+    return f"{words} a pixel"
 
 
 def _ground(height_m: float, terrain: Terrain | None) -> Ground:
     if math.isfinite(height_m) or terrain is None:
         return height_m
     return terrain
+
+
+def _first_n(layers: Sequence[MapLayer], plane: TangentPlane) -> Array | None:
+    for layer in layers:
+        for feature in layer.features:
+            latitude, longitude, _ = feature.points[0]
+            return plane.ned_from_geodetic(latitude, longitude, 0.0)
+    return None
 
 
 def _is_given(ground: Ground) -> bool:

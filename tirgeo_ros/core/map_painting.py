@@ -15,7 +15,7 @@ from tirgeo_ros.core.line_samples import each, picked
 from tirgeo_ros.core.map_layers import LayerStyle
 from tirgeo_ros.core.polylines import joined
 from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines, thin_strokes
+from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
 from tirgeo_ros.core.uncertainty_marks import (
     ELLIPSE_BGR,
@@ -116,7 +116,7 @@ class MapPainter:
         lines, opacity, ellipses = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         # Under the marks, whose middles are what is meant.
-        thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
+        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
         ink = joined(lines, diamonds)
         strength = np.concatenate([opacity, np.ones(len(diamonds))])
         self._painter.strokes(image, ink, self._map.layer[ink.owner], self._styles, strength)

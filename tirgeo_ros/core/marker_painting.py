@@ -14,7 +14,7 @@ from tirgeo_ros.core.labels import Room, wish_beside
 from tirgeo_ros.core.map_layers import LayerStyle
 from tirgeo_ros.core.polylines import BoolArray, Polylines
 from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines, thin_strokes
+from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import Box, Colour, Pixels, Stamp, stamp, text_px
 from tirgeo_ros.core.uncertainty_marks import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 
@@ -63,7 +63,7 @@ class PlacedMarkers:
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         dashes = _ellipses(self._uv, self._covariance, mark_radius_px(image))
-        thin_strokes(image, dashes, ELLIPSE_BGR)
+        painter.thin_strokes(image, dashes, ELLIPSE_BGR)
         painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
         for text, box in self._labels:
             text.lay(image, box.left, box.top)

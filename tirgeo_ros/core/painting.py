@@ -52,13 +52,16 @@ def status_box(image: Pixels) -> Box:
 def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
     top, size_px = status_box(image).top, text_px(image)
-    strip = image[top:]
-    cv2.convertScaleAbs(strip, alpha=_STRIP_LIGHT, dst=strip)
+    _darken(image[top:])
     left = round(_EDGE_PARTS * size_px)
     for field in fitted(fields, image.shape[1], size_px):
         text = _written(field, size_px)
         text.lay(image, left, image.shape[0] - line_px(size_px))
         left += text.size[0] + round(_GAP_PARTS * size_px)
+
+
+def _darken(part: Pixels) -> None:
+    part[:] = cv2.convertScaleAbs(part, alpha=_STRIP_LIGHT)
 
 
 def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
@@ -108,10 +111,13 @@ class PlacedNotice:
 
     lines: tuple[Stamp, ...]
     box: Box
+    strip: bool  # whether the picture is darkened under it
 
     def paint(self, image: Pixels) -> None:
         """Write it on the picture (h, w, 3) for which it was placed, each line in the middle."""
         top = self.box.top
+        if self.strip:
+            _darken(image[top : self.box.bottom, self.box.left : self.box.right])
         for text in self.lines:
             text.lay(image, (self.box.left + self.box.right - text.size[0]) // 2, top)
             top += text.size[1]
@@ -124,18 +130,19 @@ def place_notice(
     *,
     top: int = 0,
     beside: Box | None = None,
-    most_lines: int = 2,
+    most_lines: int = 3,
     large: bool = False,
 ) -> PlacedNotice:
     """Place a notice across a picture (h, w, ...) from a row on, to the left of a box.
 
-    It has so many lines at most; what is over is cut.
+    It has so many lines at most; what is over is cut. A ``large`` one stands where nothing else
+    does; under any other the picture is darkened.
     """
     width = beside.left if beside else image.shape[1]
     size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
     lines = _notice_lines(cut(notice, LONGEST_NOTICE), size_px, colour, width, most_lines)
     bottom = min(top + sum(line.size[1] for line in lines), image.shape[0])
-    return PlacedNotice(lines, Box(0, top, width, bottom))
+    return PlacedNotice(lines, Box(0, top, width, bottom), strip=not large)
 
 
 def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:

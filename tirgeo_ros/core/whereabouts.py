@@ -42,40 +42,37 @@ class Nearest(NamedTuple):
 class Whereabouts:
     """Finds what is nearest of one map, from boxes around its parts."""
 
-    def __init__(self, vector_map: VectorMap) -> None:
+    def __init__(self, vector_map: VectorMap, first_n: Array | None = None) -> None:
+        """``first_n`` (3,) stands for a map of which no part is laid on the ground."""
+        self._first = [] if first_n is None else [first_n[:, None]]
         self._details = vector_map.details
         self._marks = vector_map.marks.points
         starts = np.append(np.arange(0, self._marks.shape[1], _RUN), self._marks.shape[1])
         self._mark_boxes = Boxes.around(self._marks, self._marks, starts)
 
     def nearest(self, position_n: Array) -> Nearest | None:
-        """From a position (3,) in the map's plane; None of a map without a part on the ground."""
-        points = [self._of_lines(position_n), self._of_marks(position_n)]
-        found = np.concatenate(
-            [each for each in points if each is not None] or [np.empty((3, 0))], 1
-        )
-        if not found.shape[1]:
+        """From a position (3,) in the map's plane; None of a map without a place."""
+        points = [*self._of_lines(position_n), *self._of_marks(position_n)] or self._first
+        if not points:
             return None
+        found = np.concatenate(points, axis=1)
         away = found - position_n[:, None]
         point = found[:, np.argmin((away[:2] ** 2).sum(axis=0))]
         north, east, _ = (point - position_n).tolist()
         return Nearest(_over_ground(point - position_n), math.atan2(east, north), point)
 
-    def _of_lines(self, position_n: Array) -> Array | None:
+    def _of_lines(self, position_n: Array) -> list[Array]:
         details = self._details
         points = []
         for piece in _nearest_of(details.boxes, position_n):
             first = details.first[0, piece]
             vertices = details.points[:, first : first + details.count[0, piece]]
             points.append(_on_segments(vertices, position_n))
-        return np.concatenate(points, axis=1) if points else None
+        return points
 
-    def _of_marks(self, position_n: Array) -> Array | None:
-        runs = [
-            self._marks[:, _RUN * i : _RUN * (i + 1)]
-            for i in _nearest_of(self._mark_boxes, position_n)
-        ]
-        return np.concatenate(runs, axis=1) if runs else None
+    def _of_marks(self, position_n: Array) -> list[Array]:
+        runs = _nearest_of(self._mark_boxes, position_n)
+        return [self._marks[:, _RUN * run : _RUN * (run + 1)] for run in runs]
 
 
 def _nearest_of(boxes: Boxes, position_n: Array) -> list[int]:

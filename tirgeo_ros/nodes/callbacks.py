@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 import traceback
 from collections.abc import Callable
@@ -16,6 +17,10 @@ from tirgeo_ros.core.wording import shown
 from tirgeo_ros.nodes.monitor import Monitor
 
 _THROTTLE_S = 10.0
+#: The signature of a callback to which rclpy tells times and numbers beside the message.
+_TOLD = inspect.Signature(
+    [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+)
 
 
 def guarded(
@@ -47,6 +52,19 @@ def guarded(
         return False
 
     return call
+
+
+def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
+    """Return ``work(message, info)`` as the callback of a subscription, under any executor."""
+
+    def take(message: Any, info: Any = None) -> None:
+        # The events executor gives both as one pair, the others as two arguments.
+        if isinstance(message, tuple):
+            message, info = message
+        work(message, info)
+
+    take.__signature__ = _TOLD  # type: ignore[attr-defined]
+    return take
 
 
 def steady_timer(

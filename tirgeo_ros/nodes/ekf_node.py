@@ -26,13 +26,14 @@ from tirgeo_ros.core.samples import (
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
+from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import SetupChecks
 from tirgeo_ros.nodes.state_log import StateLog
-from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+from tirgeo_ros.nodes.topics import advertise, message_class
 
 Decode = Callable[[Any], NavigationInput]
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
@@ -50,6 +51,7 @@ class EkfNode(Node):
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
         self._setup = SetupChecks(self, self._monitor, self._checks)
         self._arrivals = Arrivals()
+        self._inbox = Inbox(self, self._monitor)
         self._state_log = StateLog(self.get_logger())
         self._state_log.note(self._navigation.status())
         self._odometry = advertise(self, "tirgeo/odometry", output(STREAM_DEPTH))
@@ -60,8 +62,7 @@ class EkfNode(Node):
         # Of what the method takes alone: an idle subscription would cost time at every message.
         for source in METHOD_SOURCES[config.method]:
             topic, decode = NAVIGATION_INPUTS[source]
-            take = partial(self._take, topic, decode)
-            subscribe(self, topic, take, sensor_input(), self._monitor)
+            self._inbox.subscribe(topic, partial(self._take, topic, decode), sensor_input())
         # The absence of others is the filter's to tell: it knows which of them it misses.
         self._monitor.expects(NAVIGATION_INPUTS[Source.IMU][0])
         self._restart = guarded(self, self._monitor, "reset", self._navigation.reset)
@@ -69,8 +70,7 @@ class EkfNode(Node):
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
-        arrival_ns = self.get_clock().now().nanoseconds
-        came = decode(message)
+        came, arrival_ns = decode(message), self._inbox.taken_ns
         step = self._navigation.process(self._arrivals.stamped(topic, came, arrival_ns))
         if step.verdict.outcome in _RESTARTS:
             self._warn(step.verdict)
@@ -102,7 +102,7 @@ class EkfNode(Node):
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = self._messages.navigation_diagnostic(item_name(self, "navigation"), status)
-        item.values.update(self._arrivals.diagnostics)
+        item.values.update(self._arrivals.diagnostics | self._inbox.diagnostics)
         return item
 
     def _warn(self, verdict: Verdict) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import math
 from functools import partial
 from typing import Any
 
@@ -11,8 +10,10 @@ import cv2
 from rclpy.node import Node
 
 from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.map_checks import MapChecks
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.draping import Ground
 from tirgeo_ros.core.map_drawing import Verdict
@@ -39,7 +40,7 @@ from tirgeo_ros.nodes.frame_times import FrameTimes
 from tirgeo_ros.nodes.locate_topics import LocateTopics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.sent_numbers import SentNumbers
@@ -67,16 +68,19 @@ class OverlayNode(Node):
         ground = self._load_ground()
         terrain = ground if isinstance(ground, Terrain) else None
         self._overlay = Overlay(self._config, layers, terrain)
+        self._monitor = Monitor()
+        self._map_checks = MapChecks(ground)
+        self._picture_checks = PictureChecks(
+            self._config, ground, given_names(self, OverlayConfig)
+        )
+        self._setup = SetupChecks(self, self._monitor, self._map_checks, self._picture_checks)
+        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by their items' names
         self._camera = given_camera(self._config)
         if self._camera is not None:
-            self._overlay.set_camera(self._camera)
+            self._set_camera(self._camera)
         self._told: tuple[str, ...] = ()  # notes on the map as it lies
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
-        self._monitor = Monitor()
-        self._map_checks = MapChecks(ground)
-        self._setup = SetupChecks(self, self._monitor, self._map_checks)
-        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by their items' names
         self._times = FrameTimes()
         self._numbers: list[SentNumbers] = []  # of the topics of frames
         self._arrivals = Arrivals()
@@ -91,18 +95,19 @@ class OverlayNode(Node):
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # a large map is not searched for garbage while the video runs
 
-    def _load_ground(self) -> Ground:
+    def _load_ground(self) -> Ground | None:
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
             self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
-        return math.nan if ground is None else ground
+        return ground
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
             self._numbers.append(SentNumbers())
-            subscribe(self, topic, take_frame, frames, self._monitor, numbers=self._numbers[-1])
+            counted = self._numbers[-1].listening
+            subscribe(self, topic, take_frame, frames, self._monitor, wrapped=counted)
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
@@ -118,16 +123,24 @@ class OverlayNode(Node):
         now_ns = self._now_ns()
         stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
         self._times.arrived(stamp)
-        self._overlay.add_frame(stamp, pixels_of(message), now_ns)
+        pixels = pixels_of(message)
+        self._overlay.add_frame(stamp, pixels, now_ns)
         self._timer.reset()
         self._release()
+        self._setup.take(self._picture_checks.frame, stamp_ns(message), pixels, now_ns)
 
     def _take_pose(self, message: Any) -> None:
-        self._overlay.add_pose(camera_pose(message))
+        pose = camera_pose(message)
+        self._overlay.add_pose(pose)
         self._release()
+        self._setup.take(self._picture_checks.pose, pose)
 
     def _take_camera_info(self, message: Any) -> None:
-        self._overlay.set_camera(camera(message))
+        self._set_camera(camera(message))
+
+    def _set_camera(self, found: Camera) -> None:
+        self._setup.take(self._picture_checks.camera, found)
+        self._overlay.set_camera(found)
 
     def _take_origin(self, message: Any) -> None:
         before = self._overlay.plane
@@ -136,6 +149,7 @@ class OverlayNode(Node):
         self.resources.look()
         if plane != before:
             self._setup.take(self._map_checks.plane, plane)
+            self._setup.take(self._picture_checks.plane, plane)
 
     def _tell_notes(self) -> None:
         if self._overlay.notes != self._told:

@@ -5,14 +5,10 @@ What gave way to a newer one in a shallow queue, or was lost on the way, is told
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
-#: The signature of a callback to which rclpy tells the numbers beside the message.
-_TOLD = inspect.Signature(
-    [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
-)
+from tirgeo_ros.nodes.callbacks import told
 
 
 class SentNumbers:
@@ -36,14 +32,10 @@ class SentNumbers:
     def listening(self, receive: Callable[[Any], None]) -> Callable[..., None]:
         """``receive`` as the callback of a subscription that tells the numbers."""
 
-        def take(message: Any, info: Any = None) -> None:
-            # The events executor gives both as one pair, the others as two arguments.
-            if isinstance(message, tuple):
-                message, info = message
+        def take(message: Any, info: Any) -> None:
             number = info.get("publication_sequence_number") if info else None
             if number is not None:  # not every middleware numbers them
                 self.heard(number)
             receive(message)
 
-        take.__signature__ = _TOLD  # type: ignore[attr-defined]
-        return take
+        return told(take)

@@ -18,7 +18,6 @@ from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.nodes.sent_numbers import SentNumbers
 
 
 @cache
@@ -47,13 +46,13 @@ def subscribe(
     qos: QoSProfile,
     monitor: Monitor,
     typename: str = "",
-    numbers: SentNumbers | None = None,
+    wrapped: Callable[[Callable[[Any], None]], Callable[..., None]] | None = None,
 ) -> Subscription:
     """A subscription to a contract topic, whose messages do not end the node (``guarded``).
 
     Those that DDS says were lost on the way are counted, where it says so: not those that gave
-    way to a newer one in a shallow queue, which ``numbers`` counts too. ``typename`` is for a
-    topic that is not of the contract.
+    way to a newer one in a shallow queue. ``typename`` is for a topic that is not of the contract;
+    ``wrapped`` makes the callback from that which takes a message.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
@@ -63,7 +62,7 @@ def subscribe(
         monitor.received(topic)
         take(message)
 
-    callback = numbers.listening(receive) if numbers else receive
+    callback = wrapped(receive) if wrapped else receive
 
     def lost(event: Any) -> None:
         monitor.lost(topic, event.total_count)

@@ -55,9 +55,13 @@ def solutions(
     flight: Flight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
 ) -> list[NavSolution]:
     """What the filter publishes over a flight, or over ``samples`` in its place."""
+    return published(config, navigation_samples(flight) if samples is None else samples)
+
+
+def published(config: EkfConfig, samples: Iterable[NavigationInput]) -> list[NavSolution]:
+    """Return what a new filter publishes over samples."""
     navigation = Navigation(config)
-    given = navigation_samples(flight) if samples is None else samples
-    steps = [navigation.process(sample) for sample in given]
+    steps = [navigation.process(sample) for sample in samples]
     return [step.solution for step in steps if step.solution is not None]
 
 

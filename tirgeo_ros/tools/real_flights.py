@@ -196,12 +196,14 @@ def _cuts_at(
     navigation, pose = Navigation(config), None
     hidden: dict[int, tuple[PositionSample, NavSolution | None]] = {}
     for sample in samples:
-        since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
-        inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S))
-        if not len(inside) or not _is_rtk(sample):
+        inside: list[int] = []
+        if _is_rtk(sample):
+            since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
+            inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
+        if not inside:
             pose = navigation.process(sample).solution or pose
         elif _is_fix(sample):
-            hidden[int(inside[0])] = sample, pose
+            hidden[inside[0]] = sample, pose
     for fix, last in hidden.values():
         fresh = last is not None and fix.stamp_ns - last.stamp_ns <= _FRESH_NS
         yield _missed(fix, last, config.aircraft.rtk_lever_b) if fresh and last else _NO_POSE

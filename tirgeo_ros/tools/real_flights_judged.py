@@ -21,7 +21,7 @@ from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.parameter import config_from
 from tirgeo_ros.core.samples import Array, HeadingSample, NavigationInput, Source, VelocitySample
 from tirgeo_ros.io.own_python import safe_workers
-from tirgeo_ros.tools.flight_errors import rms
+from tirgeo_ros.tools.flight_errors import published, rms
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.real_flights import (
     SETTLED_S,
@@ -88,7 +88,7 @@ def judge(path: Path, values: Mapping[str, object]) -> Judged:
     flown = fly(config, samples)
     moved_m = [
         largest_change_m(
-            flown.poses, fly(config, moved_east(samples, t_s, MOVED_FOR_S, MOVED_M)).poses
+            flown.poses, published(config, moved_east(samples, t_s, MOVED_FOR_S, MOVED_M))
         )
         for t_s in (MOVED_AT_S, *(max(share * length_s, SETTLED_S) for share in MOVED_AT_SHARES))
     ]

@@ -9,7 +9,7 @@ import pytest
 from overlays import PLANE, SQUARE_N, geo
 
 from tirgeo_ros.core.checks.finding import Severity
-from tirgeo_ros.core.checks.map_checks import dem_findings, map_findings
+from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
 from tirgeo_ros.core.map_drawing import lay_layers
 from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.terrain import Terrain, graticule
@@ -132,3 +132,20 @@ def test_a_file_that_names_no_system_is_noted(tmp_path):
     found = only(map_findings(lay_layers(layers, PLANE, GROUND_M), GROUND_M))
     assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
     assert "has no .prj" in found.evidence
+
+
+def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
+    checks = MapChecks(model(gap=True))
+    assert checks.findings() == []
+    checks.plane(PLANE)
+    assert [found.check for found in checks.findings()] == ["dem_elsewhere"]
+    checks.map(laid(at(34.4, 114.3), ground=model(gap=True)))
+    assert {found.check for found in checks.findings()} == {
+        "dem_elsewhere",
+        "map_elsewhere",
+        "map_empty",
+    }
+    unknown = MapChecks(None)
+    unknown.plane(PLANE)
+    unknown.map(laid(geo(SQUARE_N)))
+    assert unknown.findings() == []

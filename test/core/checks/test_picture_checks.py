@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checked_flights import CheckedFlight, checked_flight, picture_findings
+from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
 
 from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
@@ -95,18 +95,34 @@ def test_ground_above_sea_level_is_told(flight, height_m, check, as_model):
     assert name in finding.parameter
 
 
-def test_a_camera_askew_is_told(flight):
-    """The poses as they would be if the boresight were 5 deg of pitch and nobody knew."""
-    from tirgeo_ros.core.attitude import quat_from_rotvec, quat_multiply  # noqa: PLC0415
+def exchanged(joints):
+    return replace(joints, roll_rad=joints.pitch_rad, pitch_rad=joints.roll_rad)
 
-    aside = quat_from_rotvec(np.radians([5.0, 0.0, 0.0]))
-    events = tuple(
-        (kind, replace(what, q_nc=quat_multiply(what.q_nc, aside)) if kind == "pose" else what, at)
-        for kind, what, at in flight.events
-    )
-    [finding] = picture_findings(CheckedFlight(flight.configs, events))
+
+def yaw_turned(joints):
+    return replace(joints, yaw_rad=-joints.yaw_rad)
+
+
+@pytest.mark.parametrize("fault", [exchanged, yaw_turned])
+def test_pictures_contradict_joints_that_are_wrong(flight, fault):
+    [finding] = picture_findings(recomposed(flight, fault))
+    assert finding.check == "picture_motion"
+    assert "gimbal/joint_states" in finding.parameter
+
+
+def askew(joints):
+    """Joints of a camera that hangs 5 deg lower than they say, and 3 deg to the right."""
+    pitch_rad = joints.pitch_rad + math.radians(5.0)
+    return replace(joints, pitch_rad=pitch_rad, yaw_rad=joints.yaw_rad - math.radians(3.0))
+
+
+def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
+    faulty = recomposed(flight, askew)
+    [finding] = picture_findings(faulty)
     assert finding.check == "boresight_by_motion"
-    assert "looks 5." in finding.evidence or "looks 4." in finding.evidence
+    told = finding.evidence.split("yaw ")[1].split(";")[0].split(", ")
+    boresight = replace(flight.configs.gimbal, boresight_rpy_deg=tuple(map(float, told)))
+    assert picture_findings(recomposed(flight, askew, boresight)) == []
 
 
 def test_pictures_without_a_scene_say_nothing(flight):
@@ -154,3 +170,26 @@ def test_a_latency_that_nobody_gave_is_a_note(flight):
     [finding] = checks.findings()
     assert finding.check == "latency_default"
     assert finding.severity is Severity.NOTE
+
+
+def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
+    nowhere = replace(flight.configs.overlay, ground_height_m=math.nan)
+    assert picture_findings(flight, overlay=nowhere) == []
+    [finding] = picture_findings(flight, overlay=replace(nowhere, video_latency_s=0.25))
+    assert finding.check == "video_latency"
+    [finding] = picture_findings(
+        flight,
+        overlay=nowhere,
+        lens=lambda camera: replace(camera, fx=camera.fx * 1.3, fy=camera.fy * 1.3),
+    )
+    assert finding.check == "focal_length"
+
+
+def test_poses_that_are_none_are_left_out(flight):
+    bad = tuple(
+        ("pose", replace(what, position_n=np.full(3, np.nan)), at)
+        for kind, what, at in flight.events
+        if kind == "pose"
+    )
+    events = tuple(one for both in zip(flight.events, bad * 20, strict=False) for one in both)
+    assert picture_findings(CheckedFlight(flight.configs, events[: len(bad)])) == []

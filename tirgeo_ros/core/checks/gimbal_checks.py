@@ -82,7 +82,7 @@ class GimbalChecks:
 
     def body(self, pose: BodyPose) -> None:
         """Take a pose of the body, which serves where the autopilot's attitude is not there."""
-        if _due(self._bodies, pose.stamp_ns):
+        if _due(self._bodies, pose.stamp_ns) and usable_attitude(pose.q_nb):
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
     def _look(self, topic: str, stamp_ns: int, entry: Array) -> None:

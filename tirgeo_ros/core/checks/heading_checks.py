@@ -148,7 +148,7 @@ class HeadingChecks:
         sums["gyro"] += turned * turned
         sums["own"] += change * change
         sums["both"] += change * turned
-        sums["left"] += wrapped(change - turned) ** 2
+        sums["left"] += (change - turned) ** 2  # nothing that flies turns by 180 deg a second
         self._still += change == 0.0
 
     def findings(self) -> list[Finding]:

@@ -14,8 +14,10 @@ import numpy as np
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.pose_history import attitude_of
 from tirgeo_ros.core.samples import Array, BodyPose, CameraPose
 from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.validity import pose_fault
 
 _EVERY_NS = 250_000_000
 _LONGEST_GAP_NS = 1_000_000_000
@@ -49,7 +51,7 @@ class HeightChecks:
         self._ground = ground
         self._sampled: tuple[int, Array] | None = None
         self._rest: tuple[int, Array, float] | None = None  # since when, where, above ground
-        self._rested: list[tuple[float, float]] = []  # height in the plane, above ground
+        self._rested: tuple[float, float] | None = None  # height in the plane, above ground
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._counts = dict.fromkeys(("below", "high", "low"), 0)
         self._worst: dict[str, float] = {}
@@ -58,6 +60,8 @@ class HeightChecks:
         """Take a pose, in order of time."""
         before = self._sampled
         if before is not None and 0 <= pose.stamp_ns - before[0] < _EVERY_NS:
+            return
+        if pose_fault(pose.position_n, attitude_of(pose), pose.covariance):
             return
         self._sampled = pose.stamp_ns, pose.position_n
         if self.plane is None or self._ground is None:
@@ -97,17 +101,15 @@ class HeightChecks:
         if not still or rest is None or np.abs(position_n - rest[1]).max() > _STILL_M:
             self._rest = (stamp_ns, position_n, self.above_m) if still else None
             return
-        if stamp_ns - rest[0] >= _REST_S * 1e9:
-            self._rested = [one for one in self._rested if one[0] <= height_m + _LOWER_M][-3:]
-            self._rested.append((height_m, self.above_m))
+        if stamp_ns - rest[0] >= _REST_S * 1e9 and height_m <= self._lowest_m + _LOWER_M:
+            self._rested = height_m, self.above_m
 
     def findings(self) -> list[Finding]:
         """Return what was found up to now."""
         found = [_of_flight(name, self._worst[name], self._ground) for name in self._worst]
         climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
-        rests = [one for one in self._rested if one[0] <= self._lowest_m + _LOWER_M]
-        if climbed and rests:
-            above_m = rests[-1][1]
+        if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:
+            above_m = self._rested[1]
             low, high = _RESTS_ON_TERRAIN_M if isinstance(self._ground, Terrain) else _RESTS_M
             if not low <= above_m <= high and not math.isnan(above_m):
                 found.append(_at_rest(above_m, self._ground))

@@ -11,7 +11,7 @@ _BLOCK_NS = 50_000_000
 #: A longer step between samples has lost some: a block across it would be no mean.
 _LONGEST_STEP_NS = 40_000_000
 #: In whatever unit.
-_NO_NUMBER = 1e7
+NO_NUMBER = 1e7
 
 
 class ImuBlock(NamedTuple):
@@ -49,7 +49,7 @@ class ImuBlocks:
         p, q, r = self._rate
         x, y, z = sample.specific_force_b.tolist()
         u, v, w = sample.angular_rate_b.tolist()
-        if not abs(x + y + z) + abs(u + v + w) < _NO_NUMBER:  # nor is a NaN
+        if not abs(x + y + z) + abs(u + v + w) < NO_NUMBER:  # nor is a NaN
             return None
         self._force = a + x, b + y, c + z
         self._rate = p + u, q + v, r + w

@@ -15,7 +15,7 @@ _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
 _SQUARE = 0.1  # fx and fy differ by less; the pixels of sensors are square
 #: Ratios of the sizes in which cameras give their pictures.
 _RATIOS = (0.25, 1 / 3, 0.4, 0.5, 0.6, 0.625, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 1.6, 2, 2.5, 4)
-_NEAR_RATIO = 0.04
+_NEAR_RATIO = 0.1  # principal points lie aside, too
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
@@ -51,7 +51,7 @@ def _aside(camera: Camera, lens: str) -> Finding | None:
     )
     ratio = 2 * camera.cx / camera.width
     nearest = min(_RATIOS, key=lambda one: abs(math.log(one / max(ratio, 1e-6))))
-    alike = abs(2 * camera.cy / camera.height / nearest - 1) < 2 * _NEAR_RATIO
+    alike = abs(2 * camera.cy / camera.height / nearest - 1) < _NEAR_RATIO
     if alike and abs(ratio / nearest - 1) < _NEAR_RATIO:
         width, height = camera.width * nearest, camera.height * nearest
         evidence += f": K is that of {width:.0f}x{height:.0f}"

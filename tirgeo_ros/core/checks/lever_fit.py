@@ -33,18 +33,33 @@ class Normal(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What the IMU's readings of a window integrate to, N instants, from zero."""
+    """What the IMU's readings of a window integrate to, N instants, from zero.
 
-    times_s: Array  # (N,)
+    Attitude, rate and the antenna's motion are those in the middle of each block, the IMU's
+    velocity and position those at its end.
+    """
+
+    times_s: Array  # (N,) of the ends
     rotation_nb: Array  # (N, 3, 3)
-    acceleration_n: Array  # (N, 3) m/s2
+    rate_b: Array  # (N, 3) rad/s
     velocity_n: Array  # (N, 3) m/s
     position_n: Array  # (N, 3) m
-    rate_b: Array  # (N, 3) rad/s
+    antenna_velocity_n: Array  # (N, 3) m/s
+    antenna_acceleration_n: Array  # (N, 3) m/s2
+
+    @property
+    def middles_s(self) -> Array:
+        """(N,) of the middles."""
+        return np.asarray(self.times_s - 0.5 * np.diff(self.times_s, prepend=0.0))
 
 
-def integrated(blocks: Sequence[ImuBlock], q_nb: Array, rotation_bi: Array | None) -> Path:
-    """Return the path over consecutive blocks; ``q_nb`` (4,) is the attitude before the first."""
+def integrated(
+    blocks: Sequence[ImuBlock], q_nb: Array, rotation_bi: Array | None, lever_b: Array
+) -> Path:
+    """Return the path over consecutive blocks; ``q_nb`` (4,) is the attitude before the first.
+
+    ``lever_b`` (3,) is where the antenna is thought to be: its swing is small against the way.
+    """
     forces, rates = (np.array([b[k] for b in blocks]) for k in (2, 3))
     if rotation_bi is not None:
         forces, rates = forces @ rotation_bi.T, rates @ rotation_bi.T
@@ -61,38 +76,36 @@ def integrated(blocks: Sequence[ImuBlock], q_nb: Array, rotation_bi: Array | Non
     change = acceleration * steps_s[:, None]
     velocity = np.cumsum(change, axis=0)
     position = np.cumsum((velocity - 0.5 * change) * steps_s[:, None], axis=0)
-    # Values at the ends of the blocks, but for attitude, acceleration and rate: at their middles.
     times_s = np.cumsum(steps_s)
-    return Path(times_s, middle_nb, acceleration, velocity, position, rates)
+    swing = np.einsum("nij,nj->ni", middle_nb, np.cross(rates, lever_b))
+    antenna = velocity - 0.5 * change + swing
+    pull = acceleration + np.gradient(swing, times_s - 0.5 * steps_s, axis=0)
+    return Path(times_s, middle_nb, rates, velocity, position, antenna, pull)
 
 
 def by_positions(path: Path, times_s: Array, positions_n: Array) -> Normal | None:
     """Return the equations of (N,) times in the path and positions (N, 3) of any plane."""
-    rotation, velocity, position = _at(path, times_s)[:3]
-    design = np.concatenate((rotation, velocity[:, :, None]), axis=2)
+    middles_s = path.middles_s
+    rotation = _between(middles_s, path.rotation_nb, times_s)
+    antenna = _between(middles_s, path.antenna_velocity_n, times_s)
+    position = _between(path.times_s, path.position_n, times_s)
+    design = np.concatenate((rotation, antenna[:, :, None]), axis=2)
     return _reduced(times_s, positions_n - position, design, position, _CUBIC)
 
 
 def by_velocities(path: Path, times_s: Array, velocities_n: Array) -> Normal | None:
     """Return the equations of (N,) times in the path and velocities (N, 3)."""
-    rotation, velocity, _, acceleration, rate = _at(path, times_s)
-    design = np.concatenate((rotation @ skew(rate), acceleration[:, :, None]), axis=2)
+    middles_s = path.middles_s
+    rotation = _between(middles_s, path.rotation_nb, times_s)
+    rate = _between(middles_s, path.rate_b, times_s)
+    antenna = _between(middles_s, path.antenna_acceleration_n, times_s)
+    velocity = _between(path.times_s, path.velocity_n, times_s)
+    design = np.concatenate((rotation @ skew(rate), antenna[:, :, None]), axis=2)
     return _reduced(times_s, velocities_n - velocity, design, velocity, _QUADRATIC)
 
 
-def _at(path: Path, times_s: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Attitude, velocity, position, acceleration, rate at times, linearly between instants."""
-    ends, middles = path.times_s, path.times_s - 0.5 * np.diff(path.times_s, prepend=0.0)
-    return (
-        _between(middles, path.rotation_nb, times_s),
-        _between(ends, path.velocity_n, times_s),
-        _between(ends, path.position_n, times_s),
-        _between(middles, path.acceleration_n, times_s),
-        _between(middles, path.rate_b, times_s),
-    )
-
-
 def _between(known_s: Array, values: Array, times_s: Array) -> Array:
+    """Return values (N, ...) at times, linearly between instants."""
     at = np.clip(np.searchsorted(known_s, times_s), 1, len(known_s) - 1)
     share = (times_s - known_s[at - 1]) / (known_s[at] - known_s[at - 1])
     share = share.reshape(-1, *[1] * (values.ndim - 1))

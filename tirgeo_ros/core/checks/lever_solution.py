@@ -12,9 +12,11 @@ from tirgeo_ros.core.samples import Array
 
 #: With fewer their scatter tells no sigma.
 _LEAST_WINDOWS = 5
-#: Of lever arm (m) and delays (s): what is believed before, so that the unseen stays at 0.
-_PRIOR = 1 / np.array((10.0, 10.0, 10.0, 2.0, 2.0)) ** 2
-_WHERE = (np.array((0, 1, 2, 3)), np.array((0, 1, 2, 4)))
+#: Of lever arm (m), delay, and what velocities are later than that (s): what is believed before,
+#: so that the unseen stays at 0. A receiver measures both at once; some smooth the velocity.
+_PRIOR = 1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2
+#: What the unknowns of positions and of velocities are in those.
+_PARTS = np.eye(4, 5), np.eye(4, 5) + np.outer(np.eye(4)[3], np.eye(5)[4])
 
 
 class Lever(NamedTuple):
@@ -22,7 +24,7 @@ class Lever(NamedTuple):
 
     lever_b: Array  # (3,) m, FRD
     lever_sigma_b: Array  # (3,)
-    delays_s: Array  # (2,) stamps later than measurements: of positions, of velocities
+    delays_s: Array  # (2,) stamps later than measurements; velocities by so much more
     delay_sigmas_s: Array  # (2,)
     windows: int
 
@@ -37,10 +39,10 @@ def solved(windows: Sequence[tuple[Normal | None, Normal | None]]) -> Lever | No
     matrices, rights = [], []
     for window in windows:
         matrix, right = np.zeros((5, 5)), np.zeros(5)
-        for normal, variance, at in zip(window, variances, _WHERE, strict=True):
+        for normal, variance, part in zip(window, variances, _PARTS, strict=True):
             if normal is not None and variance is not None:
-                matrix[np.ix_(at, at)] += normal.matrix / variance
-                right[at] += normal.right / variance
+                matrix += part.T @ normal.matrix @ part / variance
+                right += part.T @ normal.right / variance
         if matrix.any():
             matrices.append(matrix)
             rights.append(right)

@@ -30,8 +30,8 @@ _MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem
 class MapChecks:
     """Looks at map and elevation model of a flight whenever the map or the plane is new."""
 
-    def __init__(self, ground: Ground) -> None:
-        self._ground = ground
+    def __init__(self, ground: Ground | None) -> None:
+        self._ground = math.nan if ground is None else ground
         self._found: list[Finding] = []
 
     def plane(self, plane: TangentPlane) -> None:
@@ -57,7 +57,7 @@ def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) ->
     if not laid.features:
         return [_nothing("the map has no features")]
     found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
-    nearest = Whereabouts(laid.map).nearest(np.zeros(3))
+    nearest = Whereabouts(laid.map, laid.first_n).nearest(np.zeros(3))
     if nearest is not None and nearest.distance_m > _FAR_M:
         found.append(_elsewhere(laid, nearest.distance_m, nearest.azimuth_rad, nearest.point_n))
     return sorted_findings([*found, *_system_findings(laid)])

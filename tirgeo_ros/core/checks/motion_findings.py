@@ -15,6 +15,9 @@ from tirgeo_ros.core.frames import flu_from_frd
 _SURE = 6.0
 #: And where leaving it makes what remains larger by this: 1.19 was seen without one.
 _TELLS = (1.25, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
+#: What remains is no more than this where the poses are good; with more, as where a filter without
+#: headings begins, an error must explain more: 1.29 times as much was seen without one.
+_GOOD_PX = 1.0
 _LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the latter as logarithms
 _LEAST_HEIGHT_M = 2.0
 _LEAST_BORESIGHT_RAD = math.radians(2.5)
@@ -26,7 +29,10 @@ _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
 def motion_findings(
     fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
 ) -> list[Finding]:
-    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed."""
+    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed.
+
+    ``ground`` is empty where nothing does.
+    """
     if _unexplained(fit):
         return [_other_motion(fit)]
     found = []
@@ -35,7 +41,8 @@ def motion_findings(
     if _sure(fit, FOCAL, _LEAST_FOCAL):
         found.append(_focal(fit, focal_px, lens))
     above_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    if _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > _LEAST_HEIGHT_M:
+    least_m = max(_LEAST_HEIGHT_M, _SURE * fit.height_sigma_m)
+    if ground and _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
         found.append(_height(fit, above_m, ground))
     if _sure_boresight(fit):
         found.append(_boresight(fit))
@@ -49,15 +56,19 @@ def _unexplained(fit: MotionFit) -> bool:
 
 def _sure(fit: MotionFit, one: int, least: float) -> bool:
     value, sigma = abs(fit.values[one]), fit.sigmas[one]
-    tells = fit.without[one] > _TELLS[one] * fit.after
-    return bool(value > max(least, _SURE * sigma) and tells and not fit.assumed[one])
+    sure = value > max(least, _SURE * sigma) and not fit.assumed[one]
+    return bool(sure and _tells(fit, one))
+
+
+def _tells(fit: MotionFit, one: int) -> bool:
+    return fit.without[one] > _TELLS[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
 
 
 def _sure_boresight(fit: MotionFit) -> bool:
     angles, sigmas = fit.values[BORESIGHT], fit.sigmas[BORESIGHT]
     sure = np.abs(angles) > np.maximum(_LEAST_BORESIGHT_RAD, _SURE * sigmas)
     sure &= ~np.array(fit.assumed[BORESIGHT])
-    return bool(sure.any() and fit.without[3] > _TELLS[3] * fit.after)
+    return bool(sure.any() and _tells(fit, 3))
 
 
 def _seen(fit: MotionFit) -> str:
@@ -109,9 +120,10 @@ def _height(fit: MotionFit, above_m: float, ground: str) -> Finding:
         f"not from {fit.above_m:.0f} m above it {_seen(fit)}"
     )
     severity = Severity.STOP if abs(fit.values[HEIGHT]) > _WRONG else Severity.CAUTION
+    off_m = fit.above_m - above_m
     mend = (
-        f"heights of the ground are {fit.above_m - above_m:+.0f} m off: they are ellipsoidal, not "
-        "above sea level"
+        f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m: heights are "
+        "ellipsoidal, not above sea level"
     )
     return Finding("ground_by_motion", severity, evidence, ground, mend)
 
@@ -125,7 +137,7 @@ def _boresight(fit: MotionFit) -> Finding:
         f"the camera looks {size:.1f} deg aside of its poses (roll, pitch, yaw {told}; sigma "
         f"{worst:.1f}) {_seen(fit)}"
     )
-    mend = "run tirgeo calibrate boresight; or the lens's principal point is wrong"
+    mend = "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"
     return Finding(
         "boresight_by_motion",
         Severity.CAUTION,

@@ -58,6 +58,7 @@ class Pair(NamedTuple):
     second: Array  # (N, 2) the same points in the second picture
     above_m: Array  # (N,) height of the camera above the ground at each point
     poses: Array  # (2, K, 7) position and quaternion at OFFSETS_S from each exposure
+    height_sigma_m: float  # of the poses
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class MotionFit:
     moved: float  # rms of what they move, px
     without: tuple[float, ...]  # (4,) ``after`` with latency, focal, height, boresight left wrong
     above_m: float  # median height above ground, as believed
+    height_sigma_m: float  # median of the poses'
 
 
 class _Scene:
@@ -150,6 +152,7 @@ def fit_motion(
         scene.pair_rms((scene.second - scene.first) * focal_px),
         tuple(_left_wrong(scene, values, one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
         float(np.median(scene.above_m)),
+        float(np.median([one.height_sigma_m for one in pairs])),
     )
 
 

@@ -78,12 +78,12 @@ class NavigationChecks:
         stream = self._streams.get(topic)
         if stream is None:
             stream = self._streams[topic] = Stream(longest_step_s(topic, self._config))
-        ended = stream.add(sample.stamp_ns, arrival_ns)
+        stream.add(sample.stamp_ns, arrival_ns)
         if isinstance(sample, ImuSample):
             self._imu(sample)
             return
-        if ended and _IMU in self._streams:
-            self._stamps.window(topic, stream, self._streams[_IMU])
+        if _IMU in self._streams:
+            self._stamps.take(topic, stream, self._streams[_IMU])
         self._aid(topic, sample)
 
     def solution(self, solution: NavSolution) -> None:
@@ -92,10 +92,11 @@ class NavigationChecks:
 
     def findings(self) -> list[Finding]:
         """Return what is wrong by all that came, the worst first."""
-        units = [*self._force.findings(), *self._gyro.findings()]
+        gyro = self._gyro.findings()
+        units = [*self._force.findings(), *gyro]
         found = [
             *units,
-            *self._heading.findings(),
+            *([] if gyro else self._heading.findings()),  # it is compared with them
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(self._streams),

@@ -19,6 +19,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.locating import Ground
 from tirgeo_ros.core.samples import BodyPose, CameraPose
+from tirgeo_ros.core.validity import pose_fault
 
 _FEWEST = 20  # pairs of pictures, eight seconds
 _FROZEN = 0.9  # of them
@@ -75,6 +76,8 @@ class PictureChecks:
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose of the camera, in order of time."""
+        if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
+            return
         self._stamps.pose(pose.stamp_ns)
         if not self._bodies:
             self._heights.pose(pose)
@@ -112,7 +115,8 @@ class PictureChecks:
         fit = self._motion.fit()
         if fit is None:
             return []
-        return motion_findings(fit, self._latency_s, camera.fx, self._lens, self._ground)
+        ground = self._ground if self._motion.knows_ground else ""
+        return motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
 
 
 def _frozen(frozen: int, pairs: int) -> Finding:

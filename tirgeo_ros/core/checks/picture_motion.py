@@ -24,15 +24,19 @@ from tirgeo_ros.core.terrain import Terrain
 #: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
 _KEPT = 48
 _TURNS_PX = 8.0
-_FEWEST, _NEW = 20, 20  # pairs for a fit, and for the next one
+_FEWEST, _NEW = 16, 20  # pairs for a fit, and for the next one
 _LONGEST_GAP_S = 0.1  # between poses
 #: Poses are means over this, so that their noise is the same at all instants: a time at which it
 #: were less would look like the right one.
 _MEAN_S = 0.08
 _WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
 _POSES_S = 2.0  # are kept
+#: Variance of an attitude that may be far off, and so turn as nothing turns: a filter's heading
+#: before it has seen headings, or accelerations.
+_LARGEST_RAD2 = math.radians(3.0) ** 2
 _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
+_UNKNOWN_M = 50.0  # above ground, where nothing says it: the fit then finds it
 _FLATTEST = 0.2  # of a ray, downwards: terrain is looked up no further away
 _STEPS = 3  # to a ray's place on terrain
 
@@ -44,14 +48,21 @@ class PictureMotion:
         self.plane: TangentPlane | None = None
         self.camera: Camera | None = None
         self._latency_ns = round(latency_s * 1e9)
-        self._ground = ground
+        unknown = isinstance(ground, float) and math.isnan(ground)
+        self._ground = None if unknown else ground
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
+        self._height_sigma_m = 0.0
         self._waiting: deque[Tracks] = deque(maxlen=_WAITING)
         self._turning: deque[Pair] = deque(maxlen=_KEPT)
         self._straight: deque[Pair] = deque(maxlen=_KEPT)
         self._new = 0
         self._fit: MotionFit | None = None
+
+    @property
+    def knows_ground(self) -> bool:
+        """Whether heights of the ground are given, so that they may be wrong."""
+        return self._ground is not None
 
     def forget(self) -> None:
         """Forget all that was seen: the plane or the camera has changed."""
@@ -66,6 +77,10 @@ class PictureMotion:
                 return
             self._poses.clear()
         self._newest_ns = pose.stamp_ns
+        if float(pose.covariance.diagonal()[3:].max()) > _LARGEST_RAD2:
+            self._poses.clear()
+            return
+        self._height_sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
         while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9:
             self._poses.popleft()
@@ -79,7 +94,7 @@ class PictureMotion:
 
     def _pair(self, tracks: Tracks) -> None:
         camera, plane = self.camera, self.plane
-        if camera is None or plane is None or self._ground is None:
+        if camera is None or plane is None:
             return
         poses = self._poses_around(tracks)
         first, second = camera.rays(tracks.first)[:, :2], camera.rays(tracks.second)[:, :2]
@@ -90,7 +105,7 @@ class PictureMotion:
         above_m = self._above_m(plane, poses[0, len(OFFSETS_S) // 2], first)
         if not (above_m > _LEAST_ABOVE_M).all():
             return
-        pair = Pair(first, second, above_m, poses)
+        pair = Pair(first, second, above_m, poses, self._height_sigma_m)
         turns = np.linalg.norm(np.median(second - first, axis=0)) * camera.fx > _TURNS_PX
         (self._turning if turns else self._straight).append(pair)
         self._new += 1
@@ -113,10 +128,12 @@ class PictureMotion:
 
     def _above_m(self, plane: TangentPlane, pose: Array, rays: Array) -> Array:
         """(N,) height of the camera above the ground where rays (N, 2) meet it; nan beside it."""
-        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
         ground = self._ground
+        if ground is None:
+            return np.full(len(rays), _UNKNOWN_M)
+        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
         if not isinstance(ground, Terrain):
-            return np.full(len(rays), float(height_m) - (math.nan if ground is None else ground))
+            return np.full(len(rays), float(height_m) - ground)
         above_m = np.full(len(rays), float(height_m - ground.height_m(latitude, longitude)))
         q = pose[3:] / np.linalg.norm(pose[3:])
         rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ matrix_from_quat(q).T

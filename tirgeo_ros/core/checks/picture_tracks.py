@@ -20,6 +20,7 @@ _EVERY_NS = 400_000_000
 #: Between the two pictures of a pair: enough to move, not too much to be found again.
 _SHORTEST_NS, _LONGEST_NS = 80_000_000, 350_000_000
 _WIDTH = 360  # of the small picture, at most
+_SMALLEST = 32  # px, of its height or width
 _POINTS, _FEWEST = 14, 6
 _QUALITY = 0.05
 _WINDOW = (15, 15)
@@ -70,7 +71,9 @@ class PictureTracker:
         return None
 
     def _tracks(self, first: _Small, second: _Small) -> Tracks | None:
-        if first.grey.shape != second.grey.shape or first.grey.std() < _LEAST_CONTRAST:
+        if first.grey.shape != second.grey.shape or min(first.grey.shape) < _SMALLEST:
+            return None
+        if first.grey.std() < _LEAST_CONTRAST:
             return None
         self.pairs += 1
         if np.array_equal(first.grey, second.grey):

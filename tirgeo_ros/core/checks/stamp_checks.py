@@ -31,11 +31,13 @@ _AHEAD_S = -0.1
 _STEP_S = 0.15
 _DRIFT_S = 0.1
 _LEAST_DRIFTING = 30  # seconds
-_OLD_NS = 3_000_000_000
+_SECOND_NS = 1_000_000_000
+#: An IMU that has been silent for longer has no age.
+_OLD_NS = 500_000_000
 
 
 class StampChecks:
-    """Compares ages of the aids' windows with those of the IMU."""
+    """Compares the age of every aid with that of the IMU's newest sample, second by second."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._max_delay_s = config.max_delay_s
@@ -43,27 +45,32 @@ class StampChecks:
         self._delay_ns = {
             topic: delays.aid_ns[source] - delays.imu_ns for topic, (source, _) in _DELAYED.items()
         }
-        # of each topic: ages against the IMU's by windows, s
+        # of each topic: when its second began, and its ages since then
+        self._second: dict[str, tuple[int, list[int]]] = {}
+        # of each topic: medians of the newest seconds, s
         self._against: dict[str, deque[float]] = {}
         self._first: dict[str, float] = {}
         self._number: dict[str, int] = {}
         self._jumped: dict[str, float] = {}
 
-    def window(self, topic: str, stream: Stream, imu: Stream) -> None:
-        """Take the second of an aid that has just ended."""
-        if topic not in _DELAYED or not imu.windows:
+    def take(self, topic: str, stream: Stream, imu: Stream) -> None:
+        """Take the newest sample of an aid, which ``stream`` has counted."""
+        if topic not in _DELAYED or stream.arrived_ns - imu.arrived_ns > _OLD_NS:
             return
-        mine = stream.windows[-1]
-        near = min(imu.windows, key=lambda w: abs(w.arrival_ns - mine.arrival_ns))
-        if abs(near.arrival_ns - mine.arrival_ns) > _OLD_NS:
-            return
-        age_s = (mine.age_ns + self._delay_ns[topic] - near.age_ns) * 1e-9
-        ages = self._against.setdefault(topic, deque(maxlen=2 * _WINDOWS))
-        ages.append(age_s)
+        begin_ns, ages = self._second.setdefault(topic, (stream.arrived_ns, []))
+        if not 0 <= stream.arrived_ns - begin_ns < _SECOND_NS:
+            self._ended(topic, ages)
+            ages = []
+            self._second[topic] = stream.arrived_ns, ages
+        ages.append(stream.age_ns - imu.age_ns)
+
+    def _ended(self, topic: str, ages_ns: Sequence[int]) -> None:
+        kept = self._against.setdefault(topic, deque(maxlen=2 * _WINDOWS))
+        kept.append((statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
         self._number[topic] = self._number.get(topic, 0) + 1
-        if len(ages) == 2 * _WINDOWS:
-            self._first.setdefault(topic, statistics.median(ages))
-            self._look_for_jump(topic, list(ages))
+        if len(kept) == 2 * _WINDOWS:
+            self._first.setdefault(topic, statistics.median(kept))
+            self._look_for_jump(topic, list(kept))
 
     def _look_for_jump(self, topic: str, ages: Sequence[float]) -> None:
         before, after = ages[:_WINDOWS], ages[_WINDOWS:]
@@ -77,11 +84,15 @@ class StampChecks:
         recent = {t: list(a)[-_WINDOWS:] for t, a in self._against.items() if len(a) >= _WINDOWS}
         ahead = {t: max(a) for t, a in recent.items() if max(a) < _AHEAD_S}
         late = {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s}
-        drifted = {
-            topic: statistics.median(ages) - self._first[topic]
+        changes = {
+            topic: [age - self._first[topic] for age in ages]
             for topic, ages in recent.items()
             if self._number[topic] >= _LEAST_DRIFTING
-            and abs(statistics.median(ages) - self._first[topic]) > _DRIFT_S
+        }
+        drifted = {
+            topic: statistics.median(change)
+            for topic, change in changes.items()
+            if min(change) > _DRIFT_S or max(change) < -_DRIFT_S
         }
         found = [*_unstamped(streams, [t for t, delay_ns in self._delay_ns.items() if delay_ns])]
         if ahead:

@@ -117,9 +117,10 @@ class VelocityChecks:
         speeds = [math.sqrt(one / self._number) for one in (way, own)]
         said = f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
         if left[0] > _WRONG and left[best] < _RIGHT:
+            told = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
             evidence = (
                 f"{self.topic} agrees with the changes of {self.positions} "
-                f"{_EXCHANGES[best].name} (correlation {likeness[best]:.2f}, else {likeness[0]:+.2f})"
+                f"{_EXCHANGES[best].name} ({told})"
             )
             mend = _EXCHANGES[best].mend
             return Finding(self._name("axes"), Severity.STOP, evidence, self.topic, mend)

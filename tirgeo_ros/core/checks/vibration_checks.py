@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.imu_blocks import NO_NUMBER
 from tirgeo_ros.core.config import ImuConfig
 from tirgeo_ros.core.imu_clipping import Clipping
 from tirgeo_ros.core.samples import Array, ImuSample
@@ -47,7 +48,10 @@ class VibrationChecks:
             if len(usable) > 2:
                 self._sums += mean_powers(usable)
                 self._number += 1
-        self._clipping.add(sample)
+        x, y, z = sample.specific_force_b.tolist()
+        p, q, r = sample.angular_rate_b.tolist()
+        if abs(x + y + z) + abs(p + q + r) < NO_NUMBER:  # nor is a NaN
+            self._clipping.add(sample)
 
     def findings(self) -> list[Finding]:
         """Return the vibration, and the clipping."""

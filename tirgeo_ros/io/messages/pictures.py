@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -106,9 +107,13 @@ def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
     if fx == 0 or fy == 0:
         raise CameraError(f"{topic}: K is zero: the camera is not calibrated")
     try:
-        return Camera(int(msg.width), int(msg.height), fx, fy, cx, cy, distortion)
+        return _camera(int(msg.width), int(msg.height), fx, fy, cx, cy, distortion)
     except CameraError as error:
         raise CameraError(f"{topic}: {error}") from None
+
+
+# A flight says the same camera with each picture, and how far its lens holds takes a while.
+_camera = lru_cache(maxsize=16)(Camera)
 
 
 def _check_model(model: str, coefficients: int, topic: str) -> None:
