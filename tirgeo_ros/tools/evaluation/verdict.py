@@ -24,6 +24,7 @@ from tirgeo_ros.tools.evaluation.systematic import (
 )
 
 _CONFIDENCE, _CHANCE = 0.95, 0.01
+_ROUNDING = 1e-9  # of a share of some thousands
 _EIGHTHS = (
     *("north", "north-east", "east", "south-east"),
     *("south", "south-west", "west", "north-west"),
@@ -31,7 +32,7 @@ _EIGHTHS = (
 #: What to do about each cause.
 _MENDS = {
     Cause.BORESIGHT: "run calibrate boresight",
-    Cause.LATENCY: "run calibrate boresight, which finds it too",
+    Cause.LATENCY: "run calibrate boresight",  # which finds it too
     Cause.DATUM: "are the survey and the RTK base in one datum?",
     Cause.HEIGHT: "look at ground_height_m or dem of overlay_node: are all heights ellipsoidal?",
 }
@@ -60,14 +61,15 @@ def is_honest(share: float, pictures: int) -> bool:
     """Return whether so large a share inside may be that of ellipses of 95 %."""
     from scipy.special import bdtr  # noqa: PLC0415  slow to import
 
-    return bool(bdtr(math.floor(share * pictures), pictures, _CONFIDENCE) >= _CHANCE)
+    inside = math.floor(share * pictures + _ROUNDING)
+    return bool(bdtr(inside, pictures, _CONFIDENCE) >= _CHANCE)
 
 
 def _offset_words(best: MethodResult, pictures: int) -> str:
     moves = [one.moves for one in best.located if one.moves is not None]
     systematic = find_systematic(moves, pictures) if moves else None
     if systematic is not None:
-        mends = "; or ".join(_MENDS[cause] for cause in systematic.causes)
+        mends = "; or ".join(dict.fromkeys(_MENDS[cause] for cause in systematic.causes))
         return f"{_cause_words(systematic, best)}: systematic; {mends}"
     mean_m = _length(float(best.errors.distance_m.mean()))
     if pictures < LEAST_PICTURES:
