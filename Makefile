@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS := 1
 test test-slow test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz soak consistency real-flights states reproduction clean
+.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -64,6 +64,9 @@ bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, grap
 
 fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
 	$(BIN)/python -m tirgeo_ros.tools.fuzz
+
+planted-faults: $(READY)  ## faults of set-up and sensors, and whether 'tirgeo check' names them
+	$(BIN)/python -m tirgeo_ros.tools.planted_faults bags/sample
 
 MINUTES := 10
 

@@ -87,7 +87,9 @@ def fill_geopackage(database, tables, journal="delete"):
         PRAGMA application_id = 0x47504B47;
         CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT, srs_id INTEGER PRIMARY KEY,
             organization TEXT, organization_coordsys_id INTEGER, definition TEXT);
-        CREATE TABLE gpkg_contents (table_name TEXT PRIMARY KEY, data_type TEXT, srs_id INTEGER);
+        CREATE TABLE gpkg_contents (table_name TEXT PRIMARY KEY, data_type TEXT, identifier TEXT,
+            description TEXT DEFAULT '', last_change TEXT DEFAULT '2026-01-01T00:00:00.000Z',
+            min_x REAL, min_y REAL, max_x REAL, max_y REAL, srs_id INTEGER);
         CREATE TABLE gpkg_geometry_columns (table_name TEXT, column_name TEXT,
             geometry_type_name TEXT, srs_id INTEGER, z INTEGER, m INTEGER);
         """
@@ -97,7 +99,11 @@ def fill_geopackage(database, tables, journal="delete"):
             "INSERT INTO gpkg_spatial_ref_sys VALUES ('', ?, ?, ?, ?)", (srs_id, *system)
         )
     for name, (srs_id, rows) in tables.items():
-        database.execute("INSERT INTO gpkg_contents VALUES (?, 'features', ?)", (name, srs_id))
+        database.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id)"
+            " VALUES (?, 'features', ?, ?)",
+            (name, name, srs_id),
+        )
         database.execute(
             "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'GEOMETRY', ?, 2, 2)",
             (name, srs_id),

@@ -39,11 +39,11 @@ def test_the_ellipse_holds_95_percent(sigma_m):
 
 
 def test_an_ellipse_about_as_large_as_the_mark_is_not_drawn():
-    """The mark's radius is 7 px, and the least ellipse 1.3 times that."""
+    """The mark's radius is 7 px, and the least ellipse 1.5 times that."""
     mark = painted(0.0)
     assert 6 < mark.max() < 12
-    np.testing.assert_array_equal(painted(9.0 / 2.4477 / 40), mark)
-    assert len(painted(9.2 / 2.4477 / 40)) > len(mark)
+    np.testing.assert_array_equal(painted(10.4 / 2.4477 / 40), mark)
+    assert len(painted(10.6 / 2.4477 / 40)) > len(mark)
     np.testing.assert_array_equal(painted(np.nan), mark)
 
 

@@ -8,9 +8,10 @@ import time
 import numpy as np
 import pytest
 
+from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.painting import fitted, paint_notice, paint_status
 from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
-from tirgeo_ros.core.status_line import status_line
+from tirgeo_ros.core.status_line import VERDICT_BGR, status_line
 from tirgeo_ros.core.text import TEXT_BGR, text_px
 
 
@@ -109,6 +110,38 @@ def test_all_of_it_is_on_a_thermal_picture_while_all_is_well():
     for width in (640, 1280):
         size_px = text_px(np.empty((width * 4 // 5, width, 3)))
         assert fitted(fields, width, size_px) == fields
+
+
+def test_the_height_above_ground_stands_before_the_heading():
+    def told(above_m):
+        return texts(status_line(status(), 0.083, 29.97, above_m=above_m))
+
+    assert told(46.6)[:4] == [
+        "ekf_heading",
+        "RTK fixed",
+        "47 m above ground",
+        "heading sigma 0.11 deg",
+    ]
+    assert not any("ground" in text for text in told(math.nan))
+    below = status_line(status(), 0.083, 29.97, above_m=-46.0)
+    assert "46 m below ground" in texts(below)
+    assert {field.colour for field in below} != {TEXT_BGR}
+    for width in (336, 640):
+        image = np.empty((width * 4 // 5, width, 3), np.uint8)
+        fields = status_line(status(), 0.083, 29.97, above_m=120.0)
+        assert "120 m above ground" in texts(fitted(fields, width, text_px(image)))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "word"), [(Severity.CAUTION, "CAUTION"), (Severity.STOP, "NO GO")]
+)
+def test_what_the_checks_found_leads_in_its_colour(verdict, word):
+    fields = status_line(status(), 0.083, 29.97, predicted_s=0.01, verdict=verdict)
+    assert fields[0].text == word
+    assert fields[0].colour == VERDICT_BGR[verdict] != TEXT_BGR
+    for width in (64, 336, 640):
+        assert fitted(fields, width, 12)[0].text == word  # whatever room there is
+    assert not {"CAUTION", "NO GO"} & set(texts(status_line(status(), 0.0, 8.0)))
 
 
 def test_a_predicted_pose_is_said_first_and_dropped_frames_last():

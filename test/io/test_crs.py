@@ -1,6 +1,7 @@
 """Coordinate reference systems: order of axes, datums, heights, and what is not known."""
 
 import json
+import re
 
 import numpy as np
 import pyproj
@@ -62,11 +63,59 @@ def test_a_shift_of_datum_and_how_well_it_is_known():
 def test_a_datum_that_is_not_known():
     points, remarks = laid("+proj=utm +zone=33 +ellps=GRS80", [500000.0, 0.0, NAN])
     np.testing.assert_allclose(points[0, :2], [15.0, 0.0], atol=1e-9)
-    assert "names no datum: taken for WGS84" in remarks[0]
-    with pytest.raises(
-        MapError, match=r"a.map: the way from the datum of .* give its EPSG code or"
-    ):
-        laid("+proj=utm +zone=33 +ellps=bessel", [500000.0, 0.0, NAN])
+    assert "names no datum: taken for WGS84, which is right to 2 m for a datum" in remarks[0]
+    for name in ("+proj=utm +zone=33 +ellps=bessel", "+proj=longlat +ellps=bessel", "EPSG:4610"):
+        with pytest.raises(
+            MapError, match=r"a.map: the way from the datum of .* give its EPSG code or"
+        ):
+            laid(name, [50.0, 0.0, NAN])
+
+
+PLATES = {
+    "CGCS2000": (4490, 4480, 4547),
+    "GDA2020": (7844, 7856),
+    "NAD83(2011)": (6318, 6345),
+    "JGD2011": (6668, 6677),
+    "ETRS89": (4258, 25832),
+}
+
+
+@pytest.mark.parametrize("datum", PLATES)
+@pytest.mark.parametrize("form", ["code", "WKT1_ESRI", "WKT1_GDAL", "WKT2_2019"])
+def test_a_datum_that_is_named_is_not_remarked_upon(datum, form):
+    """Whether a code names it, or the text alone, as a .prj does."""
+    for code in PLATES[datum]:
+        name = f"EPSG:{code}"
+        if form != "code":
+            if code == 4480:
+                continue  # a system of three axes has no WKT of the first kind
+            text = pyproj.CRS(name).to_wkt(form)
+            name = re.sub(r',\s*(AUTHORITY|ID)\["EPSG",\s*"?\d+"?\]', "", text)
+            assert "EPSG" not in name
+        assert laid(name, [100.0, 40.0, NAN])[1] == (), name
+
+
+GEOGCS = (
+    'GEOGCS["site",DATUM["{}",SPHEROID["GRS 1980",6378137.0,298.257222101]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
+)
+
+
+@pytest.mark.parametrize(
+    ("datum", "told"),
+    [
+        ("WGS84", ""),
+        ("D_WGS_1984", ""),
+        ("D_China_2000", ""),
+        ("Unknown based on WGS 84 ellipsoid", "site names no datum: taken for WGS84"),
+        ("Not_specified_based_on_GRS_1980_ellipsoid", "site names no datum: taken for WGS84"),
+        ("my mine", "a.map: the datum 'my mine' of site is not known: taken for WGS84"),
+    ],
+)
+def test_names_of_datums_without_a_code(datum, told):
+    _, remarks = laid(GEOGCS.format(datum), [16.0, 48.0, NAN])
+    assert len(remarks) == bool(told)
+    assert told in "".join(remarks)
 
 
 def test_heights_of_another_zero_are_left_out_and_that_is_told():
@@ -83,11 +132,19 @@ def test_the_input_stays_as_it_is():
     np.testing.assert_array_equal(points, [[500000.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("name", ["", "nonsense", "EPSG:5773", "EPSG:4978", "\ud800", "x" * 10000])
+@pytest.mark.parametrize("name", ["", "nonsense", "\ud800", "x" * 10000])
 def test_what_is_no_system(name):
     with pytest.raises(
         MapError, match=r"^a.map: unknown coordinate reference system .*; save the"
     ):
+        checked_system(name, "a.map")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("EPSG:5773", "Vertical"), ("EPSG:4978", "Geocentric")]
+)
+def test_a_system_of_no_map(name, kind):
+    with pytest.raises(MapError, match=f"^a.map: '{name}' is a {kind} CRS, and .*; save the"):
         checked_system(name, "a.map")
 
 

@@ -209,3 +209,12 @@ def test_one_file_serves_every_node(tmp_path):
     assert params.config("ekf_node", EkfConfig).method == "rtk"
     assert params.config("gimbal_node", GimbalConfig).composition == "paper"
     assert params.config("overlay_node", OverlayConfig) == OverlayConfig()
+
+
+def test_sections_for_a_node_that_has_none_here(write):
+    text = "/uav1/ekf_node:\n  ros__parameters: {publish_rate_hz: 50.0}\n"
+    file = ParameterFile(write(text))
+    assert file.elsewhere("uav1") == []
+    assert file.elsewhere() == file.elsewhere("uav2") == ["/uav1/ekf_node"]
+    both = ParameterFile(write(text + text.replace("uav1", "uav2")))  # a file for a fleet
+    assert both.elsewhere("uav2") == []

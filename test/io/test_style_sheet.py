@@ -1,5 +1,6 @@
 """Style sheets: each key, and what is said of each that is wrong."""
 
+import json
 import math
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from map_files import UTM33_PRJ
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.map_layers import LayerStyle
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.style_sheet import load_style_sheet
 
 SHEET = """
@@ -22,6 +24,7 @@ layers:
     scale: [0, 2.5]
     crs: EPSG:25832
     sigma: 0.2
+    where: kind == road and lanes >= 2
   - label: false
     scale: [0.5, .inf]
     crs: 32633
@@ -52,6 +55,8 @@ def test_every_key(written, tmp_path):
     )
     assert (full.file, full.layer) == (tmp_path / "roads.gpkg", "roads")
     assert (full.crs, full.sigma_m, full.label.fields) == ("EPSG:25832", 0.2, ("name",))
+    assert full.condition.fields == ("kind", "lanes")
+    assert (some.condition, empty.condition) == (None, None)
     assert some.style == LayerStyle(labels=False, scale_m_px=(0.5, math.inf))
     assert (some.crs, some.sigma_m, some.file, some.layer) == ("EPSG:32633", 1.0, None, "")
     assert (empty.style, empty.label, empty.crs, empty.sigma_m) == (LayerStyle(), None, "", None)
@@ -105,6 +110,8 @@ BAD = {
         "layer 1: crs: unknown coordinate reference system 'EPSG:1'",
     ),
     "crs type": ("layers: [{crs: [1]}]", r"layer 1: crs: \[1\] is no code"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition: it ends where"),
+    "where type": ("layers: [{where: true}]", "layer 1: where: True is no condition, as kind =="),
     "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
 }
 
@@ -124,8 +131,16 @@ def test_an_absent_sheet(tmp_path):
         load_style_sheet(tmp_path / "absent.yaml")
 
 
-def test_the_example_sheet_is_right():
-    folder = Path(__file__).parents[2] / "config" / "styles"
-    entries = load_style_sheet(folder / "rescue.yaml")
-    files = ["buildings.gpkg", "roads.gpkg", "hydrants.geojson"]
-    assert [entry.file for entry in entries] == [folder / file for file in files]
+def test_the_example_sheet_draws_the_sample_map():
+    """Each layer has features, each feature is in one, and nothing is remarked upon."""
+    root = Path(__file__).parents[2]
+    sheet, path = root / "config/styles/rescue.yaml", root / "bags/sample/map.geojson"
+    layers = load_layers(str(path), str(sheet))
+    groups = [{f.group for f in layer.features} for layer in layers]
+    features = json.loads(path.read_text())["features"]
+    kinds = [features[min(group)]["properties"]["kind"] for group in groups]
+    assert kinds == ["bed", "path", "hydrant"]
+    assert sum(map(len, groups)) == len(features)
+    assert set().union(*groups) == set(range(len(features)))
+    assert [layer.left_out for layer in layers] == [()] * 3
+    assert len({layer.style.line_bgr for layer in layers}) == 3

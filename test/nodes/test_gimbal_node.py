@@ -64,7 +64,7 @@ def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, me
 
     def says(composition: str, listens: bool, joints: bool) -> bool:
         aircraft.step(joints=joints)
-        heard = "gimbal/attitude rate [Hz]" in newest(observer, TOPICS)[1]
+        heard = "imu/data rate [Hz]" in newest(observer, TOPICS)[1]
         return newest(observer, ITEM)[0] == f"composition: {composition}" and heard == listens
 
     observer.spin_until(lambda: says("encoders", listens=False, joints=True))

@@ -24,7 +24,7 @@ from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.parameter import parameters_of
 from tirgeo_ros.io.parameter_file import ParameterFile
 from tirgeo_ros.nodes.arguments import check_arguments, parameter_files
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.parameters import declare, given_names
 
 
 @pytest.fixture
@@ -193,3 +193,9 @@ def test_every_node_reads_the_shipped_file_as_the_commands_do(make_node, name):
 def test_a_node_by_another_name_is_left_to_rcl(tmp_path):
     path = write(tmp_path, "front: {ros__parameters: {method: rtk}}")
     check_arguments("ekf_node", ["--params-file", path, "-r", "__node:=front"])
+
+
+def test_the_names_that_somebody_set(make_node):
+    node = make_node(publish_rate_hz=50, aircraft__rtk_antenna_m=[0.0, 0.0, 0.0], port="/dev/tty")
+    assert given_names(node, EkfConfig) == {"publish_rate_hz", "aircraft.rtk_antenna_m"}
+    assert given_names(make_node(), EkfConfig) == frozenset()

@@ -32,7 +32,7 @@ def test_a_row_for_a_picture_and_a_column_for_a_palette(tmp_path, dtype):
     assert sheet.shape == (2 * (height + 4), len(PALETTES) * PHONE_PX, 3)
     rows = sheet.reshape(2, height + 4, len(PALETTES), PHONE_PX, 3)
     means = rows[0].mean(axis=(0, 2))
-    assert len(np.unique(means.round(), axis=0)) == len(PALETTES)
+    assert len(np.unique(means.round(1), axis=0)) == len(PALETTES)
     assert np.abs(rows[0].astype(int) - rows[1]).max() > 100  # the name told another pose
 
 

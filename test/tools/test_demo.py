@@ -239,3 +239,35 @@ def test_the_serial_link_runs_in_real_time(tmp_path):
     given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
     with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
         demo.run(parser.parse_args(given))
+
+
+def test_the_command_ends_with_where_to_look():
+    result = {
+        "video": "/tmp/demo/overlay.mp4",
+        "still": "/tmp/demo/still.png",
+        "method": "ekf_heading",
+        "state": "running",
+        "frames_in": 270,
+        "frames_out": 269,
+        "first_map_after_s": 1.57,
+        "heading_sigma_deg": 0.1244,
+        "frame_latency_ms": 13.28,
+        "overlay": {"drawn": 255, "notices": 14},
+        "cores": {"ekf_node": 0.2, "total": 0.4567},
+        "camera_against_truth": {"position_rms_m": 0.0312, "attitude_rms_deg": 0.151},
+    }
+    *lines, seen = demo.describe(result).splitlines()
+    assert lines == [
+        "270 frames in, 269 out, 13.3 ms later; 0.46 cores",
+        "running by ekf_heading, heading to 0.12 deg; the camera is 0.03 m and 0.15 deg off (rms)",
+        "all numbers: /tmp/demo/summary.json",
+        "",
+        "look at  /tmp/demo/overlay.mp4",
+        "    and  /tmp/demo/still.png",
+    ]
+    assert seen.startswith("There the map lies on what the camera sees: ")
+    assert seen.endswith(" in 255 frames from 1.57 s on.")
+    unknown = {"camera_against_truth": None, "first_map_after_s": None, "overlay": {}}
+    told = demo.describe(result | unknown)
+    assert "rms" not in told
+    assert told.splitlines()[-1].endswith("no frame has the map: the reason is in each of them")

@@ -15,6 +15,7 @@ from tirgeo_ros.io.bag import BagReader, BagWriter
 from tirgeo_ros.io.camera_file import given_camera, save_camera
 from tirgeo_ros.io.parameter_output import write_parameters
 from tirgeo_ros.tools.budget_files import make_budget
+from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.locate import locate_pixels
 from tirgeo_ros.tools.outputs import read_pictures
 from tirgeo_ros.tools.process import process
@@ -86,6 +87,34 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
     np.testing.assert_allclose(middle, middle_xt2, atol=1e-9)
     share = np.linalg.norm(side - middle) / np.linalg.norm(side_xt2 - middle_xt2)
     assert share == pytest.approx(0.5, abs=0.02)  # the lens bends the far one a little more
+
+
+@pytest.mark.parametrize("verb", ["locate", "evaluate", "budget"])
+def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys):
+    """It would put each pixel elsewhere, and say so with a small ellipse."""
+    half = replace(XT2, width=320, height=256)
+    save_camera(tmp_path / "half.yaml", half)
+    seen = sample / "observations.csv"
+    more = {
+        "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],
+        "evaluate": [
+            *("--survey", sample / "survey.geojson", "--observations", seen),
+            *("-o", tmp_path / "evaluation"),
+        ],
+        "budget": [],
+    }[verb]
+    given = ["--camera", tmp_path / "half.yaml", "--params", sample / "params.yaml"]
+    arguments = [verb, sample / "flight.mcap", *given, *more]
+    assert main([str(one) for one in arguments]) == 1
+    assert (
+        capsys.readouterr()
+        .err.splitlines()[-1]
+        .endswith(
+            "the calibration is of 320x256 pixels and the pictures have 640x512: give the "
+            "calibration of these pictures (--camera, or thermal/camera_info)"
+        )
+    )
+    assert not (tmp_path / "points.geojson").exists()
 
 
 def test_the_budget_with_it(lens):

@@ -26,6 +26,7 @@ OUTPUTS = {
     "calibrate lens": ["output", "plot"],
     "calibrate map": ["output", "residuals", "plot", "geotiff"],
     "budget": [],
+    "check": [],
     "evaluate": [],
     "simulate": [],
     "demo": [],

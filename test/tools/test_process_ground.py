@@ -148,6 +148,8 @@ def test_what_of_the_map_is_left_out_is_in_the_summary(clicked, sample, tmp_path
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["notes"] == [note]
     assert main(words) == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith(f"; {note}")
+    assert main([*words, "-v"]) == 0
     line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
     assert line.split(maxsplit=1)[1] == note
 
@@ -164,6 +166,6 @@ def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, s
 def test_a_map_that_is_drawn_whole_has_no_notes(clicked, sample, tmp_path, capsys):
     words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap")]
     words += ["--params", str(sample / "params.yaml"), "--map", str(sample / "map.geojson")]
-    assert main(words) == 0
+    assert main([*words, "-v"]) == 0
     line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
     assert line.split(maxsplit=1)[1] == "none"

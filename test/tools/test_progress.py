@@ -1,4 +1,4 @@
-"""The progress bar: silent where nobody looks, quiet at first, and gone at the end."""
+"""The progress bar: silent where nobody looks, there from the first message, gone at the end."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.progress import Progress, three
 
 
 class Terminal(io.StringIO):
@@ -28,18 +28,17 @@ def wide(monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
 
 
-def made(stream):
+def made(stream, unit="s"):
     clock = Clock()
-    return Progress("reading", "s", stream=stream, clock=clock), clock
+    return Progress("reading", unit, stream=stream, clock=clock), clock
 
 
-def test_nothing_is_drawn_within_two_seconds():
+def test_the_first_message_draws():
     stream = Terminal()
-    bar, clock = made(stream)
+    bar, _ = made(stream)
     with bar:
-        clock.now_s += 1.9
-        bar(5, 10)
-    assert not stream.getvalue()
+        bar(0.04, 80)
+        assert stream.getvalue() == "\r\x1b[Kreading [....................] 0.05 %  0.04 of 80.0 s"
 
 
 def test_nothing_is_drawn_where_there_is_no_terminal():
@@ -57,7 +56,7 @@ def test_part_rate_and_time_left():
     clock.now_s += 4
     bar(20, 80)  # 5 a second, so 60 more take 12 s
     assert stream.getvalue() == (
-        "\r\x1b[Kreading [#####...............]  25 %  20 of 80 s  5 s/s  0:12 left"
+        "\r\x1b[Kreading [#####...............] 25.0 %  20.0 of 80.0 s  5.00x real time  0:12 left"
     )
 
 
@@ -67,7 +66,7 @@ def test_unknown_total_shows_count_and_rate(total):
     bar, clock = made(stream)
     clock.now_s += 4
     bar(20, total)
-    assert stream.getvalue() == "\r\x1b[Kreading  20 s  5 s/s"
+    assert stream.getvalue() == "\r\x1b[Kreading  20.0 s  5.00x real time"
 
 
 def test_nothing_done_yet_has_no_time_left():
@@ -75,7 +74,30 @@ def test_nothing_done_yet_has_no_time_left():
     bar, clock = made(stream)
     clock.now_s += 4
     bar(0, 80)
-    assert stream.getvalue().endswith("  0 %  0 of 80 s  0 s/s")
+    assert stream.getvalue().endswith("] 0.00 %  0.00 of 80.0 s")
+
+
+def test_what_is_not_time_goes_by_the_second():
+    stream = Terminal()
+    bar, clock = made(stream, "MB")
+    clock.now_s += 4
+    bar(1600, 4800)
+    assert stream.getvalue().endswith("33.3 %  1600 of 4800 MB  400 MB/s  0:08 left")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0.00"),
+        (9.994, "9.99"),
+        (9.996, "10.0"),
+        (99.96, "100"),
+        (41.03, "41.0"),
+        (1235, "1235"),
+    ],
+)
+def test_three_digits(value, text):
+    assert three(value) == text
 
 
 def test_the_line_is_redrawn_ten_times_a_second_at_most():

@@ -47,7 +47,7 @@ class Labels:
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
-        self._places: dict[int, _Place] = {}  # of each shown feature's label
+        self._places: dict[int, Place] = {}  # of each shown feature's label
 
     def place(
         self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
@@ -58,7 +58,7 @@ class Labels:
         """
         shown = np.array([*self._places], np.int64)
         features = self._anchors.find(lines, marks, shown, _CONSIDERED)
-        room = _Room(image, marks.points[:2], taken)
+        room = Room(image, marks.points[:2], taken)
         places, self._places = self._places, {}
         labels, rows = [], []
         for row, seen in enumerate(_Feature.all_of(features)):
@@ -68,18 +68,18 @@ class Labels:
             found = room.find(wish, last)
             if found is None:
                 continue
-            self._places[seen.number] = _Place(wish.places, found[0])
+            self._places[seen.number] = Place(wish.places, found[0])
             labels.append(Label(seen.number, found[1]))
             rows.append(row)
             if len(labels) == MOST:
                 break
         chosen = np.array(rows, np.int64)
         points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
-        return labels, Anchors(*points, features.feature[chosen])
+        return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
 
 
-class _Place(NamedTuple):
-    """One of some places."""
+class Place(NamedTuple):
+    """One of some places: where a label was."""
 
     places: tuple[tuple[int, int], ...]
     number: int
@@ -102,8 +102,8 @@ class _Feature(NamedTuple):
         return map(cls, *numbers, *seen.uv.tolist(), *seen.half.tolist())
 
 
-class _Wish(NamedTuple):
-    """A label's size and anchor, and which places are good for it."""
+class Wish(NamedTuple):
+    """A label's size and anchor, px, and which places are good for it."""
 
     u: float
     v: float
@@ -115,22 +115,28 @@ class _Wish(NamedTuple):
     places: tuple[tuple[int, int], ...]
 
 
-def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: _Place | None) -> _Wish:
+def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Wish:
+    """The wish of a label of this size for a place beside a mark."""
+    half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
+    return Wish(u, v, *size, half_u, half_v, True, _BESIDE)
+
+
+def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: Place | None) -> Wish:
     width, height = size
     u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
     if seen.mark:
-        return _Wish(u, v, width, height, half_u + mark_px, half_v + mark_px, True, _BESIDE)
+        return wish_beside(u, v, size, mark_px)
     if not seen.inside:
-        return _Wish(u, v, width, height, half_u, half_v, False, _ALONG)
+        return Wish(u, v, width, height, half_u, half_v, False, _ALONG)
     fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
     if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
         half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
-        return _Wish(u, v, width, height, half_u, half_v, False, _UNDER)
-    return _Wish(u, v, width, height, half_u, half_v, False, _WITHIN)
+        return Wish(u, v, width, height, half_u, half_v, False, _UNDER)
+    return Wish(u, v, width, height, half_u, half_v, False, _WITHIN)
 
 
-class _Room:
-    """What is free of a picture."""
+class Room:
+    """What is free of a picture: with ``marks`` (2, V) better not covered, and boxes taken."""
 
     def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
         self._height, self._width = image.shape[:2]
@@ -139,7 +145,7 @@ class _Room:
         self._marks = marks
         self._taken = list(taken)
 
-    def find(self, wish: _Wish, last: _Place | None) -> tuple[int, Box] | None:
+    def find(self, wish: Wish, last: Place | None = None) -> tuple[int, Box] | None:
         """The number of a place and its box, which is then taken; the place it had, if it can."""
         if wish.width > self._width or wish.height > self._height:
             return None
@@ -148,19 +154,19 @@ class _Room:
             self._taken.append(found[1])
         return found
 
-    def _same(self, wish: _Wish, last: _Place | None) -> tuple[int, Box] | None:
+    def _same(self, wish: Wish, last: Place | None) -> tuple[int, Box] | None:
         if last is None or last.places is not wish.places:
             return None
         box = self._box(wish, last.number)
         return (last.number, box) if self._is_free(box, wish, 0) else None
 
-    def _free(self, wish: _Wish) -> Iterator[tuple[int, Box]]:
+    def _free(self, wish: Wish) -> Iterator[tuple[int, Box]]:
         boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
         free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
         yield from ((number, box) for number, box in free if not self._covers_mark(box))
         yield from free
 
-    def _box(self, wish: _Wish, place: int) -> Box:
+    def _box(self, wish: Wish, place: int) -> Box:
         """A place, moved into the picture."""
         u, v, width, height, half_u, half_v, _, places = wish
         to_right, down = places[place]
@@ -172,7 +178,7 @@ class _Room:
             top = 0 if top < 0 else self._height - height
         return Box(left, top, left + width, top + height)
 
-    def _is_free(self, box: Box, wish: _Wish, room: int) -> bool:
+    def _is_free(self, box: Box, wish: Wish, room: int) -> bool:
         if wish.mark and box.meets(_around(wish.u, wish.v)):
             return False
         # As Box.meets, but a frame asks this thousands of times.

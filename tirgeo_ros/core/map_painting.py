@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from tirgeo_ros.core.samples import CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import TEXT_BGR, Box, Pixels, stamp, text_px
 from tirgeo_ros.core.uncertainty_marks import (
+    ELLIPSE_BGR,
     Confidence,
     Marked,
     layer_sigmas,
@@ -24,6 +26,20 @@ from tirgeo_ros.core.uncertainty_marks import (
 )
 from tirgeo_ros.core.vector_map import VectorMap
 from tirgeo_ros.core.view import Seen, View
+
+
+class SeenMap(NamedTuple):
+    """What is in view of a map."""
+
+    areas: Seen
+    lines: Seen
+    marks: Seen
+    hidden: bool  # whether there is something in view of layers that are not shown at this scale
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to draw."""
+        return not (len(self.areas) or len(self.lines) or len(self.marks))
 
 
 class MapPainter:
@@ -44,21 +60,10 @@ class MapPainter:
         #: Whether some layers are shown at some scales only.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
-    def paint(
-        self,
-        image: Pixels,
-        view: View,
-        pose: CameraPose,
-        rates: CameraRates | None,
-        scale_m_px: float,
-        far_m: float,
-        taken: Sequence[Box],
-    ) -> None:
-        """Paint into (h, w, 3) BGR, with labels off the boxes that are taken.
+    def see(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> SeenMap:
+        """Find what is in view: lines and marks up to ``far_m`` ahead.
 
-        Lines and marks come up to ``far_m`` ahead. ``scale_m_px`` is what a pixel in the middle
-        spans of the ground, nan for none; ``rates`` are the camera's at the pose, None where they
-        are not known.
+        ``scale_m_px`` is what a pixel in the middle spans of the ground, nan for none.
         """
         found = (
             view.areas(self._map, pose),
@@ -66,6 +71,23 @@ class MapPainter:
             view.marks(self._map, pose, far_m),
         )
         areas, lines, marks = (self._shown(seen, scale_m_px) for seen in found)
+        left = len(areas) + len(lines) + len(marks)
+        return SeenMap(areas, lines, marks, hidden=left < sum(map(len, found)))
+
+    def paint(
+        self,
+        image: Pixels,
+        view: View,
+        pose: CameraPose,
+        rates: CameraRates | None,
+        seen: SeenMap,
+        taken: Sequence[Box],
+    ) -> list[Box]:
+        """Paint into (h, w, 3) BGR what is in view; the boxes of its labels, off those taken.
+
+        ``rates`` are the camera's at the pose, None where they are not known.
+        """
+        areas, lines, marks, _ = seen
         of = self._map.layer
         frame = self._confidence.frame(view.camera, pose, rates)
         sigmas = each(self._sigmas, lines.owner)
@@ -78,6 +100,7 @@ class MapPainter:
         )
         self._stroke(image, marked, marks)
         self._write(image, labels, set(anchors.owner[marked.ellipses.uncertain].tolist()))
+        return [label.box for label in labels]
 
     def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
         """What is of layers that are shown at this scale."""
@@ -92,8 +115,10 @@ class MapPainter:
     def _stroke(self, image: Pixels, marked: Marked, marks: Seen) -> None:
         lines, opacity, ellipses = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        ink = joined(joined(lines, diamonds), ellipses.outlines)
-        strength = np.concatenate([opacity, np.ones(len(diamonds)), ellipses.opacity])
+        # Under the marks, whose middles are what is meant.
+        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
+        ink = joined(lines, diamonds)
+        strength = np.concatenate([opacity, np.ones(len(diamonds))])
         self._painter.strokes(image, ink, self._map.layer[ink.owner], self._styles, strength)
 
     def _write(self, image: Pixels, labels: list[Label], uncertain: set[int]) -> None:

@@ -10,12 +10,13 @@ from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.camera import Camera
 from tirgeo_ros.core.clicks import Marker
 from tirgeo_ros.core.confidence import ellipse_95, pixel_jacobian
+from tirgeo_ros.core.labels import Room, wish_beside
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import BoolArray, Polylines, joined
+from tirgeo_ros.core.polylines import BoolArray, Polylines
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.strokes import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.text import Box, Colour, Pixels, Stamp, stamp, text_px
-from tirgeo_ros.core.uncertainty_marks import MARK_TIMES, ellipse_corners
+from tirgeo_ros.core.uncertainty_marks import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
@@ -26,11 +27,17 @@ class PlacedMarkers:
     """The markers that are in a picture (h, w, 3), with the places of their labels, ``boxes``.
 
     Each has the ellipse of 95 % of where the point truly is on the ground, as it was located,
-    where that is clearly larger than the mark.
+    where that is clearly larger than the mark. Labels keep off the boxes that are ``taken``, and
+    off each other; the newest comes first, and one without room is left out.
     """
 
     def __init__(
-        self, image: Pixels, camera: Camera, pose: CameraPose, markers: Sequence[Marker]
+        self,
+        image: Pixels,
+        camera: Camera,
+        pose: CameraPose,
+        markers: Sequence[Marker],
+        taken: Sequence[Box] = (),
     ) -> None:
         points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
         uv, seen = _in_picture(camera, pose, points_n)
@@ -39,20 +46,26 @@ class PlacedMarkers:
         _, by_point = pixel_jacobian(camera, pose, points_n[seen])
         covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
         self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
-        self._texts = [stamp(marker.label, text_px(image), _MARKER_BGR) for marker in shown]
-        places = zip(self._texts, self._uv.tolist(), strict=True)
-        self.boxes = [_box(image, text, u, v) for text, (u, v) in places]
+        room, mark_px = Room(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
+        self._labels: list[tuple[Stamp, Box]] = []
+        for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
+            text = stamp(marker.label, text_px(image), _MARKER_BGR)
+            found = room.find(wish_beside(u, v, text.size, mark_px))
+            if found is not None:
+                self._labels.append((text, found[1]))
+        self.boxes = [box for _, box in self._labels]
 
     def paint(self, image: Pixels, painter: Painter) -> None:
         """Draw marks, ellipses and labels."""
-        if not self.boxes:
+        if not len(self._uv):
             return
         count = len(self._uv)
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        ink = joined(diamonds, _ellipses(self._uv, self._covariance, mark_radius_px(image)))
-        painter.strokes(image, ink, np.zeros(len(ink), np.int64), [_STYLE])
-        for text, box in zip(self._texts, self.boxes, strict=True):
+        dashes = _ellipses(self._uv, self._covariance, mark_radius_px(image))
+        painter.thin_strokes(image, dashes, ELLIPSE_BGR)
+        painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
+        for text, box in self._labels:
             text.lay(image, box.left, box.top)
 
 
@@ -68,17 +81,5 @@ def _ellipses(uv: Array, covariance: Array, mark_px: float) -> Polylines:
     semi_px, angle = ellipse_95(covariance)
     drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # not if nan
     semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
-    corners = ellipse_corners(uv[drawn].T, semi_px, angle[drawn])
-    starts = np.arange(len(drawn) + 1) * corners.shape[2]
-    return Polylines(corners.reshape(2, -1), starts, np.zeros(len(drawn), np.int64))
-
-
-def _box(image: Pixels, text: Stamp, u: float, v: float) -> Box:
-    """To the right of the mark, or to its left where the picture ends."""
-    width, height = text.size
-    gap = 2 * mark_radius_px(image)
-    left = round(u + gap)
-    if left + width > image.shape[1]:
-        left = max(round(u - gap) - width, 0)
-    top = min(max(round(v) - height // 2, 0), max(image.shape[0] - height, 0))
-    return Box(left, top, left + width, top + height)
+    dotted = np.zeros(len(drawn), bool)
+    return ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)

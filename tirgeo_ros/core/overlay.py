@@ -7,6 +7,7 @@ lines' place.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,14 +17,14 @@ from tirgeo_ros.core.confidence import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_drawing import LaidMap, MapDrawing
+from tirgeo_ros.core.map_drawing import LaidMap, MapDrawing, Verdict
 from tirgeo_ros.core.map_layers import MapLayer
-from tirgeo_ros.core.painting import paint_notice, paint_status
+from tirgeo_ros.core.painting import paint_notice, paint_status, place_notice
 from tirgeo_ros.core.pose_history import Miss, PoseHistory
 from tirgeo_ros.core.pose_prediction import FIT_S, TRIAL_S, predicted
 from tirgeo_ros.core.rectify import Rectifier
 from tirgeo_ros.core.samples import CameraPose, NavigationStatus
-from tirgeo_ros.core.status_line import status_line, words_of
+from tirgeo_ros.core.status_line import VERDICT_BGR, status_line, words_of
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.thermal import Raw, Toner
@@ -40,7 +41,7 @@ class OverlayResult:
     stamp_ns: int  # of the frame
     image: Pixels  # (h, w, 3) BGR
     pose: CameraPose | None  # at the exposure; None where nothing was drawn
-    notice: str  # why nothing was drawn, else empty
+    notice: str  # why nothing was drawn, or nothing is in view; else empty
     camera: Camera | None = None  # of the picture as it is shown; None where it is unknown
     predicted_s: float = 0.0  # by how much the pose is a prediction
 
@@ -64,6 +65,8 @@ class Overlay:
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self._drawing = MapDrawing(config, layers or (), terrain)
         self._laid_elsewhere = layers is None
+        given = layers is None or len(layers) > 0
+        self._no_map = "the map has no features" if given else "no map is given"
         self._lacking = _READING if layers is None else ""  # why a map from elsewhere is not here
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
@@ -76,6 +79,7 @@ class Overlay:
         self._rectify = config.rectify
         self._rectifier: Rectifier | None = None
         self._status: NavigationStatus | None = None
+        self._verdict = Verdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
 
     @property
@@ -143,6 +147,11 @@ class Overlay:
         """The map's plane, once it is known."""
         return self._plane
 
+    @property
+    def laid(self) -> LaidMap | None:
+        """Return the map as it lies in the plane, once both are known."""
+        return self._drawing.laid
+
     def set_map(self, new: LaidMap) -> None:
         """Draw a map that was laid elsewhere from here on; one in another plane is refused."""
         if new.plane == self._plane:
@@ -156,6 +165,10 @@ class Overlay:
     def set_status(self, status: NavigationStatus) -> None:
         """What the estimator says of itself, for the status line and the notices."""
         self._status = status
+
+    def set_verdict(self, verdict: Verdict) -> None:
+        """What the checks say of the set-up, for the notice above and the status line."""
+        self._verdict = verdict
 
     def add_pose(self, pose: CameraPose) -> None:
         """A pose of the camera, in order of time; one that is not finite is counted."""
@@ -190,7 +203,7 @@ class Overlay:
     def _obstacle(self, pixels: Raw) -> str:
         """Why no pose could help, else empty."""
         if self._drawing.empty and not self._lacking:
-            return "no map is given"
+            return self._no_map
         camera = self._camera
         if camera is None:
             return "no camera info"
@@ -252,7 +265,7 @@ class Overlay:
     ) -> OverlayResult:
         self._results["notices"] += 1
         notice = f"NO MAP YET: {obstacle}" if obstacle == _READING else f"NO MAP: {obstacle}"
-        paint_notice(image, notice)
+        paint_notice(image, notice, self._paint_verdict(image))
         self._paint_status(image, frame, now_ns)
         camera = self._drawing.camera
         if camera is not None:
@@ -268,9 +281,20 @@ class Overlay:
         self._results["predicted"] += predicted_s > 0
         rates = self._rates(pose)
         self.clicks.show(frame.stamp_ns, camera, pose, rates)
-        self._drawing.draw(image, pose, rates, self.clicks.markers())
-        self._paint_status(image, frame, now_ns, predicted_s)
-        return OverlayResult(frame.stamp_ns, image, pose, "", camera, predicted_s)
+        markers = self.clicks.markers()
+        drawn = self._drawing.draw(image, pose, rates, markers, self._verdict)
+        self._paint_status(image, frame, now_ns, predicted_s, drawn.above_m)
+        notice = f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else ""
+        return OverlayResult(frame.stamp_ns, image, pose, notice, camera, predicted_s)
+
+    def _paint_verdict(self, image: Pixels) -> int:
+        """The row under it."""
+        severity, words = self._verdict
+        if not severity:
+            return 0
+        notice = place_notice(image, words, VERDICT_BGR[severity])
+        notice.paint(image)
+        return notice.box.bottom
 
     def _rates(self, pose: CameraPose) -> CameraRates | None:
         """The camera's motion up to a pose; None where it is not known."""
@@ -278,9 +302,17 @@ class Overlay:
         return None if isinstance(before, Miss) else CameraRates.between(before, pose)
 
     def _paint_status(
-        self, image: Pixels, frame: Frame, now_ns: int, predicted_s: float = 0.0
+        self,
+        image: Pixels,
+        frame: Frame,
+        now_ns: int,
+        predicted_s: float = 0.0,
+        above_m: float = math.nan,
     ) -> None:
         age_s = (now_ns - frame.stamp_ns) * 1e-9
         dropped = self._frames.counts["replaced"]
         rate_hz = self._frames.rate_hz
-        paint_status(image, status_line(self._status, age_s, rate_hz, predicted_s, dropped))
+        fields = status_line(
+            self._status, age_s, rate_hz, predicted_s, dropped, above_m, self._verdict.severity
+        )
+        paint_status(image, fields)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 
@@ -51,13 +52,16 @@ def status_box(image: Pixels) -> Box:
 def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
     top, size_px = status_box(image).top, text_px(image)
-    strip = image[top:]
-    cv2.convertScaleAbs(strip, alpha=_STRIP_LIGHT, dst=strip)
+    _darken(image[top:])
     left = round(_EDGE_PARTS * size_px)
     for field in fitted(fields, image.shape[1], size_px):
         text = _written(field, size_px)
         text.lay(image, left, image.shape[0] - line_px(size_px))
         left += text.size[0] + round(_GAP_PARTS * size_px)
+
+
+def _darken(part: Pixels) -> None:
+    part[:] = cv2.convertScaleAbs(part, alpha=_STRIP_LIGHT)
 
 
 def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
@@ -101,15 +105,70 @@ def _written(field: Field, size_px: int) -> Stamp:
     return passing_stamp(field.text + field.detail, size_px, field.colour)
 
 
-def paint_notice(image: Pixels, notice: str) -> None:
+@dataclass(frozen=True, slots=True)
+class PlacedNotice:
+    """A notice in its place."""
+
+    lines: tuple[Stamp, ...]
+    box: Box
+    strip: bool  # whether the picture is darkened under it
+
+    def paint(self, image: Pixels) -> None:
+        """Write it on the picture (h, w, 3) for which it was placed, each line in the middle."""
+        top = self.box.top
+        if self.strip:
+            _darken(image[top : self.box.bottom, self.box.left : self.box.right])
+        for text in self.lines:
+            text.lay(image, (self.box.left + self.box.right - text.size[0]) // 2, top)
+            top += text.size[1]
+
+
+def place_notice(
+    image: Pixels,
+    notice: str,
+    colour: Colour = NOTICE_BGR,
+    *,
+    top: int = 0,
+    beside: Box | None = None,
+    most_lines: int = 3,
+    large: bool = False,
+) -> PlacedNotice:
+    """Place a notice across a picture (h, w, ...) from a row on, to the left of a box.
+
+    It has so many lines at most; what is over is cut. A ``large`` one stands where nothing else
+    does; under any other the picture is darkened.
+    """
+    width = beside.left if beside else image.shape[1]
+    size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
+    lines = _notice_lines(cut(notice, LONGEST_NOTICE), size_px, colour, width, most_lines)
+    bottom = min(top + sum(line.size[1] for line in lines), image.shape[0])
+    return PlacedNotice(lines, Box(0, top, width, bottom), strip=not large)
+
+
+def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
     """Write a notice, as far as ``LONGEST_NOTICE``, across the upper part of the picture."""
-    width = image.shape[1]
-    size_px = round(_NOTICE_TIMES * text_px(image))
-    top = image.shape[0] // 8
-    for line in _wrapped(cut(notice, LONGEST_NOTICE), size_px, width):
-        text = passing_stamp(line, size_px, NOTICE_BGR)
-        text.lay(image, (width - text.size[0]) // 2, top)
-        top += text.size[1]
+    top = max(image.shape[0] // 8, least_top)
+    place_notice(image, notice, top=top, most_lines=LONGEST_NOTICE, large=True).paint(image)
+
+
+@lru_cache(maxsize=4)  # a notice stays for seconds, and to measure it is dear
+def _notice_lines(
+    text: str, size_px: int, colour: Colour, width_px: int, most: int
+) -> tuple[Stamp, ...]:
+    lines = _wrapped(text, size_px, width_px)
+    if len(lines) > most:
+        rest = " ".join(lines[most - 1 :])
+        lines = [*lines[: most - 1], _cut_to(rest, size_px, width_px)]
+    return tuple(passing_stamp(line, size_px, colour) for line in lines)
+
+
+def _cut_to(text: str, size_px: int, width_px: int) -> str:
+    """As much of a text as a line takes, with an ellipsis."""
+    lengths = range(1, min(len(text), LONGEST))
+    fits = bisect_right(
+        lengths, width_px, key=lambda n: passing_stamp(cut(text, n), size_px, NOTICE_BGR).size[0]
+    )
+    return cut(text, lengths[max(fits - 1, 0)])
 
 
 def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:

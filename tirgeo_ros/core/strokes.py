@@ -128,6 +128,20 @@ class Painter:
                 _draw(self._clean_mask(image), chosen, shift, fade if alone else fade[numbers])
                 self._ink(image, inked, colour, width, halo)
 
+    def thin_strokes(self, image: Pixels, lines: Polylines, colour: Colour) -> None:
+        """Draw lines (2, V), in pixels, thin, with halo, in one colour: a third of ``strokes``."""
+        scale = drawing_scale(image)
+        width, halo = _pen_px(1, scale), max(round(_HALO_PX * scale), 1)
+        inked = _inked(image, lines.points, _BLUR_REACH_PX + width + halo)
+        if inked is None:
+            return
+        runs = lines.split_rows(_fixed_point(lines.points[:2]))
+        cv2.polylines(self._clean_mask(image), runs, False, (_FULL,), width, cv2.LINE_8, _SHIFT)
+        part, mask, grown = image[inked], self._mask[inked], self._grown[inked]
+        cv2.dilate(mask, _disc(1 + 2 * halo), dst=grown)
+        cv2.subtract(part, np.full(4, float(_FULL)), dst=part, mask=grown)
+        cv2.add(part, np.array([*colour, 0.0]), dst=part, mask=mask)
+
     def _clean_mask(self, image: Pixels) -> Pixels:
         shape = image.shape[:2]
         if self._mask.shape == shape:

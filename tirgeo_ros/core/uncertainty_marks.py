@@ -5,9 +5,10 @@
     confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
     marked = confidence.marked(frame, lines, anchors, radius_px, sigma)   # for Painter.strokes
 
-A faded line says that there is something, no longer where. An ellipse is left out where the mark
-is about as large. Where the ellipse would not tell the truth, or is as large as the picture, it is
-dashed and its feature is ``uncertain``: the label belongs in grey.
+A faded line says that there is something, no longer where. Ellipses are at points alone, dashed,
+in a colour of their own, and left out where the mark is about as large. Where one would not tell
+the truth, or is as large as the picture, it is dotted and its feature is ``uncertain``: the label
+belongs in grey.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.fading import Fading
 from tirgeo_ros.core.line_samples import each, ribbons, sampled
 from tirgeo_ros.core.map_layers import LayerStyle
-from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines
+from tirgeo_ros.core.polylines import BoolArray, IntArray, Polylines, runs
 from tirgeo_ros.core.samples import Array, CameraPose
 from tirgeo_ros.core.text import Pixels
 from tirgeo_ros.core.vector_map import VectorMap
@@ -42,32 +43,34 @@ FADE_STEPS = 3
 FAINTEST = 0.25
 #: An ellipse is drawn if its major semi-axis is so many times the mark's radius: of about the same
 #: size the two could not be told apart.
-MARK_TIMES = 1.3
+MARK_TIMES = 1.5
 #: As many ellipses as labels, at most.
 MOST_ELLIPSES = 40
 
 _BAND_STEP_PX = 16.0
 _BAND_OPACITY = 0.25
+#: No layer's by default, nor a click's: what is so drawn is no place but a doubt.
+ELLIPSE_BGR = (255, 175, 215)
 _CORNERS = 48  # of an ellipse
 _TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
 _CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
-_DASH = 4  # corners, and as many between two dashes
+_PERIOD, _DASH, _DOT = 6, 3, 1  # corners, from dash to dash and along one
 
 
 class Anchors(NamedTuple):
-    """Points of features that may have an ellipse."""
+    """Points of features whose uncertainty is asked for."""
 
     uv: Array  # (2, N) pixels
     rays: Array  # (3, N) as Seen has them
     owner: IntArray  # (N,) their features
+    mark: BoolArray  # (N,) whether each is a point of the map: it may have an ellipse
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipses:
     """Ellipses of 95 % for N anchors."""
 
-    outlines: Polylines  # (2, V) pixels, owned by features; closed, or the dashes of a hint
-    opacity: Array  # (outlines,) 1/4 to 1, as that of lines
+    outlines: Polylines  # (2, V) pixels, owned by features: the dashes, or dots of a hint
     uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or nobody can tell
 
 
@@ -159,14 +162,12 @@ class Confidence:
         semi_px, angle = ellipse_95(matrices(spread))
         most_px = min(camera.width, camera.height) / 4
         uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-        drawn = semi_px[:, 0] >= MARK_TIMES * mark_radius_px  # not if nan
+        drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # not if nan
         chosen = np.flatnonzero(drawn & self._config.ellipses)
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
-        corners = ellipse_corners(
-            anchors.uv[:, chosen], np.minimum(semi_px, most_px), angle[chosen]
-        )
-        outlines, which = _outlines(corners, owner, uncertain[chosen])
-        return Ellipses(outlines, self._opacity(semi_px[which, 0]), uncertain)
+        uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
+        dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
+        return Ellipses(dashes, uncertain)
 
 
 def layer_sigmas(vector_map: VectorMap) -> Array:
@@ -188,7 +189,8 @@ def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
     others = others[(kept[kept >= labels] - labels)[: max(MOST_ELLIPSES - labels, 0)]]
     rays = np.concatenate([labelled.rays, marks.rays[:, others]], axis=1)
     uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
-    return Anchors(uv, rays, np.concatenate([labelled.owner, marks.owner[others]]))
+    owner = np.concatenate([labelled.owner, marks.owner[others]])
+    return Anchors(uv, rays, owner, np.concatenate([labelled.mark, np.ones(len(others), bool)]))
 
 
 def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
@@ -212,26 +214,27 @@ def _spread_out(uv: Array, camera: Camera) -> IntArray:
     return np.sort(first)[:MOST_ELLIPSES]
 
 
-def ellipse_corners(uv: Array, semi_px: Array, angle: Array) -> Array:
-    """(2, N, corners + 1) points of ellipses around uv (2, N), the last one the first.
+def ellipse_dashes(
+    uv: Array, semi_px: Array, angle: Array, owner: IntArray, dotted: BoolArray
+) -> Polylines:
+    """Dashes (2, V) of ellipses around uv (2, N).
 
     Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
+    ``owner`` (N,) is whose they are; those that are ``dotted`` (N,) have shorter dashes.
     """
+    corners = _corners(uv, semi_px, angle)
+    dashes = _CORNERS // _PERIOD
+    begins = _PERIOD * np.arange(dashes)
+    which = np.repeat(np.arange(len(owner)), dashes)
+    lengths = np.where(dotted[which], _DOT, _DASH) + 1
+    begin = np.tile(begins, len(owner)) + which * (_CORNERS + 1)
+    number, starts = runs(begin, lengths)
+    return Polylines(corners.reshape(2, -1).take(number, axis=1), starts, owner[which])
+
+
+def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
+    """(2, N, corners + 1), the last one the first."""
     c, s = np.cos(angle), np.sin(angle)
     along, across = semi_px.T
     axes = np.array([[along * c, -across * s], [along * s, across * c]])
     return np.asarray(axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None])
-
-
-def _outlines(corners: Array, owner: IntArray, dashed: BoolArray) -> tuple[Polylines, IntArray]:
-    """Closed lines, or dashes, of ellipses' corners (2, N, corners + 1), and whose they are."""
-    if not dashed.any():
-        starts = np.arange(len(owner) + 1) * (_CORNERS + 1)
-        return Polylines(corners.reshape(2, -1), starts, owner), np.arange(len(owner))
-    whole, broken = np.flatnonzero(~dashed), np.flatnonzero(dashed)
-    dashes = [slice(start, start + _DASH + 1) for start in range(0, _CORNERS, 2 * _DASH)]
-    parts = [corners[:, whole], *(corners[:, broken, dash] for dash in dashes)]
-    which = np.concatenate([whole, *[broken] * len(dashes)])
-    lengths = np.where(dashed[which], _DASH + 1, _CORNERS + 1)
-    points = np.concatenate([part.reshape(2, -1) for part in parts], axis=1)
-    return Polylines(points, np.concatenate([[0], np.cumsum(lengths)]), owner[which]), which

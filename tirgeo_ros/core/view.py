@@ -31,7 +31,7 @@ CHORD_PX = 0.1
 FAR_M = 20_000.0
 #: Nor is ground so few rows under the horizon. The 16 rows from 5 km on, seen from 100 m up, are
 #: a degree: what lies there is a solid bar, and half a degree of tilt moves it by kilometres.
-_HORIZON_ROWS = 16.0
+HORIZON_ROWS = 16.0
 #: With fewer vertices in view than this, lines are drawn with all of theirs.
 _FEW_VERTICES = 4096
 #: How far a line at a coarser level of detail may leave its place: the first at which no more
@@ -102,7 +102,7 @@ class View:
 
     def farthest_m(self, height_m: float) -> float:
         """How far ground is drawn from so high above it; nan where that is not known."""
-        rows_m = height_m * self.camera.fy / _HORIZON_ROWS
+        rows_m = height_m * self.camera.fy / HORIZON_ROWS
         return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:

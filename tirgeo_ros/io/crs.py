@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 import numpy as np
 import pyproj
+from pyproj.crs import Datum  # type: ignore[attr-defined]
 from pyproj.exceptions import CRSError, ProjError
 
 from tirgeo_ros.core.errors import MapError
@@ -16,10 +18,18 @@ _REMEDY = (
     "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "
     "in the style sheet"
 )
+#: What to tell of positions whose datum nothing says.
+ASSUMED = (
+    "taken for WGS84, which is right to 2 m for a datum of today, and 100 m off or more for an "
+    "old one"
+)
 _WGS84_AXIS_M = 6378137.0
-#: A shift less exact than this is told. EPSG gives 1 m to the datums of plates (ETRS89 and the
-#: like), which services for RTK work in too.
+#: A shift less exact than this is told. EPSG gives 1 m to most of the datums of plates (ETRS89
+#: and the like), which services for RTK work in too, and 2 or 3 m to some (NAD83(2011), GDA2020).
 _EXACT_M = 1.0
+_PLATE_M = 3.0
+_ROUNDING_DEG = 1e-9  # a tenth of a millimetre
+_NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
 
 
 def known(name: str) -> bool:
@@ -33,18 +43,28 @@ def checked_system(name: str, where: str) -> pyproj.CRS:
     Raises MapError if it is unknown, or is none of the Earth's surface.
     """
     system = _system(name)
-    if system is None:
-        raise MapError(f"{where}: unknown coordinate reference system {_short(name)!r}; {_REMEDY}")
-    return system
+    if system is not None:
+        return system
+    other = _any_system(name)
+    if other is not None:
+        raise MapError(
+            f"{where}: {_short(name)!r} is a {other.type_name}, and a map needs longitudes and "
+            f"latitudes or a plane; {_REMEDY}"
+        )
+    raise MapError(f"{where}: unknown coordinate reference system {_short(name)!r}; {_REMEDY}")
+
+
+def _system(name: str) -> pyproj.CRS | None:
+    system = _any_system(name)
+    return system if system and (system.is_geographic or system.is_projected) else None
 
 
 @lru_cache(maxsize=32)
-def _system(name: str) -> pyproj.CRS | None:
+def _any_system(name: str) -> pyproj.CRS | None:
     try:
-        system = pyproj.CRS.from_user_input(name)
+        return pyproj.CRS.from_user_input(name)
     except (CRSError, ProjError, UnicodeError, ValueError):
         return None
-    return system if system.is_geographic or system.is_projected else None
 
 
 def _short(name: str) -> str:
@@ -91,32 +111,72 @@ def _shift_remarks(
     """What the step between the datums lacks; it is that of the last point transformed."""
     try:
         step = transformer.get_last_used_operation()
-    except ProjError:  # nothing was to be done, or all failed: the check of range says so
-        return ()
+    except ProjError:  # there is one way alone, which changes no number
+        step = transformer
     if "Ballpark" in step.description:
-        return _unknown_datum(system, where)
-    if step.accuracy > _EXACT_M:
+        return _ballpark_remarks(system, where)
+    exact = _PLATE_M if _of_a_plate(system) else _EXACT_M
+    if step.accuracy > exact:
         return (f"{where}: from {system.name} to WGS84 is known to {step.accuracy:g} m only",)
     return ()
 
 
-def _unknown_datum(system: pyproj.CRS, where: str) -> tuple[str, ...]:
-    """An ellipsoid as large as WGS84's is taken for it; another is hundreds of metres off."""
+def _of_a_plate(system: pyproj.CRS) -> bool:
+    """Whether the datum is a known one of WGS84's size: made to agree with it."""
+    datum = system.datum
+    if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
+        return False
+    return "id" in datum.to_json_dict() or _is_datum(datum.name)
+
+
+def _is_datum(name: str) -> bool:
+    """Whether PROJ knows a datum of this name, or one that goes by it."""
+    try:
+        Datum.from_name(name)
+    except CRSError:
+        return False
+    return True
+
+
+def _as_large(system: pyproj.CRS) -> bool:
     ellipsoid = system.ellipsoid
-    if ellipsoid is not None and abs(ellipsoid.semi_major_metre - _WGS84_AXIS_M) < 1.0:
-        return (f"{where}: {system.name} names no datum: taken for WGS84",)
-    raise MapError(
-        f"{where}: the way from the datum of {system.name} to WGS84 is not known; "
-        f"give its EPSG code or +towgs84 under crs in the style sheet"
-    )
+    return ellipsoid is not None and abs(ellipsoid.semi_major_metre - _WGS84_AXIS_M) < 1.0
+
+
+def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
+    """Without a known way, a datum as large as WGS84's is taken for it.
+
+    Another is hundreds of metres off.
+    """
+    if not _as_large(system):
+        raise MapError(
+            f"{where}: the way from the datum of {system.name} to WGS84 is not known; "
+            f"give its EPSG code or +towgs84 under crs in the style sheet"
+        )
+    datum = system.datum.name if system.datum else ""
+    if _of_a_plate(system):
+        return ()
+    if not datum or _NO_DATUM.search(datum):
+        return (f"{where}: {system.name} names no datum: {ASSUMED}",)
+    return (f"{where}: the datum {_short(datum)!r} of {system.name} is not known: {ASSUMED}",)
 
 
 def in_range(points: Array) -> BoolArray:
     """Which points (N, 3) are a longitude and a latitude in degrees."""
-    right: BoolArray = (np.abs(points[:, 0]) <= 180) & (np.abs(points[:, 1]) <= 90)
+    right: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
     return right
 
 
-def range_error(where: str, x: float, y: float) -> MapError:
-    """The error for a vertex that is none."""
-    return MapError(f"{where}: ({x:.6g}, {y:.6g}) is not a longitude and a latitude; {_REMEDY}")
+def range_fault(x: float, y: float, *, all_are: bool) -> str:
+    """What is wrong with a vertex that is none; and what to do where all are such."""
+    swapped = " (are the two swapped?)" if abs(x) <= 90 < abs(y) <= 180 else ""
+    remedy = f"; {_REMEDY}" if all_are else ""
+    return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{swapped}{remedy}"
+
+
+def once_around(longitudes: Array) -> Array:
+    """Longitudes (deg) between -180 and 180; what is beyond by rounding is on the edge."""
+    beyond = np.abs(longitudes) > 180
+    rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
+    around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
+    return np.where(beyond, around, longitudes)

@@ -66,8 +66,7 @@ class LabelRule:
 
         Raises ConfigError for an unknown one where a style sheet has named it.
         """
-        lower = {name.lower(): name for name in reversed(list(known))}
-        found = tuple(n if n in known else lower.get(n.lower()) for n in self.fields)
+        found = table_names(self.fields, known)
         for name, column in zip(self.fields, found, strict=True):
             if column is None and self.source:
                 hint = nearest(name, known) or ": it has none"
@@ -76,14 +75,21 @@ class LabelRule:
 
     def text(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> str:
         """One feature's label; "" where all of its values are empty."""
-        values = [_shown(properties.get(name)) if name else "" for name in columns]
+        values = [shown_value(properties.get(name)) if name else "" for name in columns]
         if not any(values):
             return ""
         ends = zip(values, self.texts[1:], strict=True)
         return _clean(self.texts[0] + "".join(value + text for value, text in ends))
 
 
-def _shown(value: Any) -> str:
+def table_names(fields: Sequence[str], known: Collection[str]) -> tuple[str | None, ...]:
+    """A table's own name of each field, in other capitals if need be; None where it has none."""
+    lower = {name.lower(): name for name in reversed(list(known))}
+    return tuple(name if name in known else lower.get(name.lower()) for name in fields)
+
+
+def shown_value(value: Any) -> str:
+    """The text of a property's value; "" of one that has none."""
     if value is None or isinstance(value, bytes | bytearray):
         return ""
     if isinstance(value, float):

@@ -65,13 +65,21 @@ class ParameterFile:
 
     def values(self, node: str, namespace: str = "") -> dict[str, object]:
         """The dotted values that the file gives a node."""
-        full_name = "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
+        full_name = _full_name(node, namespace)
         known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
         values: dict[str, object] = {}
         for pattern, given in self._parts:
             if _fits(pattern, full_name):
                 values |= {k: v for k, v in given.items() if k in known or _of_every_node(k)}
         return values
+
+    def elsewhere(self, namespace: str = "") -> list[str]:
+        """Return the sections for a node that has none in this namespace."""
+        nodes = [_full_name(node, namespace) for node in NODE_CONFIGS]
+        patterns = [pattern for pattern, _ in self._parts]
+        here = {one for one in patterns if any(_fits(one, node) for node in nodes)}
+        served = {one.rpartition("/")[2] for one in here}
+        return [p for p in patterns if p not in here and p.rpartition("/")[2] not in served]
 
     def config(self, node: str, kind: type[T], namespace: str = "") -> T:
         """A node's configuration. Raises ConfigError where values do not go together."""
@@ -93,6 +101,10 @@ def load_parameters(files: Files, node: str, namespace: str = "") -> dict[str, o
 def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
     """``ParameterFile.config`` for one node."""
     return ParameterFile(files).config(node, kind, namespace)
+
+
+def _full_name(node: str, namespace: str) -> str:
+    return "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
 
 
 def _own(values: Mapping[str, object]) -> dict[str, object]:

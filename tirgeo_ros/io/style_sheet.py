@@ -13,6 +13,7 @@ from PIL import ImageColor
 from tirgeo_ros.core.errors import ConfigError, MapError
 from tirgeo_ros.core.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.parameter import Parameter
+from tirgeo_ros.io.condition import Condition
 from tirgeo_ros.io.crs import checked_system
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.parameter_file import load_yaml
@@ -28,7 +29,7 @@ _PLAIN = (
     Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
 )
 _MOST_LAYERS = 200  # each reads its file
-_KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs")
+_KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs", "where")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,7 @@ class SheetLayer:
     crs: str  # "" is what the file says
     crs_file: Path | None  # where ``crs`` comes from, if from a file
     sigma_m: float | None
+    condition: Condition | None = None  # which features are drawn; None: all
 
 
 def load_style_sheet(path: str | Path) -> list[SheetLayer]:
@@ -85,6 +87,7 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
         crs,
         crs_file,
         values.get("sigma"),
+        _condition(entry, where),
     )
 
 
@@ -156,6 +159,15 @@ def _label(entry: Mapping[str, Any], where: str) -> LabelRule | None:
     if not isinstance(value, str) or not value.strip():
         raise ConfigError(f"{where}: label: {value!r} is neither a field nor false")
     return LabelRule.parsed(value, f"{where}: label")
+
+
+def _condition(entry: Mapping[str, Any], where: str) -> Condition | None:
+    if "where" not in entry:
+        return None
+    value = entry["where"]
+    if not isinstance(value, str) or not value.strip():
+        raise ConfigError(f"{where}: where: {value!r} is no condition, as kind == hydrant is")
+    return Condition.parsed(value, f"{where}: where")
 
 
 def _crs(entry: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Path | None]:

@@ -25,7 +25,9 @@ NAMES = (
 def main() -> None:
     """Run the node that the first argument names."""
     if len(sys.argv) < 2 or sys.argv[1] not in NAMES:
-        sys.exit(f"usage: python -m tirgeo_ros.nodes {{{','.join(NAMES)}}} [--ros-args ...]")
+        sys.exit(
+            f"usage: python -m tirgeo_ros.nodes {{{','.join(NAMES)}}} [--help] [--ros-args ...]"
+        )
     sys.exit(start(sys.argv.pop(1)))
 
 

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.geodesy import TangentPlane
 from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
@@ -27,9 +28,10 @@ from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.setup_checks import SetupChecks
 from tirgeo_ros.nodes.state_log import StateLog
 from tirgeo_ros.nodes.topics import advertise, message_class
 
@@ -46,6 +48,8 @@ class EkfNode(Node):
         self._navigation = Navigation(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
+        self._checks = NavigationChecks(config, given_names(self, EkfConfig))
+        self._setup = SetupChecks(self, self._monitor, self._checks)
         self._arrivals = Arrivals()
         self._inbox = Inbox(self, self._monitor)
         self._state_log = StateLog(self.get_logger())
@@ -66,8 +70,8 @@ class EkfNode(Node):
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
-        sample = self._arrivals.stamped(topic, decode(message), self._inbox.taken_ns)
-        step = self._navigation.process(sample)
+        came, arrival_ns = decode(message), self._inbox.taken_ns
+        step = self._navigation.process(self._arrivals.stamped(topic, came, arrival_ns))
         if step.verdict.outcome in _RESTARTS:
             self._warn(step.verdict)
         if step.solution is not None:
@@ -75,6 +79,9 @@ class EkfNode(Node):
         status = self._navigation.status()
         if self._state_log.note(status):
             self._diagnostics.publish([self._item(status)])
+        self._setup.take(self._checks.take, topic, came, arrival_ns)
+        if step.solution is not None:
+            self._setup.take(self._checks.solution, step.solution)
 
     def _publish(self, solution: NavSolution) -> None:
         plane = self._navigation.plane
@@ -91,7 +98,7 @@ class EkfNode(Node):
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
         self._state_log.note_reason(status)
-        return [self._item(status)]
+        return [self._item(status), self._setup.item()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = self._messages.navigation_diagnostic(item_name(self, "navigation"), status)

@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.node import Node
 
 from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.core.samples import CameraPose
@@ -20,9 +21,10 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import OK, Monitor
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.setup_checks import SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 
@@ -35,6 +37,8 @@ class GimbalNode(Node):
         self._composer = GimbalComposer(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
+        self._checks = GimbalChecks(config, given_names(self, GimbalConfig))
+        self._setup = SetupChecks(self, self._monitor, self._checks)
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = advertise(self, "tirgeo/camera_pose", stream)
@@ -42,7 +46,8 @@ class GimbalNode(Node):
         self._monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)
-        self._for_paper: dict[str, Any] = {}  # topic to subscription, while it is listened to
+        self._listen("gimbal/attitude", self._take_attitude)
+        self._imu: Any = None  # the subscription, while it is listened to
         self._listen_for_paper()
         self._told = ""
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
@@ -51,20 +56,26 @@ class GimbalNode(Node):
         return subscribe(self, topic, take, sensor_input(), self._monitor)
 
     def _take_body(self, message: Any) -> None:
-        self._publish(self._composer.add_body(body_pose(message)))
+        pose = body_pose(message)
+        self._publish(self._composer.add_body(pose))
+        self._setup.take(self._checks.body, pose)
 
     def _take_joints(self, message: Any) -> None:
         sample = self._stamped("gimbal/joint_states", joint_sample(message))
         self._publish(self._composer.add_joints(sample))
+        self._setup.take(self._checks.joints, sample)
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        self._publish(self._composer.add_attitude(sample))
+        if self._imu is not None:  # the checks compare it with the joints' angles all the same
+            self._publish(self._composer.add_attitude(sample))
+        self._setup.take(self._checks.reported, sample)
 
     def _take_autopilot(self, message: Any) -> None:
         sample = self._stamped("imu/data", imu_sample(message))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
+            self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
 
     def _stamped(self, topic: str, sample: Any) -> Any:
         return self._arrivals.stamped(topic, sample, self.get_clock().now().nanoseconds)
@@ -82,18 +93,17 @@ class GimbalNode(Node):
         self._listen_for_paper()
         name = item_name(self, "camera pose")
         values = self._composer.diagnostics | self._arrivals.diagnostics
-        return [DiagnosticItem(name, OK, f"composition: {composition}", values)]
+        item = DiagnosticItem(name, OK, f"composition: {composition}", values)
+        return [item, self._setup.item()]
 
     def _listen_for_paper(self) -> None:
-        """What the composition "paper" needs beside odometry: given up while encoders drive."""
-        if self._composer.composition == "encoders":
-            while self._for_paper:
-                topic, subscription = self._for_paper.popitem()
-                self.destroy_subscription(subscription)
-                self._monitor.forget(topic)
-        elif not self._for_paper:
-            takers = {"gimbal/attitude": self._take_attitude, "imu/data": self._take_autopilot}
-            self._for_paper = {topic: self._listen(topic, take) for topic, take in takers.items()}
+        """The IMU, which the composition "paper" needs: given up while encoders drive."""
+        if self._composer.composition != "encoders":
+            self._imu = self._imu or self._listen("imu/data", self._take_autopilot)
+        elif self._imu is not None:
+            self.destroy_subscription(self._imu)
+            self._monitor.forget("imu/data")
+            self._imu = None
 
 
 def main() -> int:

@@ -42,6 +42,12 @@ class Monitor:
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
+    @property
+    def heard(self) -> bool:
+        """Whether anything has come."""
+        with self._lock:
+            return bool(self._last_s)
+
     def forget(self, topic: str) -> None:
         """An input is no longer listened to; what of it is still queued does not count.
 

@@ -10,10 +10,16 @@ import cv2
 from rclpy.node import Node
 
 from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.map_checks import MapChecks
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.draping import Ground
+from tirgeo_ros.core.map_drawing import Verdict
 from tirgeo_ros.core.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.wording import shown
+from tirgeo_ros.core.wording import cut, shown
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.elevation import ground_of
 from tirgeo_ros.io.messages import (
@@ -22,6 +28,7 @@ from tirgeo_ros.io.messages import (
     camera,
     camera_pose,
     compressed_pixels,
+    diagnostic_level,
     image_pixels,
     navigation_status,
     stamp_ns,
@@ -33,10 +40,11 @@ from tirgeo_ros.nodes.frame_times import FrameTimes
 from tirgeo_ros.nodes.locate_topics import LocateTopics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.sent_numbers import SentNumbers
+from tirgeo_ros.nodes.setup_checks import SUBJECT, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 from tirgeo_ros.nodes.unless_stopped import unless_stopped
 
@@ -57,14 +65,22 @@ class OverlayNode(Node):
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
         layers = None if self._config.map else ()
-        self._overlay = Overlay(self._config, layers, self._load_terrain())
+        ground = self._load_ground()
+        terrain = ground if isinstance(ground, Terrain) else None
+        self._overlay = Overlay(self._config, layers, terrain)
+        self._monitor = Monitor()
+        self._map_checks = MapChecks(ground)
+        self._picture_checks = PictureChecks(
+            self._config, ground, given_names(self, OverlayConfig)
+        )
+        self._setup = SetupChecks(self, self._monitor, self._map_checks, self._picture_checks)
+        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by their items' names
         self._camera = given_camera(self._config)
         if self._camera is not None:
-            self._overlay.set_camera(self._camera)
+            self._set_camera(self._camera)
         self._told: tuple[str, ...] = ()  # notes on the map as it lies
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
-        self._monitor = Monitor()
         self._times = FrameTimes()
         self._numbers: list[SentNumbers] = []  # of the topics of frames
         self._arrivals = Arrivals()
@@ -79,11 +95,9 @@ class OverlayNode(Node):
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # a large map is not searched for garbage while the video runs
 
-    def _load_terrain(self) -> Terrain | None:
+    def _load_ground(self) -> Ground | None:
         ground = unless_stopped(partial(ground_of, self._config))
-        if not isinstance(ground, Terrain):
-            return None
-        for note in ground.notes:
+        for note in ground.notes if isinstance(ground, Terrain) else ():
             self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
         return ground
 
@@ -109,20 +123,33 @@ class OverlayNode(Node):
         now_ns = self._now_ns()
         stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
         self._times.arrived(stamp)
-        self._overlay.add_frame(stamp, pixels_of(message), now_ns)
+        pixels = pixels_of(message)
+        self._overlay.add_frame(stamp, pixels, now_ns)
         self._timer.reset()
         self._release()
+        self._setup.take(self._picture_checks.frame, stamp_ns(message), pixels, now_ns)
 
     def _take_pose(self, message: Any) -> None:
-        self._overlay.add_pose(camera_pose(message))
+        pose = camera_pose(message)
+        self._overlay.add_pose(pose)
         self._release()
+        self._setup.take(self._picture_checks.pose, pose)
 
     def _take_camera_info(self, message: Any) -> None:
-        self._overlay.set_camera(camera(message))
+        self._set_camera(camera(message))
+
+    def _set_camera(self, found: Camera) -> None:
+        self._setup.take(self._picture_checks.camera, found)
+        self._overlay.set_camera(found)
 
     def _take_origin(self, message: Any) -> None:
-        self._overlay.set_plane(tangent_plane(message))
+        before = self._overlay.plane
+        plane = tangent_plane(message)
+        self._overlay.set_plane(plane)
         self.resources.look()
+        if plane != before:
+            self._setup.take(self._map_checks.plane, plane)
+            self._setup.take(self._picture_checks.plane, plane)
 
     def _tell_notes(self) -> None:
         if self._overlay.notes != self._told:
@@ -132,13 +159,20 @@ class OverlayNode(Node):
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            if self._is_filter(status.name):
+            subject = self._subject(status.name)
+            if subject == "navigation":
                 self._overlay.set_status(navigation_status(status))
+            elif subject == SUBJECT:
+                severity = Severity(min(diagnostic_level(status), Severity.STOP))
+                self._verdicts[status.name] = Verdict(severity, cut(status.message))
+                worst = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
+                self._overlay.set_verdict(worst)
 
-    def _is_filter(self, name: str) -> bool:
+    def _subject(self, name: str) -> str:
+        """What an item of a node of this namespace is about; empty for any other."""
         node, _, subject = name.partition(": ")
         namespace = self.get_namespace().rstrip("/")
-        return subject == "navigation" and node.rpartition("/")[0] == namespace
+        return subject if node.rpartition("/")[0] == namespace else ""
 
     def _release(self) -> None:
         if not self._overlay.waiting:
@@ -155,6 +189,7 @@ class OverlayNode(Node):
         changed = self.resources.changed()
         if changed is not None:
             self._overlay.set_map(changed)
+            self._setup.take(self._map_checks.map, changed)
             gc.freeze()
             self._tell_notes()
         elif self.resources.error:
@@ -187,7 +222,8 @@ class OverlayNode(Node):
         waits = self._overlay.no_map_yet
         message = watch.error or (f"no map yet: {waits}" if waits else "ok")
         level = WARN if watch.error else OK
-        return [DiagnosticItem(item_name(self, "overlay"), level, message, values)]
+        item = DiagnosticItem(item_name(self, "overlay"), level, message, values)
+        return [item, self._setup.item()]
 
 
 def main() -> int:

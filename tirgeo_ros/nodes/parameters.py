@@ -37,6 +37,12 @@ def declare(node: Node, kind: type[T]) -> T:
     return config
 
 
+def given_names(node: Node, kind: type) -> frozenset[str]:
+    """Return the names of those parameters of ``kind`` that somebody set."""
+    own = {parameter.name for parameter in parameters_of(kind)}
+    return frozenset(own.intersection(_given(node, kind)))
+
+
 def _given(node: Node, kind: type) -> dict[str, object]:
     """The values from files and command line that are this node's to judge."""
     # rclpy has no public way to see overrides that are not declared yet.

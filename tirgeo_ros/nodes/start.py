@@ -22,7 +22,12 @@ _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 
 
 def start(name: str) -> int:
-    """Run the node whose module is ``name``; the exit code."""
+    """Run the node whose module is ``name``, or print its help; the exit code."""
+    if not {"-h", "--help", "--help-all"}.isdisjoint(sys.argv[1:]):
+        from tirgeo_ros.nodes.help import help_text  # noqa: PLC0415  no node has a use for it
+
+        sys.stdout.write(help_text(name, sys.argv[1:]))
+        return 0
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
     # Matrices of 15 rows gain nothing from threads, and idle ones spin.

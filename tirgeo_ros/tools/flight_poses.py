@@ -20,7 +20,9 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.checks import FlightChecks
 from tirgeo_ros.tools.inputs import PICTURES, inputs_of, resolved
+from tirgeo_ros.tools.picture_size import check_size, picture_size
 from tirgeo_ros.tools.progress import Report
 from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration, Sample
 
@@ -58,7 +60,7 @@ class RecordedFlight:
 
     ``read`` counts the messages that were decoded, ``refused`` those that could not be used;
     ``picture_stamps_ns`` are the stamps of the pictures, where ``pictures`` are asked for.
-    A ``camera`` that is given stands in place of the bag's.
+    A ``camera`` that is given stands in place of the bag's. ``checks`` see the samples.
     """
 
     def __init__(
@@ -68,7 +70,9 @@ class RecordedFlight:
         *,
         pictures: bool = False,
         camera: Camera | None = None,
+        checks: FlightChecks | None = None,
     ) -> None:
+        self._checks = checks
         self._given_camera = self._camera = camera
         self.read = self.refused = 0
         self.picture_stamps_ns: list[int] = []
@@ -81,9 +85,15 @@ class RecordedFlight:
 
     @property
     def camera(self) -> Camera:
-        """The camera, once the flight was read. Raises BagError without a usable calibration."""
+        """The camera, once the flight was read.
+
+        Raises BagError without a usable calibration, and CameraError for one of another size
+        than the bag's pictures.
+        """
         if self._camera is None:
             raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
+        size = picture_size(self._reader, self._namespace)
+        check_size(self._camera, size, str(self._reader.path))
         return self._camera
 
     def registered(
@@ -143,15 +153,27 @@ class RecordedFlight:
     def _take(self, topic: str, message: BagMessage) -> None:
         if topic in PICTURES:
             self.picture_stamps_ns.append(header_stamp_ns(message.data))
+            self._look_at_picture(topic, message)
             return
         decoded = self._cdr.deserialize(message.data, message.typename)
         self.read += 1
         if topic == _CAMERA_INFO:
             self._camera = self._given_camera or convert.camera(decoded)
+            if self._checks is not None:
+                self._checks.camera(self._camera, message.log_time_ns)
             return
-        sample = self._arrivals.stamped(topic, SAMPLES[topic](decoded), message.log_time_ns)
+        sample = SAMPLES[topic](decoded)
+        if self._checks is not None:
+            self._checks.sample(topic, sample, message.log_time_ns)
+        sample = self._arrivals.stamped(topic, sample, message.log_time_ns)
         for taker in self._takers[topic]:
             taker.take(sample)
+
+    def _look_at_picture(self, topic: str, message: BagMessage) -> None:
+        if self._checks is not None:
+            decoded = self._cdr.deserialize(message.data, message.typename)
+            stamp_ns, pixels = convert.stamp_ns(decoded), convert.pixels(topic, decoded)
+            self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
 
 
 class FlightPoses:
@@ -167,6 +189,7 @@ class FlightPoses:
         baseline_step_rad: float = 0.0,
     ) -> None:
         self.topics = topics
+        self.checks: FlightChecks | None = None
         self._baseline_step_rad = baseline_step_rad
         self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
         self.cameras: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
@@ -189,6 +212,8 @@ class FlightPoses:
                 self.cameras.add(pose)
         if self._watcher is not None:
             self._watcher.took(sample, found)
+        if self.checks is not None:
+            self.checks.registered(found, self.plane)
 
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
         """The pose at one of the instants and the camera's motion there, or None."""

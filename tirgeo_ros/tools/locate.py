@@ -24,6 +24,7 @@ from tirgeo_ros.io.geo_output import Answered, PathLike, cot, geojson, kml
 from tirgeo_ros.io.parameter_file import Files, paths_of
 from tirgeo_ros.io.survey import Observation, load_observations
 from tirgeo_ros.io.whole_files import check_outputs, write_files
+from tirgeo_ros.tools.checks import FlightChecks, finding_items, setting_of
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.progress import Report, silent
@@ -63,15 +64,19 @@ def locate_pixels(
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
-    (ekf, gimbal, _, _), notes = configs.fitting(reader, namespace)
+    fitted, notes = configs.fitting(reader, namespace)
+    camera_given = given_camera(overlay)
+    checks = FlightChecks(
+        setting_of(fitted, reader, params, namespace, ground=ground, camera=camera_given)
+    )
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
-    recorded = RecordedFlight(reader, namespace, camera=given_camera(overlay))
-    flight = recorded.registered(ekf, gimbal, instants_ns)
+    recorded = RecordedFlight(reader, namespace, camera=camera_given, checks=checks)
+    flight = recorded.registered(fitted.ekf, fitted.gimbal, instants_ns)
+    flight.checks = checks
     recorded.read_all(progress)
-    answers = [
-        Answered(one.id, _answer(recorded.camera, flight, one, ground, overlay)) for one in seen
-    ]
+    known = recorded.camera
+    answers = [Answered(one.id, _answer(known, flight, one, ground, overlay)) for one in seen]
     forms = {output: geojson, kml_out: kml, cot_out: cot}
     write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
     summary = _summary(answers, ground)
@@ -87,6 +92,7 @@ def locate_pixels(
         "state": navigation.state.value,
         "messages": recorded.read,
         "messages_refused": recorded.refused,
+        "findings": finding_items(checks.findings()),
     } | summary
 
 

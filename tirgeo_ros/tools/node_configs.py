@@ -19,12 +19,12 @@ PathLike = str | os.PathLike[str]
 
 
 class NodeConfigs(NamedTuple):
-    """Of the nodes that make the overlay, and whether anybody said which method."""
+    """Of the nodes that make the overlay, and the names of the parameters that somebody set."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
-    method_said: bool
+    given: frozenset[str]  # dotted, of all three nodes, in files or as options
 
     @property
     def files(self) -> list[PathLike]:
@@ -34,7 +34,7 @@ class NodeConfigs(NamedTuple):
 
     def fitting(self, reader: BagReader, namespace: str) -> tuple[NodeConfigs, list[str]]:
         """The same for a bag: where nobody said a method, that of what it holds; and a note."""
-        if self.method_said:
+        if "method" in self.given:
             return self, []
         method, why = fitting_method(reader, namespace)
         fitted = self._replace(ekf=replace(self.ekf, method=method))
@@ -55,11 +55,14 @@ def node_configs(
     What is not None stands before the files: ``method``; ``dem``, which unsets the ground's
     height; ``ground_height`` (ellipsoidal m); ``camera``, its calibration. Raises ConfigError.
     """
-    given = ParameterFile(params)
-    said = method is not None or "method" in given.values("ekf_node", namespace)
-    ekf = given.config("ekf_node", EkfConfig, namespace)
-    gimbal = given.config("gimbal_node", GimbalConfig, namespace)
-    overlay = given.config("overlay_node", OverlayConfig, namespace)
+    file = ParameterFile(params)
+    options = {"method": method, "dem": dem, "ground_height_m": ground_height, "camera": camera}
+    given = {name for name, value in options.items() if value is not None}
+    for node in ("ekf_node", "gimbal_node", "overlay_node"):
+        given |= file.values(node, namespace).keys()
+    ekf = file.config("ekf_node", EkfConfig, namespace)
+    gimbal = file.config("gimbal_node", GimbalConfig, namespace)
+    overlay = file.config("overlay_node", OverlayConfig, namespace)
     if method is not None:
         ekf = config_from(EkfConfig, values_of(ekf) | {"method": method})
     if dem is not None:
@@ -70,4 +73,4 @@ def node_configs(
         )
     if camera is not None:
         overlay = replace(overlay, camera=os.fspath(camera))
-    return NodeConfigs(ekf, gimbal, overlay, said)
+    return NodeConfigs(ekf, gimbal, overlay, frozenset(given))

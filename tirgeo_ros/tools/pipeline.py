@@ -7,6 +7,7 @@ caused it.
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from tirgeo_ros.core.rate import RateLimit
 from tirgeo_ros.core.terrain import Terrain
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.tools.checks import FlightChecks
 from tirgeo_ros.tools.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
@@ -65,11 +67,17 @@ class Pipeline:
     """The chain from sensor messages to overlay, with counts of what could not be read."""
 
     def __init__(
-        self, settings: Settings, types: Callable[[str], type], sink: Sink, names: str
+        self,
+        settings: Settings,
+        types: Callable[[str], type],
+        sink: Sink,
+        names: str,
+        checks: FlightChecks,
     ) -> None:
         """``types`` are the classes of messages, as for ``Messages``.
 
         ``names`` leads the names in diagnostics: the namespace with a slash at both ends.
+        ``checks`` see all that goes in and comes out, and change nothing of it.
         """
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
@@ -84,6 +92,7 @@ class Pipeline:
         self.arrivals = Arrivals()
         self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
         self._settings = settings
+        self._checks = checks
         self._messages = Messages(types)
         self._located = LocatedMessages(types)
         self._sink = sink
@@ -96,6 +105,11 @@ class Pipeline:
         """Whether a message of a topic can still change anything."""
         return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
+    def look_at(self, topic: str, message: Any, log_time_ns: int) -> None:
+        """Let the checks have a message that ``wants`` does not want."""
+        with contextlib.suppress(TirgeoError):
+            self._checks.sample(topic, SAMPLES[topic](message), log_time_ns)
+
     def take(self, topic: str, message: Any, log_time_ns: int) -> None:
         """Take a message of a contract topic; one that makes no sense is counted."""
         try:
@@ -103,6 +117,7 @@ class Pipeline:
         except TirgeoError as error:
             self.unreadable[topic] += 1
             self.unreadable_because[topic] = str(error)
+            self._checks.refused(topic, str(error))
         else:
             self._publish(found, log_time_ns)
         self._draw(log_time_ns)
@@ -119,7 +134,11 @@ class Pipeline:
         convert_sample = SAMPLES.get(topic)
         if convert_sample is not None:
             sample = convert_sample(message)
-            return self.registration.take(self.arrivals.stamped(topic, sample, log_time_ns))
+            self._checks.sample(topic, sample, log_time_ns)
+            stamped = self.arrivals.stamped(topic, sample, log_time_ns)
+            found = self.registration.take(stamped)
+            self._checks.registered(found, self.registration.navigation.plane)
+            return found
         if topic == "tirgeo/locate/pixel":
             self._locate(message, log_time_ns)
         else:
@@ -178,18 +197,22 @@ class Pipeline:
         self._send("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
         if self.overlay is not None:
             self.overlay.set_plane(plane)
+            if self.overlay.laid is not None:
+                self._checks.map(self.overlay.laid)
 
     def _picture(self, topic: str, message: Any, log_time_ns: int) -> None:
         if self.overlay is None:
             return
         if topic == "thermal/camera_info":
-            self.overlay.set_camera(convert.camera(message))
+            camera = convert.camera(message)
+            self._checks.camera(camera, log_time_ns)
+            self.overlay.set_camera(camera)
             return
-        compressed = topic.endswith("/compressed")
-        read = convert.compressed_pixels if compressed else convert.image_pixels
         self.overlay.set_status(self.registration.navigation.status())
-        stamp_ns = self.arrivals.stamp_ns(topic, convert.stamp_ns(message), log_time_ns)
-        self.overlay.add_frame(stamp_ns, read(message), log_time_ns)
+        pixels, stamp_ns = convert.pixels(topic, message), convert.stamp_ns(message)
+        self._checks.frame(topic, stamp_ns, pixels, log_time_ns)
+        stamp_ns = self.arrivals.stamp_ns(topic, stamp_ns, log_time_ns)
+        self.overlay.add_frame(stamp_ns, pixels, log_time_ns)
 
     def _draw(self, log_time_ns: int, now_ns: int | None = None) -> None:
         if self.overlay is None:

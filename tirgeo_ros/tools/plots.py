@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -34,6 +35,27 @@ def figure(
     with rc_context(_STYLE):
         made = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
         return made, made.subplots(rows, columns, **options)
+
+
+def logarithmic(axes: Any, which: str) -> None:
+    """Make an axis (``x`` or ``y``) logarithmic, with ticks in plain numbers that keep apart.
+
+    To be called once everything is drawn: how many there are follows from the range.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter  # noqa: PLC0415
+
+    axes.set(**{f"{which}scale": "log"})
+    axis = getattr(axes, f"{which}axis")
+    low, high = axis.get_view_interval()
+    decades = math.log10(high / low)
+    if decades < 0.5:
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    else:
+        axis.set_major_locator(
+            LogLocator(subs=(1, 2, 5)) if decades < 2 else LogLocator(numticks=5)
+        )
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def png(made: Figure) -> bytes:

@@ -27,6 +27,7 @@ from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameter_file import Files, paths_of
 from tirgeo_ros.io.whole_files import check_outputs
+from tirgeo_ros.tools.checks import FlightChecks, finding_items, setting_of
 from tirgeo_ros.tools.inputs import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.node_configs import node_configs
 from tirgeo_ros.tools.pipeline import Pipeline, Settings
@@ -37,6 +38,8 @@ PathLike = str | os.PathLike[str]
 
 #: Messages that are decoded together, for the reason that they are encoded so (``pipeline``).
 _BLOCK = 32
+#: Of messages that the checks alone want, so many-th is decoded: a few a second of 50.
+_LOOKED_AT = 10
 
 
 def process(
@@ -75,7 +78,8 @@ def process(
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader = BagReader(bag_in)
-    (ekf, gimbal, overlay, _), notes = configs.fitting(reader, namespace)
+    fitted, notes = configs.fitting(reader, namespace)
+    ekf, gimbal, overlay, _ = fitted
     known = given_camera(overlay)
     topics = inputs_of(
         reader,
@@ -90,11 +94,22 @@ def process(
     if map_path:
         layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
         settings = replace(settings, layers=layers, ground=ground_of(overlay), camera=known)
+    checks = FlightChecks(
+        setting_of(
+            fitted,
+            reader,
+            params,
+            namespace,
+            ground=settings.ground,
+            layers=settings.layers,
+            camera=known,
+        )
+    )
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        run = _Run(reader, settings, _Sink(writer, film, namespace), namespace)
+        run = _Run(reader, settings, _Sink(writer, film, namespace), namespace, checks)
         run.through(topics, progress)
         if not run.read:
             raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
@@ -102,8 +117,8 @@ def process(
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
     summary = run.summary(elapsed_s, notes)
-    wanted = configs.ekf.method  # the default's aids are missed where the bag decides
-    summary["warning"] = _warning(reader, topics, wanted, namespace)
+    summary["warning"] = _warning(reader, topics, ekf.method, namespace)
+    summary["findings"] = finding_items(checks.findings())  # damage is an error here
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
 
 
@@ -138,7 +153,14 @@ class _Sink:
 class _Run:
     """One pass through a bag."""
 
-    def __init__(self, reader: BagReader, settings: Settings, sink: _Sink, namespace: str) -> None:
+    def __init__(
+        self,
+        reader: BagReader,
+        settings: Settings,
+        sink: _Sink,
+        namespace: str,
+        checks: FlightChecks,
+    ) -> None:
         self.read: Counter[str] = Counter()
         self._reader = reader
         self._settings = settings
@@ -146,7 +168,8 @@ class _Run:
         self._cdr = Cdr()
         self._undecoded: Counter[str] = Counter()
         self._span_ns = (0, 0)
-        self.pipeline = Pipeline(settings, self._cdr.types, sink, prefix(namespace))
+        self._unwanted = 0
+        self.pipeline = Pipeline(settings, self._cdr.types, sink, prefix(namespace), checks)
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
         """Take every message of the topics (resolved name to contract topic)."""
@@ -163,6 +186,7 @@ class _Run:
     def _take(self, topic: str, message: BagMessage, decoded: object | None) -> None:
         """Take a message; ``decoded`` is None where its block began with no need of it."""
         if not self.pipeline.wants(topic):
+            self._look_at(topic, message)
             return
         if decoded is None:
             decoded = self._decoded(message)
@@ -171,6 +195,14 @@ class _Run:
             return
         self.read[message.topic] += 1
         self.pipeline.take(topic, decoded, message.log_time_ns)
+
+    def _look_at(self, topic: str, message: BagMessage) -> None:
+        """Let the checks have some of the messages that nothing else wants."""
+        self._unwanted += 1
+        if self._unwanted % _LOOKED_AT == 0:
+            decoded = self._decoded(message)
+            if decoded is not None:
+                self.pipeline.look_at(topic, decoded, message.log_time_ns)
 
     def _decoded(self, message: BagMessage) -> object | None:
         try:
@@ -222,8 +254,8 @@ class _Run:
     def _notes(self) -> list[str]:
         """What of the map and the ground is not drawn, or not as its files say: a line each."""
         layers, ground = self._settings.layers or (), self._settings.ground
-        notes = [note for layer in layers for note in layer.left_out]
-        notes += ground.notes if isinstance(ground, Terrain) else ()
+        notes = list(ground.notes) if isinstance(ground, Terrain) else []
+        notes += [note for layer in layers for note in layer.left_out]
         return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
 
     def _error(self, reason: str) -> str | None:

@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, for work of more than two seconds."""
+"""A progress bar on a terminal, from the first message on."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from typing import TextIO, final
 #: What long work calls: how much is done, and of how much (None = unknown).
 Report = Callable[[float, float | None], None]
 
-_SHOW_AFTER_S = 2.0
 _REDRAW_S = 0.1
+#: Of the work's time; less makes no rate.
+_LEAST_S = 0.05
 
 
 def silent(_done: float, _total: float | None = None) -> None:
@@ -24,7 +25,8 @@ def silent(_done: float, _total: float | None = None) -> None:
 class Progress:
     """A Report that draws one line on stderr if that is a terminal, and wipes it at the end.
 
-    ``with Progress("processing", unit="s") as bar: process(..., progress=bar)``
+    ``with Progress("processing", unit="s") as bar: process(..., progress=bar)``. What is done
+    in seconds goes at times real time. Numbers have three digits.
     """
 
     def __init__(
@@ -37,10 +39,11 @@ class Progress:
     ) -> None:
         self._what = what
         self._unit = f" {unit}" if unit else ""
+        self._is_time = unit == "s"
         self._stream = sys.stderr if stream is None else stream
         self._clock = clock
         self._begun_s = clock()
-        self._next_s = self._begun_s + _SHOW_AFTER_S if self._stream.isatty() else math.inf
+        self._next_s = self._begun_s if self._stream.isatty() else math.inf
         self._drawn = False
 
     def __call__(self, done: float, total: float | None = None) -> None:
@@ -68,16 +71,25 @@ class Progress:
         self._drawn = bool(line)
 
     def _line(self, done: float, total: float | None, elapsed_s: float) -> str:
-        rate = done / elapsed_s
-        pace = f"{rate:.4g}{self._unit}/s"
+        rate = done / elapsed_s if elapsed_s > _LEAST_S else 0.0
+        pace = f"{three(rate)}x real time" if self._is_time else f"{three(rate)}{self._unit}/s"
         if not total:
-            return f"{self._what}  {done:.6g}{self._unit}  {pace}"
-        part = min(max(done / total, 0.0), 1.0)
-        left = f"{_clock_text((total - done) / rate)} left" if rate > 0 else ""
-        return (
-            f"{self._what} {_bar(part)} {100 * part:3.0f} %  "
-            f"{done:.6g} of {total:.6g}{self._unit}  {pace}  {left}"
-        ).rstrip()
+            parts = [f"{self._what}  {three(done)}{self._unit}"]
+        else:
+            part = min(max(done / total, 0.0), 1.0)
+            amount = f"{three(done)} of {three(total)}{self._unit}"
+            parts = [f"{self._what} {_bar(part)} {three(100 * part):>4} %", amount]
+        if rate > 0:
+            parts.append(pace)
+            if total:
+                parts.append(f"{_clock_text((total - done) / rate)} left")
+        return "  ".join(parts)
+
+
+def three(value: float) -> str:
+    """Return a number with three digits, or all of those before the point: 1.23, 12.3, 1234."""
+    digits = next((n for n in (2, 1) if abs(round(value, n)) < 10 ** (3 - n)), 0)
+    return f"{value:.{digits}f}"
 
 
 def _bar(part: float, width: int = 20) -> str:

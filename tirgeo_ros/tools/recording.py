@@ -23,6 +23,7 @@ from tirgeo_ros.core.samples import BodyPose, CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bag import BagReader, Cdr
 from tirgeo_ros.tools.inputs import resolved
+from tirgeo_ros.tools.picture_size import check_size, picture_size
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.registration import SAMPLES, Sample, composed, navigated
 
@@ -49,7 +50,8 @@ def load_recording(
     """Read a bag without its images; ``progress`` is told seconds of it.
 
     A ``camera`` that is given stands in place of the bag's.
-    Raises BagError without thermal/camera_info.
+    Raises BagError without thermal/camera_info, CameraError for one of another size than that
+    of the pictures.
     """
     cdr, samples = Cdr(), []
     arrivals = Arrivals()
@@ -66,6 +68,7 @@ def load_recording(
             camera = convert.camera(cdr.deserialize(item.data, item.typename))
     if camera is None:
         raise BagError(f"{path}: needed topic absent: {resolved(_CAMERA_INFO, namespace)}")
+    check_size(camera, picture_size(reader, namespace), str(path))
     return Recording(samples, camera)
 
 

@@ -144,18 +144,18 @@ def line(*positions):
 
 
 BAD = {
-    "not JSON": ("name,lat,lon\n", "not JSON .*; a map is a GeoJSON file"),
+    "not JSON": ("name,lat,lon\n", "not JSON .*; a map is a GeoJSON file, without comments and"),
     "empty file": ("", "not JSON"),
     "deep": ("[" * 100_000, "not JSON"),
     "a list": ([1, 2], "JSON, but not GeoJSON"),
-    "TopoJSON": ({"type": "Topology"}, "JSON, but not GeoJSON"),
+    "other": ({"type": "Topologie"}, "JSON, but not GeoJSON"),
     "odd type": ({"type": ["Feature"]}, "JSON, but not GeoJSON"),
     "no features": ({"type": "FeatureCollection"}, "no list of features"),
     "empty": (collection(), "no feature with a geometry"),
     "no shapes": (collection(None), "no feature with a geometry"),
     "not a feature": (
         {"type": "FeatureCollection", "features": [3]},
-        "feature 1 is not a GeoJSON",
+        "feature 1: it is not a GeoJSON",
     ),
     "unknown shape": (collection(geometry("Circle", [1, 2])), "feature 1: its geometry is none"),
     "odd shape": (collection({"type": {}}), "feature 1: its geometry is none"),
@@ -180,7 +180,7 @@ BAD = {
     ),
     "heights alone": (
         collection(geometry("Point", [1, 2]), crs={"properties": {"name": "EPSG:5773"}}),
-        "unknown coordinate reference system 'EPSG:5773'",
+        "'EPSG:5773' is a Vertical CRS, and a map needs",
     ),
     "linked crs": (
         collection(geometry("Point", [1, 2]), crs={"type": "link", "properties": {"href": "x"}}),
@@ -205,6 +205,47 @@ def test_what_is_no_map_is_said_in_one_line_that_names_the_file(written, case):
         load_map(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not(written):
+    """A plane of metres has some places that could be degrees."""
+    points = [[16.0, 48.0], [316.0, 148.0], [916.0, 48.0], [-500.0, 2.0]]
+    path = written(collection(*(geometry("Point", point) for point in points)))
+    with pytest.raises(MapError, match=r"feature 2: \(316, 148\) is not a .* \(none of 4 fea"):
+        load_map(path)
+    path = written(collection(*(geometry("Point", point) for point in points[:2])))
+    (layer,) = load_layers(str(path))
+    assert [f.group for f in layer.features] == [0]  # no more than half
+    (note,) = layer.left_out
+    assert note.endswith("feature 2: (316, 148) is not a longitude and a latitude; left out")
+
+
+@pytest.mark.parametrize("bad", ["nesting", "no ring", "text", "position", "half", "short"])
+def test_the_rest_of_a_file_is_where_it_was(written, bad):
+    """One feature that is bad in any way changes neither place nor number of the others."""
+    wrong = {
+        "nesting": geometry("Polygon", RING),
+        "no ring": geometry("Polygon", [[]]),
+        "text": geometry("LineString", [["16", "48"], ["17", "48"]]),
+        "position": geometry("LineString", [[16.0], [17.0]]),
+        "half": geometry("MultiLineString", [RING, [[16.0], [17.0]]]),
+        "short": geometry("MultiLineString", [RING[:1], RING]),
+    }[bad]
+    good = [geometry("Polygon", [RING, HOLE]), geometry("LineString", [[16, 48, 3], [17, 48]])]
+    wanted = load_map(written(collection(good[0], None, good[1])))
+    features = load_map(written(collection(good[0], wrong, good[1])))
+    if bad == "short":  # its other line is drawn
+        part = features.pop(2)
+        np.testing.assert_allclose(degrees(part), RING, rtol=0, atol=1e-12)
+        assert part.group == 1
+    assert [(f.group, f.closed) for f in features] == [(f.group, f.closed) for f in wanted]
+    for one, other in zip(features, wanted, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+
+
+def test_an_id_is_a_property(written):
+    feature = {"type": "Feature", "id": "w7", "geometry": geometry("Point", RING[0])}
+    assert load_map(written(feature), "id")[0].label == "w7"
 
 
 def test_no_file_and_a_folder(tmp_path):

@@ -75,9 +75,8 @@ def test_undefined_systems(path):
     write_geopackage(path, {"a": (0, [(LINE, "a", 1)])})
     layer = load_layers(str(path))[0]
     np.testing.assert_allclose(degrees(layer.features[0]), RING, atol=1e-12)
-    assert layer.left_out == (
-        f"{path}: layer a: has an undefined geographic system: taken for WGS84",
-    )
+    (note,) = layer.left_out
+    assert note.startswith(f"{path}: layer a: has an undefined geographic system: taken for WGS84")
     write_geopackage(path, {"a": (-1, [(LINE, "a", 1)])})
     with pytest.raises(
         MapError, match=r"layer a: unknown .* 'undefined Cartesian'; .* style sheet"
@@ -128,36 +127,54 @@ def of_geometry(blob):
 
 
 BAD = {
-    "text": (of_geometry("text"), "layer a: feature 2: its geometry is none of a GeoPackage's"),
-    "short": (of_geometry(b"GP"), "feature 2: its geometry is none"),
-    "magic": (of_geometry(b"XX" + LINE[2:]), "feature 2: its geometry is none"),
-    "version": (of_geometry(b"GP\1" + LINE[3:]), "feature 2: its geometry is none"),
-    "envelope": (of_geometry(b"GP\0\x0f" + LINE[4:]), "feature 2: .* extended or unknown form"),
-    "extended": (of_geometry(b"GP\0\x21" + LINE[4:]), "feature 2: .* extended or unknown form"),
-    "cut": (of_geometry(LINE[:-3]), "feature 2: its geometry .WKB. ends before"),
-    "one point": (
-        of_geometry(gpb(wkb("LineString", RING[:1]))),
-        "feature 2: a LineString of 1 positions is none",
-    ),
-    "nan": (
-        of_geometry(gpb(wkb("LineString", [RING[0], (math.nan, 1.0)]))),
-        r"layer a: feature 2: \(nan, 1, nan\) is not finite",
-    ),
-    "infinite": (of_geometry(gpb(wkb("Point", (math.inf, 1.0)))), "feature 2: .* is not finite"),
-    "range": (of_geometry(gpb(wkb("Point", (16.0, 90.1)))), "feature 2: .16, 90.1. is not a long"),
-    "no tables": ({}, "the map has no feature with a geometry"),
-    "no rows": ({"a": (4326, [])}, "the map has no feature with a geometry"),
+    "text": ("text", "its geometry is none of a GeoPackage's"),
+    "short": (b"GP", "its geometry is none of a GeoPackage's"),
+    "magic": (b"XX" + LINE[2:], "its geometry is none of a GeoPackage's"),
+    "version": (b"GP\1" + LINE[3:], "its geometry is none of a GeoPackage's"),
+    "envelope": (b"GP\0\x0f" + LINE[4:], "its geometry is of an extended or unknown form"),
+    "extended": (b"GP\0\x21" + LINE[4:], "its geometry is of an extended or unknown form"),
+    "cut": (LINE[:-3], "its geometry (WKB) ends before the 4 parts that it tells of"),
+    "one point": (gpb(wkb("LineString", RING[:1])), "a LineString of 1 positions is none"),
+    "nan": (gpb(wkb("LineString", [RING[0], (math.nan, 1.0)])), "(nan, 1, nan) is not finite"),
+    "infinite": (gpb(wkb("Point", (math.inf, 1.0))), "(inf, 1, nan) is not finite"),
+    "range": (gpb(wkb("Point", (16.0, 190.5))), "(16, 190.5) is not a longitude and a latitude"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_wrong_is_said_with_layer_and_feature(path, case):
-    tables, message = BAD[case]
-    write_geopackage(path, tables)
-    with pytest.raises(MapError, match=message) as caught:
+def test_a_bad_feature_is_left_out_and_named(path, case):
+    blob, why = BAD[case]
+    write_geopackage(path, {"a": (4326, [(LINE, "good", 1), (blob, "bad", 2)])})
+    (layer,) = load_layers(str(path))
+    assert [f.label for f in layer.features] == ["good"]
+    assert layer.left_out == (f"{path}: layer a: feature 2 (bad): {why}; left out",)
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_package_of_bad_features_is_refused(path, case):
+    blob, why = BAD[case]
+    write_geopackage(path, {"a": (4326, [(blob, "bad", 2)] * 3)})
+    with pytest.raises(MapError) as caught:
         load_layers(str(path))
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
+    remedy = "; save the map in WGS84 (EPSG:4326), or" if case == "range" else ""
+    assert str(caught.value).startswith(f"{path}: layer a: feature 1 (bad): {why}{remedy}")
+    assert str(caught.value).endswith(" (none of 3 features can be drawn)")
+
+
+@pytest.mark.parametrize("tables", [{}, {"a": (4326, [])}])
+def test_a_package_of_nothing(path, tables):
+    write_geopackage(path, tables)
+    with pytest.raises(MapError, match="the map has no feature with a geometry"):
+        load_layers(str(path))
+
+
+def test_a_bad_table_beside_a_good_one(path):
+    """What is wrong with the bad one is told, and it takes nothing from the other."""
+    far = gpb(wkb("Point", (500_000.0, 5_300_000.0)))
+    write_geopackage(path, {"far": (0, [(far, "f", 1)]), "near": (4326, [(LINE, "n", 1)])})
+    far_layer, near = load_layers(str(path))
+    assert (len(far_layer.features), len(near.features)) == (0, 1)
+    assert "feature 1 (f): (500000, 5.3e+06) is not a longitude and" in far_layer.left_out[0]
 
 
 def test_a_table_that_is_told_of_but_absent(path):

@@ -115,18 +115,64 @@ def test_data_as_labels(path):
 
 
 def test_what_is_left_out_is_told(path):
-    track = "<gx:Track><gx:coord>16 48 3</gx:coord></gx:Track>"
+    model = "<Model><Location><longitude>16</longitude></Location></Model>"
     high = line(end=",7", more="<altitudeMode>absolute</altitudeMode>")
     low = line(end=",7", more="<altitudeMode>relativeToGround</altitudeMode>")
     link = "<NetworkLink><name>more</name></NetworkLink>"
-    text = written(path, mark("t", track), mark("h", high), mark("l", low), link)
+    text = written(path, mark("m", model), mark("h", high), mark("l", low), link)
     (layer,) = load_layers(text)
     assert [f.label for f in layer.features] == ["h", "l"]
     assert sorted(layer.left_out) == [
         f"{path}: 1 LineString with heights above the sea: the heights left out",
+        f"{path}: 1 Model left out",
         f"{path}: 1 NetworkLink left out",
-        f"{path}: 1 Track left out",
     ]
+
+
+TRACK = (
+    "<gx:Track><when>2026-01-01T00:00:00Z</when><gx:coord>16 48 3</gx:coord>"
+    "<when>2026-01-01T00:00:01Z</when><gx:coord> 16.5 48.25 </gx:coord><gx:coord/></gx:Track>"
+)
+
+
+def test_tracks_are_lines(path):
+    several = f"<gx:MultiTrack><gx:interpolate>0</gx:interpolate>{TRACK * 2}</gx:MultiTrack>"
+    short = "<gx:Track><gx:coord>16 48 3</gx:coord></gx:Track>"
+    (layer,) = load_layers(written(path, mark("t", TRACK), mark("m", several), mark("s", short)))
+    assert [(f.label, f.group) for f in layer.features] == [("t", 0), ("m", 1), ("m", 1)]
+    for feature in layer.features:
+        np.testing.assert_allclose(degrees(feature), [[16, 48], [16.5, 48.25]], atol=1e-12)
+    assert layer.left_out == (
+        f"{path}: feature 3 (s): a LineString of 1 positions is none; left out",
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (
+            "<NetworkLink><Link><href>a.kml</href></Link></NetworkLink>" * 2,
+            (
+                "it has 0 placemarks and 2 NetworkLink (a link: open it in Google Earth or QGIS "
+                "and save what it leads to as KML)"
+            ),
+        ),
+        (
+            "<GroundOverlay><Icon><href>a.png</href></Icon></GroundOverlay><Style/>",
+            (
+                "it has 0 placemarks and 1 GroundOverlay (a picture: draw as lines what is "
+                "wanted of it), 1 styles"
+            ),
+        ),
+        ("<Style/><StyleMap/>", "it has 0 placemarks and 2 styles"),
+        (mark("none"), "it has 1 placemarks and nothing that can be drawn"),
+    ],
+    ids=["links", "overlays", "styles", "bare"],
+)
+def test_a_map_of_nothing_says_what_it_has(path, content, told):
+    with pytest.raises(MapError) as caught:
+        load_layers(written(path, content))
+    assert str(caught.value) == f"{path}: the map has no feature with a geometry: {told}"
 
 
 @pytest.mark.parametrize(
@@ -172,22 +218,25 @@ BAD = {
     "no KML": ("<svg>kml</svg>", "XML, but not KML: it begins with svg"),
     "no shapes": ("<kml><Document/></kml>", "the map has no feature with a geometry"),
     "words": (
-        f"<kml>{mark('a', line())}{mark('b', line(end=',x'))}</kml>",
-        "feature 2: .* no coord",
+        f"<kml>{mark('a', line(end=',x'))}</kml>",
+        "feature 1 .a.: .* no coord",
     ),
     "one number": (
         "<kml><Placemark><Point><coordinates>16</coordinates></Point></Placemark></kml>",
         "feature 1: '16' are no coordinates",
     ),
-    "underscore": (f"<kml>{mark('a', line(end='_1'))}</kml>", "feature 1: .* are no coordinates"),
-    "four": (f"<kml>{mark('a', line(end=',1,2'))}</kml>", "feature 1: .* are no coordinates"),
+    "underscore": (
+        f"<kml>{mark('a', line(end='_1'))}</kml>",
+        "feature 1 .a.: .* are no coordinates",
+    ),
+    "four": (f"<kml>{mark('a', line(end=',1,2'))}</kml>", "feature 1 .a.: .* are no coordinates"),
     "nan": (
         f"<kml>{mark('a', line([('nan', 48), (16, 48)]))}</kml>",
-        "feature 1: .* is not finite",
+        "feature 1 .a.: .* is not finite",
     ),
     "range": (
         f"<kml>{mark('a', line([(48, 16), (48, 116)]))}</kml>",
-        r"feature 1: \(48, 116\) is not",
+        r"feature 1 .a.: \(48, 116\) is not",
     ),
     "one point": (
         f"<kml>{mark('a', line(RING[:1]))}</kml>",

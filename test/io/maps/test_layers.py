@@ -156,7 +156,60 @@ def test_a_line_of_no_length_is_counted(folder):
     path.write_text(json.dumps({"type": "GeometryCollection", "geometries": shapes}))
     (layer,) = load_layers(str(path))
     assert [len(f.points) for f in layer.features] == [2]
-    assert layer.left_out == (f"{path}: 1 lines of no length left out",)
+    assert layer.left_out == (f"{path}: part of feature 1: a line of no length; left out",)
+
+
+@pytest.fixture
+def kinds(folder):
+    """kinds.geojson: a well that gives 60, a pump that gives "96", and one of no kind."""
+    rows = [{"kind": "well", "flow": 60}, {"kind": "pump", "flow": "96"}, {"name": "none"}]
+    features = [
+        {
+            "type": "Feature",
+            "properties": row,
+            "geometry": {"type": "Point", "coordinates": [16 + number, 48]},
+        }
+        for number, row in enumerate(rows)
+    ]
+    bad = {"type": "Feature", "id": 9, "properties": {}, "geometry": {"type": "Circle"}}
+    root = {"type": "FeatureCollection", "features": [*features, bad]}
+    (folder / "kinds.geojson").write_text(json.dumps(root))
+    return folder / "kinds.geojson"
+
+
+def test_one_file_in_several_layers_by_a_property(kinds, styled):
+    layers = styled(
+        "layers: [{where: kind == well, colour: red}, {where: flow > 60}, {where: kind != well}]",
+        "kinds.geojson",
+    )
+    assert [[f.group for f in layer.features] for layer in layers] == [[0], [1], [1, 2]]
+    assert layers[0].style.line_bgr == RED
+    told = f"{kinds}: feature 4 (9): its geometry is none of GeoJSON's; left out"
+    assert [layer.left_out for layer in layers] == [(told,), (), ()]  # of the file, so once
+
+
+def test_a_condition_reads_its_columns_in_every_format(folder, styled):
+    """Where no label needs them: a GeoPackage and a shapefile read what is wanted alone."""
+    (roads,) = styled("layers: [{where: ref == 1, label: false, layer: main}]", "roads.gpkg")
+    (wells,) = styled("layers: [{where: REF <= 0, label: false}]", "wells.shp")
+    assert (len(roads.features), len(wells.features)) == (1, 1)
+
+
+def test_a_condition_on_what_is_not_there(kinds, styled):
+    good = "{where: kind == well}"
+    _, layer = styled(f"layers: [{good}, {{where: kidn == well}}]", "kinds.geojson")
+    assert layer.features == []
+    (note,) = layer.left_out
+    sheet = kinds.parent / "sub" / "style.yaml"
+    assert note == (
+        f"{sheet}: layer 2: where: {kinds} has no property 'kidn' (did you mean kind?)"
+    )
+    _, layer = styled(f"layers: [{good}, {{where: kind == hydrant}}]", "kinds.geojson")
+    assert layer.left_out == (
+        f"{sheet}: layer 2: where: no feature of {kinds} is so: kind is pump, well",
+    )
+    with pytest.raises(ConfigError, match=r"style.yaml: it draws no feature of the map: .*pump"):
+        styled("layers: [{where: kind == hydrant}]", "kinds.geojson")
 
 
 def test_a_feature_a_line(folder):

@@ -9,6 +9,7 @@ import shapefile
 from map_files import HOLE, RING, UTM33_PRJ, write_shapefile
 
 from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.crs import ASSUMED
 from tirgeo_ros.io.maps import load_layers, map_files
 
 # Outer rings are clockwise in a shapefile; pyshp's writer turns none.
@@ -86,9 +87,10 @@ def test_projected_with_a_prj_of_esri(path):
 def test_without_a_prj(path):
     write_shapefile(path, "line", [[RING]], prj=None)
     (layer,) = load_layers(str(path))
-    assert layer.left_out == (f"{path}: has no .prj: taken for WGS84",)
-    write_shapefile(path, "line", [[RING], [[(500000.0, 0.0), (500000.0, 1.0)]]], prj=None)
-    with pytest.raises(MapError, match=r"feature 2: \(500000, 0\) .* crs in the style sheet"):
+    assert layer.left_out == (f"{path}: has no .prj: {ASSUMED}",)
+    plane = [[(500000.0, 0.0), (500000.0, 1.0)]]
+    write_shapefile(path, "line", [[RING], plane, plane], prj=None)
+    with pytest.raises(MapError, match=r"feature 2 .n1.: \(500000, 0\) .* crs in the style sheet"):
         load_layers(str(path))
 
 
@@ -144,7 +146,7 @@ def test_a_letter_that_the_fields_end_cuts_is_lost_alone(path):
 
 def test_an_empty_prj(path):
     write_shapefile(path, "line", [[RING]], prj=" \n")
-    assert load_layers(str(path))[0].left_out == (f"{path}: has an empty .prj: taken for WGS84",)
+    assert load_layers(str(path))[0].left_out == (f"{path}: has an empty .prj: {ASSUMED}",)
 
 
 def test_companions_in_capitals_and_named_instead(path):
@@ -223,8 +225,8 @@ def looping(path):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (multipatch, "feature 1 is a MultiPatch, which is not drawn"),
-        (overlapping, "feature 1 is damaged: its parts overlap"),
+        (multipatch, "feature 1 .n0.: a MultiPatch is not drawn; save it as outlines"),
+        (overlapping, "feature 1 .n0.: it is damaged: its parts overlap"),
         (unknown, "unknown type 77|a damaged shapefile: 77"),
         (cut, "a damaged shapefile: 220 bytes, to be "),
         (looping, "a damaged shapefile: a record leads back to another"),

@@ -27,7 +27,7 @@ SHAPES = {
 
 
 def parts(data, start=0):
-    return list(wkb_parts(data, start, "map: feature 1"))
+    return list(wkb_parts(data, start))
 
 
 def with_more(coordinates, more):
@@ -93,7 +93,7 @@ def test_containers_for_curves_that_hold_straight_lines():
 @pytest.mark.parametrize("code", [None, 9, 1010, 11, 12])
 def test_arcs_are_refused_by_name(code):
     arc = struct.pack("<BII", 1, 8, 3) + struct.pack("<6d", *RING[0], *RING[1], *RING[2])
-    with pytest.raises(MapError, match="feature 1: a CircularString has arcs; save it as lines"):
+    with pytest.raises(MapError, match=r"^a CircularString has arcs; save it as lines"):
         parts(arc if code is None else holding(code, arc))
 
 
@@ -115,7 +115,7 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_damage_is_said(case):
     data, message = BAD[case]
-    with pytest.raises(MapError, match=f"^map: feature 1: .*{message}"):
+    with pytest.raises(MapError, match=message):
         parts(data)
 
 

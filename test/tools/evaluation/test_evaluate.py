@@ -27,6 +27,7 @@ from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluation.evaluate import evaluate
 from tirgeo_ros.tools.evaluation.summary import summary, write_evaluation
 from tirgeo_ros.tools.evaluation.tables import text_tables
+from tirgeo_ros.tools.evaluation.verdict import verdict
 from tirgeo_ros.tools.simulate import simulate
 
 pytestmark = pytest.mark.slow
@@ -268,7 +269,8 @@ def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_
     assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
     assert "needed topic absent: /gps/fix" in found.missing["raw"]
     numbers = summary(found)
-    assert "raw is missing: " in numbers["warning"]
+    assert numbers["warning"] is None  # a fact, and no fault
+    assert "ekf_heading is left out: needed topic absent: /rtk/heading" in numbers["notes"]
     assert [(t["first"], t["second"]) for t in numbers["t_tests"]] == [("rtk", "ekf")]
 
 
@@ -278,6 +280,7 @@ def test_a_method_that_never_starts_is_missing(sample, tmp_path):
     found = evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     assert [one.method for one in found.methods] == ["raw", "rtk"]
     assert found.missing["ekf"].startswith("no camera pose could be made: ")
+    assert f"ekf is missing: {found.missing['ekf']}" in summary(found)["warning"]
     assert "no observation could be located: no trusted pose" in found.error
     numbers = summary(found)
     assert numbers["methods"]["raw"]["rmse_m"] is None
@@ -335,9 +338,20 @@ def test_the_survey_of_another_place_is_told(sample, raw_flight, tmp_path):
     assert any("points lie 11.1 km from where the survey" in note for note in away.notes)
 
 
+def test_the_verdict_names_the_boresight_that_was_planted(found):
+    told = verdict(found.methods)
+    assert told.startswith("0 of 24 lie in their ellipse of 95 %, mean offset ")
+    assert told.endswith(": systematic; run calibrate boresight (calibrated)")
+    degrees = float(re.search(r"([0-9.]+) deg[)]", told)[1])
+    assert degrees == pytest.approx(5.0, abs=0.5)  # a tenth is the linear fit's
+    honest = verdict(found.methods[:-1])
+    assert re.fullmatch(r"2\d of 24 lie in .* 95 %, 0[.]\d\d m off on average \(.*\)", honest)
+
+
 def test_the_tables(found):
     lines = text_tables(summary(found)).splitlines()
-    assert lines[1].split() == ["point", *METHODS, "calibrated", "seen"]
+    assert lines[:2] == [verdict(found.methods), ""]
+    assert lines[3].split() == ["point", *METHODS, "calibrated", "seen"]
     located = next(line for line in lines if line.startswith("located"))
     assert located.split() == ["located", "25", "25", "24", "24", "24", "of", "25"]
     rmse = found.method("rtk").errors.point_rmse_m["P02"]
@@ -360,8 +374,10 @@ def test_the_command(sample, raw_flight, tmp_path, capsys):
     words += ["--params", sample / "params.yaml", "--truth", sample / "truth.mcap"]
     assert main([str(word) for word in words]) == 0
     said, complaint = capsys.readouterr()
-    assert said.splitlines()[1].split() == ["point", "raw", "seen"]
-    assert "rtk is missing: needed topic absent: /rtk/fix" in complaint
+    assert re.match(r"\d+ of \d+ lie in their ellipse of 95 %, .* [(]raw[)]\n", said)
+    assert said.splitlines()[3].split() == ["point", "raw", "seen"]
+    assert "rtk is left out: needed topic absent: /rtk/fix" in said
+    assert "missing" not in complaint
     assert (tmp_path / "out" / "result.json").is_file()
 
 
@@ -370,6 +386,7 @@ def test_the_command_in_json(raw_flight, tmp_path, capsys):
     words = ["evaluate", bag, "--survey", survey, "--observations", seen, "-o", tmp_path / "out"]
     assert main([str(word) for word in [*words, "--json"]]) == 0
     numbers = json.loads(capsys.readouterr().out)
+    assert next(iter(numbers)) == "verdict"
     assert list(numbers["methods"]) == ["raw"]
     assert list(numbers["missing"]) == METHODS[1:]
     # the filter would fall back on GPS, but that is no method of Table 6

@@ -74,10 +74,11 @@ def test_nothing_lies_outside_the_file(text, page):
     assert not re.findall(r"url[(]|@import|<script|<link", text)
 
 
-def test_all_figures_are_there_and_are_svg(page):
+def test_all_figures_are_there_and_are_svg(found, page):
     assert [text for text in page.text if text in FIGURES] == FIGURES
     figures = embedded(page, "image/svg+xml")
-    assert len(figures) == len(FIGURES)
+    of_methods, of_sources = len(found.methods), len(found.methods[-1].innovations)
+    assert len(figures) == len(FIGURES) - 2 + of_methods + of_sources
     for figure in figures:
         assert ET.fromstring(figure).tag == "{http://www.w3.org/2000/svg}svg"
 
@@ -110,8 +111,11 @@ def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
         blue, green, red = np.moveaxis(still, -1, 0)
         assert (np.minimum(red, green) - blue > 100).sum() > 2000  # yellow lines of the map
         assert ((red - blue > 150) & (np.abs(green - 140) < 40)).sum() >= 10  # orange crosses
-        clicked = told.caption.partition(": ")[2].removeprefix("clicked (orange crosses): ")
+        clicked, _, words = told.caption.partition(" at ")
         assert set(clicked.split(", ")) <= set(found.control)
+        for colour in ("Orange crosses", "Green diamonds", "Yellow"):
+            assert colour in words
+        assert words.endswith("the map by calibrated")
 
 
 def test_the_same_evaluation_makes_the_same_bytes(found, text):
@@ -122,7 +126,7 @@ def test_names_are_text_and_no_tags(found):
     point = next(iter(found.control.values()))
     odd = dataclasses.replace(point, id="<b>&'\"")
     changed = dataclasses.replace(
-        found, control={odd.id: odd}, notes=["<i>"], missing={"ekf": "<script>"}, error="<u>"
+        found, control={odd.id: odd}, notes=["<i>"], faults={"ekf": "<script>"}, error="<u>"
     )
     text = report_html(changed)
     assert not re.findall(r"<[biu]>|<script", text)

@@ -5,33 +5,47 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps import archive, geopackage, shapefile
 from tirgeo_ros.io.maps.geojson import read_geojson
 from tirgeo_ros.io.maps.kml import read_kml, read_kmz
 from tirgeo_ros.io.maps.others import read_other
 from tirgeo_ros.io.maps.table import Table
+from tirgeo_ros.io.maps.wanted import Wanted
 
-Reader = Callable[[Path, str, LabelRule], list[Table]]
+Reader = Callable[[Path, str, Wanted], list[Table]]
 
 _HEAD_BYTES = 4096
+#: How files begin that people take for maps, and what to do about them.
+_NO_MAPS = {
+    **dict.fromkeys(
+        (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+        "a picture (TIFF); an elevation model belongs in the parameter dem",
+    ),
+    **dict.fromkeys((b"\x89PNG", b"\xff\xd8\xff"), "a picture"),
+    b"%PDF": "a PDF; save its layers from the program that made it",
+    b"AC10": "a drawing (DWG); save it as DXF or Shapefile",
+    b"PMTiles": "tiles, cut up for a screen; save the layers themselves as a GeoPackage",
+}
+#: JSON of other kinds, which GDAL reads.
+_OTHER_JSON = re.compile(rb'"type"\s*:\s*"Topology"|"esri(Geometry|FieldType)')
 _BLANK = b" \t\r\n\xef\xbb\xbf\x1e"  # also a byte order mark, and JSON's record separator
 
 
-def read_tables(path: Path, layer: str, rule: LabelRule) -> list[Table]:
-    """The tables of a map file, or its one table ``layer``; with the properties ``rule`` needs.
+def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
+    """The tables of a map file, or its one table ``layer``, with what is ``wanted``.
 
     Raises MapError, naming the file, if it cannot be read or has no such layer.
     """
     path = main_file(path)
     try:
         with _no_garbage_collection():
-            return _reader(path)(path, layer, rule)
+            return _reader(path)(path, layer, wanted)
     except FileNotFoundError:
         raise MapError(f"{path}: there is no such map; check its name") from None
     except OSError as error:
@@ -85,38 +99,46 @@ def _by_content(path: Path, head: bytes) -> Reader | None:
         return _zip
     if head.startswith(shapefile.MAGIC):
         return shapefile.read_shapefile
+    for magic, what in _NO_MAPS.items():
+        if head.startswith(magic):
+            raise MapError(f"{path}: {what}; a map is of points, lines and outlines")
     text = head.lstrip(_BLANK)
     if text[:1] in {b"{", b"["}:
-        return _geojson
+        return read_other if _OTHER_JSON.search(head) else _geojson
     return _kml if text[:1] == b"<" and b"kml" in head.lower() else None
 
 
-def _database(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+def _database(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     """An SQLite file of another kind, whose views GDAL would run without end."""
+    if geopackage.has_tiles(path):
+        raise MapError(
+            f"{path}: tiles, cut up for a screen (MBTiles); save the layers themselves as a "
+            "GeoPackage"
+        )
     if geopackage.has_views(path):
         raise MapError(f"{path}: an SQLite file with views in it; save the map as a GeoPackage")
-    return read_other(path, layer, rule)
+    return read_other(path, layer, wanted)
 
 
-def _geojson(path: Path, layer: str, _rule: LabelRule) -> list[Table]:
+def _geojson(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
     return read_geojson(path, path.read_bytes(), layer)
 
 
-def _kml(path: Path, layer: str, _rule: LabelRule) -> list[Table]:
+def _kml(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
     return read_kml(path, path.read_bytes(), layer)
 
 
-def _zip(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+def _zip(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     """A KMZ or a zip of shapefiles, as its members have it."""
     try:
         members = archive.Archive(path.read_bytes())
         if members.names(".kml"):
             return read_kmz(path, members, layer)
         if members.names(".shp"):
-            return shapefile.read_zipped_shapefiles(path, members, layer, rule)
+            return shapefile.read_zipped_shapefiles(path, members, layer, wanted)
     except ValueError as error:
         raise MapError(f"{path}: {error}") from None
-    raise MapError(f"{path}: a zip without a .kml or a .shp in it")
+    raise MapError(f"{path}: a zip without a .kml or a .shp in it; unpack it and name its map")
 
 
 _BY_NAME: dict[str, Reader] = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,22 @@ import numpy as np
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.maps.faults import Faults, FeatureError
 from tirgeo_ros.io.maps.table import (
     FEWEST,
+    Part,
+    ShapeBuilder,
     Shapes,
     Table,
     check_count,
     check_layer,
-    check_size,
+    empty_map,
     starts_of,
 )
 
 _KINDS = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
 _ROOTS = ("FeatureCollection", "Feature", "GeometryCollection", *_KINDS)
+_EMPTY = "it is an empty FeatureCollection; save it again with the layer in it"
 _RECORD_SEPARATOR = "\x1e"  # before each text of a JSON sequence (RFC 8142)
 
 Positions = list[Any]
@@ -36,7 +41,7 @@ Positions = list[Any]
 def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
     """The one table of a GeoJSON file, named as its ``name`` member or else as the file.
 
-    Raises MapError, naming the file, if it is no GeoJSON or has coordinates that are none.
+    Raises MapError, naming the file, if it is no GeoJSON.
     """
     root = _root(path, content)
     name = root.get("name")
@@ -45,9 +50,10 @@ def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
     features = _features(root, path)
     check_count(len(features), str(path))
     properties = [_properties(feature) for feature in features]
-    shapes = _shapes(features, str(path))
+    shapes, faults = _shapes(features)
     fields = dict.fromkeys(chain.from_iterable(properties))
-    return [Table(str(path), name, _crs_name(root), shapes, properties, fields)]
+    table = Table(str(path), name, _crs_name(root), shapes, properties, fields, faults=faults)
+    return [table if features else replace(table, empty=empty_map(path, _EMPTY))]
 
 
 def _root(path: Path, content: bytes) -> dict[str, Any]:
@@ -56,7 +62,10 @@ def _root(path: Path, content: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         root = _sequence(content)
         if root is None:
-            raise MapError(f"{path}: not JSON ({error}); a map is a GeoJSON file") from None
+            raise MapError(
+                f"{path}: not JSON ({error}); a map is a GeoJSON file, without "
+                "comments and without a comma before a bracket that closes"
+            ) from None
     if not isinstance(root, dict) or root.get("type") not in _ROOTS:
         raise MapError(f"{path}: JSON, but not GeoJSON: its type is none of GeoJSON's")
     return root
@@ -90,64 +99,85 @@ def _features(root: dict[str, Any], path: Path) -> list[Any]:
 
 
 def _properties(feature: Any) -> dict[str, Any]:
-    properties = feature.get("properties") if isinstance(feature, dict) else None
-    return properties if isinstance(properties, dict) else {}
+    """Its properties; its id, where it has one, is such too."""
+    if not isinstance(feature, dict):
+        return {}
+    properties = feature.get("properties")
+    found = properties if isinstance(properties, dict) else {}
+    return {"id": feature["id"], **found} if "id" in feature else found
 
 
-def _shapes(features: list[Any], path: str) -> Shapes:
+def _shapes(features: list[Any]) -> tuple[Shapes, Faults]:
+    """All at once where nothing is wrong, as of most maps; else part by part."""
     parts: list[Positions] = []
     owner: list[int] = []
     closed: list[bool] = []
-    for number, feature in enumerate(features):
-        where = f"{path}: feature {number + 1}"
-        for kind, positions in _pieces(_geometry(feature, where), where):
-            parts.append(positions)
-            owner.append(number)
-            closed.append(kind == "Polygon")
-            if len(positions) < FEWEST[kind]:
-                check_size(len(_points(positions, where)), kind, where)
-    points = _fast_points(parts)
+    whole = True
+    try:
+        for number, feature in enumerate(features):
+            for kind, positions in _pieces(_geometry(feature)):
+                parts.append(positions)
+                owner.append(number)
+                closed.append(kind == "Polygon")
+                whole = whole and len(positions) >= FEWEST[kind]
+    except FeatureError:
+        whole = False
+    points = _fast_points(parts) if whole else None
     if points is None:
-        points = _slow_points(parts, owner, path)
-    return Shapes(points, starts_of(map(len, parts)), np.array(owner, int), np.array(closed, bool))
+        return _slow_shapes(features)
+    starts = starts_of(map(len, parts))
+    return Shapes(points, starts, np.array(owner, int), np.array(closed, bool)), Faults()
 
 
-def _geometry(feature: Any, where: str) -> Any:
+def _slow_shapes(features: list[Any]) -> tuple[Shapes, Faults]:
+    shapes = ShapeBuilder()
+    for number, feature in enumerate(features):
+        shapes.take(number, _parts(feature))
+    return shapes.shapes(), shapes.faults
+
+
+def _parts(feature: Any) -> Iterator[Part]:
+    for kind, positions in _pieces(_geometry(feature)):
+        points = _fast_points([positions])
+        yield kind, _points(positions) if points is None else points
+
+
+def _geometry(feature: Any) -> Any:
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
-        raise MapError(f"{where} is not a GeoJSON Feature")
+        raise FeatureError("it is not a GeoJSON Feature")
     return feature.get("geometry")
 
 
-def _pieces(geometry: Any, where: str) -> Iterator[tuple[str, Positions]]:
+def _pieces(geometry: Any) -> Iterator[tuple[str, Positions]]:
     """The kind (Point, LineString, Polygon) and the positions of each part of a geometry."""
     waiting = [] if geometry is None else [geometry]
     while waiting:
         geometry = waiting.pop()
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if kind == "GeometryCollection":
-            waiting.extend(reversed(_list(geometry.get("geometries"), where)))
+            waiting.extend(reversed(_list(geometry.get("geometries"))))
         elif isinstance(kind, str) and kind in _KINDS:
-            lists = _lists(kind, _list(geometry.get("coordinates"), where), where)
+            lists = _lists(kind, _list(geometry.get("coordinates")))
             single = kind.removeprefix("Multi")
-            yield from ((single, positions) for positions in lists if positions)
+            yield from ((single, each) for each in lists if each or single == "Polygon")
         else:
-            raise MapError(f"{where}: its geometry is none of GeoJSON's")
+            raise FeatureError("its geometry is none of GeoJSON's")
 
 
-def _lists(kind: str, coordinates: Positions, where: str) -> list[Positions]:
+def _lists(kind: str, coordinates: Positions) -> list[Positions]:
     """The lists of positions of one geometry: a list for each point, line and ring."""
     if kind in {"Point", "LineString"}:
         return [[coordinates] if kind == "Point" and coordinates else coordinates]
     if kind == "MultiPoint":
         return [[position] for position in coordinates]
     if kind == "MultiPolygon":
-        coordinates = [ring for polygon in coordinates for ring in _list(polygon, where)]
-    return [_list(line, where) for line in coordinates]
+        coordinates = [ring for polygon in coordinates for ring in _list(polygon)]
+    return [_list(line) for line in coordinates]
 
 
-def _list(value: Any, where: str) -> list[Any]:
+def _list(value: Any) -> list[Any]:
     if not isinstance(value, list):
-        raise MapError(f"{where}: its coordinates are not nested as GeoJSON wants them")
+        raise FeatureError("its coordinates are not nested as GeoJSON wants them")
     return value
 
 
@@ -172,32 +202,21 @@ def _fast_points(parts: list[Positions]) -> Array | None:
     return points if np.isfinite(table).all() else None
 
 
-def _slow_points(parts: list[Positions], owner: list[int], path: str) -> Array:
-    """The same of any positions, one by one; MapError naming the feature of one that is none."""
-    rows = [np.empty((0, 3))]
-    for positions, number in zip(parts, owner, strict=True):
-        plain = _fast_points([positions])
-        rows.append(
-            _points(positions, f"{path}: feature {number + 1}") if plain is None else plain
-        )
-    return np.concatenate(rows)
-
-
-def _points(positions: Positions, where: str) -> Array:
+def _points(positions: Positions) -> Array:
     points = np.full((len(positions), 3), np.nan)
     for row, position in zip(points, positions, strict=True):
-        numbers = _numbers(position, where)
+        numbers = _numbers(position)
         if not all(map(math.isfinite, numbers)):
-            raise MapError(f"{where}: {str(position)[:60]} is not finite")
+            raise FeatureError(f"{str(position)[:60]} is not finite")
         row[: len(numbers)] = numbers
     return points
 
 
-def _numbers(position: Any, where: str) -> list[float]:
+def _numbers(position: Any) -> list[float]:
     """The first two or three numbers of a position."""
     right = isinstance(position, list) and len(position) >= 2 and all(map(_is_number, position))
     if not right:
-        raise MapError(f"{where}: {str(position)[:60]} is not a position of two or three numbers")
+        raise FeatureError(f"{str(position)[:60]} is not a position of two or three numbers")
     try:
         return [float(value) for value in position[:3]]
     except OverflowError:

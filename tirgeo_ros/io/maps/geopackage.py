@@ -15,9 +15,10 @@ from urllib.parse import quote
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.crs import known
-from tirgeo_ros.io.label_rule import LabelRule
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
-from tirgeo_ros.io.maps.wkb import Part, wkb_parts
+from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
+from tirgeo_ros.io.maps.wanted import Wanted
+from tirgeo_ros.io.maps.wkb import wkb_parts
 
 MAGIC = b"SQLite format 3\0"
 _READ_VERSION = 19  # byte of the header: 2 = write-ahead log
@@ -37,7 +38,7 @@ ORDER BY g.rowid"""
 Row = tuple[object, ...]
 
 
-def read_geopackage(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+def read_geopackage(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     """The tables of features of a package, or its one table ``layer``.
 
     Raises MapError, naming file, table and feature, if it is damaged or no GeoPackage.
@@ -46,7 +47,7 @@ def read_geopackage(path: Path, layer: str, rule: LabelRule) -> list[Table]:
         with closing(_connected(path)) as database:
             rows = database.execute(_LAYERS).fetchall()
             check_layer(path, layer, [str(row[0]) for row in rows])
-            return [_table(database, path, row, rule) for row in rows if layer in {"", row[0]}]
+            return [_table(database, path, row, wanted) for row in rows if layer in {"", row[0]}]
     except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
         told = str(error)
         if told == "interrupted":
@@ -64,13 +65,18 @@ def has_views(path: Path) -> bool:
     return _found(path, "type = 'view'")
 
 
-def _found(path: Path, what: str) -> bool:
+def has_tiles(path: Path) -> bool:
+    """Whether an SQLite file has pictures or vectors in tiles, as MBTiles have."""
+    return _found(path, "name IN ('tiles', 'gpkg_tile_matrix')", damaged=False)
+
+
+def _found(path: Path, what: str, *, damaged: bool = True) -> bool:
     query = f"SELECT count(*) FROM sqlite_master WHERE {what}"  # noqa: S608  of this module
     try:
         with closing(_connected(path)) as database:
             return bool(database.execute(query).fetchone()[0])
     except (sqlite3.Error, ValueError):  # ValueError: SQLite's own message is no text
-        return True
+        return damaged
 
 
 def _connected(path: Path) -> sqlite3.Connection:
@@ -102,24 +108,23 @@ def _size(path: Path) -> int:
         return 0
 
 
-def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) -> Table:
+def _table(database: sqlite3.Connection, path: Path, row: Row, wanted: Wanted) -> Table:
     name, column = str(row[0]), str(row[1])
     where = f"{path}: layer {name}"
     info = database.execute(f"PRAGMA table_info({_quoted(name)})").fetchall()
     fields = [str(each[1]) for each in info if str(each[1]).lower() != column.lower()]
-    wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each is not None]
+    names = wanted.columns(fields, where)
     if info and column.lower() not in {str(each[1]).lower() for each in info}:
         raise MapError(f"{where}: there is no column {column!r}, which is to hold the geometries")
-    selected = ", ".join(map(_quoted, [column, *wanted]))
+    selected = ", ".join(map(_quoted, [column, *names]))
     # Names cannot be bound; they come from the package itself and are quoted.
     cursor = database.execute(f"SELECT {selected} FROM {_quoted(name)}")  # noqa: S608
-    shapes = ShapeBuilder(where)
+    shapes = ShapeBuilder()
     properties = []
     for number, (geometry, *values) in enumerate(cursor):
         check_count(number + 1, where)
-        properties.append(dict(zip(wanted, values, strict=True)))
-        for kind, points in _parts(geometry, f"{where}: feature {number + 1}"):
-            shapes.add(number, kind, points)
+        properties.append(dict(zip(names, values, strict=True)))
+        shapes.take(number, _parts(geometry))
     return Table(
         where,
         name,
@@ -128,6 +133,7 @@ def _table(database: sqlite3.Connection, path: Path, row: Row, rule: LabelRule) 
         properties,
         fields,
         no_crs="has an undefined geographic system",
+        faults=shapes.faults,
     )
 
 
@@ -146,15 +152,15 @@ def _crs(row: Row) -> str | None:
     return coded if known(coded) else str(definition or coded)
 
 
-def _parts(blob: object, where: str) -> Iterator[Part]:
+def _parts(blob: object) -> Iterator[Part]:
     """The parts of a geometry in the package's own frame of header and WKB."""
     if blob is None:
         return
     if not isinstance(blob, bytes) or len(blob) < 8 or blob[:2] != b"GP" or blob[2]:
-        raise MapError(f"{where}: its geometry is none of a GeoPackage's")
+        raise FeatureError("its geometry is none of a GeoPackage's")
     flags = blob[3]
     envelope = flags >> 1 & 7
     if flags & _EXTENDED or envelope >= len(_ENVELOPES):
-        raise MapError(f"{where}: its geometry is of an extended or unknown form")
+        raise FeatureError("its geometry is of an extended or unknown form")
     if not flags & _EMPTY:
-        yield from wkb_parts(blob, 8 + _ENVELOPES[envelope], where)
+        yield from wkb_parts(blob, 8 + _ENVELOPES[envelope])

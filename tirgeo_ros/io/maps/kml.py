@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
+from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer, empty_map
 
 _COMMA = re.compile(r"\s*,\s*")
 _BLANK_COMMA = re.compile(r"\s,|,\s")  # some programs write so
@@ -31,21 +32,21 @@ _AT_ONCE = 1 << 16  # bytes for the parser
 _LONGEST_TAG = 1 << 20  # bytes of a tag or a comment: the parser keeps each whole
 _HOLDERS = {"kml", "Document", "Folder"}
 _GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon"}
+#: What is not drawn, and what to do about it where there is nothing else.
 _NOT_DRAWN = {
-    "Track",
-    "MultiTrack",
-    "Model",
-    "NetworkLink",
-    "GroundOverlay",
-    "ScreenOverlay",
-    "PhotoOverlay",
+    "NetworkLink": "a link: open it in Google Earth or QGIS and save what it leads to as KML",
+    "Model": "a body in space: draw its outline",
+    "GroundOverlay": "a picture: draw as lines what is wanted of it",
+    "ScreenOverlay": "a picture",
+    "PhotoOverlay": "a picture",
 }
+_STYLES = {"Style", "StyleMap"}
 
 
 def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
     """The one table of a KML file, or the placemarks of its folders named ``layer``.
 
-    Raises MapError, naming file and feature, if it is no KML or has coordinates that are none.
+    Raises MapError, naming the file, if it is no KML.
     """
     root = _tree(content, path)
     if root.tag != "kml" and root.tag not in _HOLDERS | {"Placemark"}:
@@ -55,7 +56,7 @@ def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
     chosen = [root]
     if layer and layer != path.stem:
         chosen = [folder for folder in folders if _text(folder, "name") == layer]
-    return [_table(path, layer or path.stem, _placemarks(chosen), _counts(chosen))]
+    return [_table(path, layer or path.stem, chosen)]
 
 
 def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
@@ -66,7 +67,8 @@ def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
     if len(names) == 1:
         return [table]
     told = f"{path}: of {len(names)} .kml in it {main} alone is read"
-    return [replace(table, left_out=(*table.left_out, told))]
+    empty = f"{table.empty}; of {len(names)} .kml in it {main} alone is read: unpack the others"
+    return [replace(table, left_out=(*table.left_out, told), empty=empty)]
 
 
 def _tree(content: bytes, path: Path) -> Element:
@@ -142,13 +144,18 @@ def _placemarks(roots: list[Element]) -> Iterator[Element]:
     return iter(seen)
 
 
-def _counts(roots: list[Element]) -> Counter[str]:
-    return Counter(
-        each
-        for element in dict.fromkeys(each for root in roots for each in root.iter())
-        for each in (_left_out(element),)
-        if each
-    )
+def _elements(roots: list[Element]) -> Iterator[Element]:
+    return iter(dict.fromkeys(each for root in roots for each in root.iter()))
+
+
+def _instead(chosen: list[Element]) -> str:
+    """What a file without a shape has, and what to do."""
+    tags = Counter(each.tag for each in _elements(chosen))
+    styles = sum(tags[tag] for tag in _STYLES)
+    told = [f"{tags[tag]} {tag} ({what})" for tag, what in _NOT_DRAWN.items() if tags[tag]]
+    told += [f"{styles} styles"] if styles else []
+    held = ", ".join(told) or "nothing that can be drawn"
+    return f"it has {tags['Placemark']} placemarks and {held}"
 
 
 def _left_out(element: Element) -> str:
@@ -160,22 +167,35 @@ def _left_out(element: Element) -> str:
     return ""
 
 
-def _table(path: Path, name: str, placemarks: Iterator[Element], counts: Counter[str]) -> Table:
-    shapes = ShapeBuilder(str(path))
+def _table(path: Path, name: str, chosen: list[Element]) -> Table:
+    shapes = ShapeBuilder()
     properties: list[Mapping[str, Any]] = []
     set_aside = 0
-    for number, placemark in enumerate(placemarks):
+    for number, placemark in enumerate(_placemarks(chosen)):
         check_count(number + 1, str(path))
         properties.append(_properties(placemark))
         drawn = len(shapes.parts)
-        for kind, text in _pieces(placemark):
-            points = _positions(text, f"{path}: feature {number + 1}")
-            shapes.add(number, *_as_drawn(kind, points))
-        if len(shapes.parts) == drawn and any(each.tag in _NOT_DRAWN for each in placemark.iter()):
+        shapes.take(number, _parts(placemark))
+        bare = len(shapes.parts) == drawn and number not in shapes.faults.numbers
+        if bare and any(each.tag in _NOT_DRAWN for each in placemark.iter()):
             set_aside += 1
-    fields = {key for each in properties for key in each}
-    told = tuple(f"{path}: {count} {what}" for what, count in counts.items())
-    return Table(str(path), name, None, shapes.shapes(), properties, fields, told, set_aside)
+    return Table(
+        str(path),
+        name,
+        None,
+        shapes.shapes(),
+        properties,
+        {key for each in properties for key in each},
+        _told(path, chosen),
+        set_aside,
+        faults=shapes.faults,
+        empty="" if shapes.parts else empty_map(path, _instead(chosen)),
+    )
+
+
+def _told(path: Path, chosen: list[Element]) -> tuple[str, ...]:
+    counts = Counter(filter(None, map(_left_out, _elements(chosen))))
+    return tuple(f"{path}: {count} {what}" for what, count in counts.items())
 
 
 def _properties(placemark: Element) -> dict[str, str]:
@@ -197,19 +217,28 @@ def _pieces(geometry: Element) -> Iterator[tuple[str, str]]:
         elif each.tag == "Polygon":
             for ring in each.iterfind("*/LinearRing"):
                 yield "Polygon", _text(ring, "coordinates")
-        elif each.tag == "MultiGeometry":
+        elif each.tag == "Track":  # of "lon lat height", a place each
+            places = (",".join((coord.text or "").split()) for coord in each.iterfind("coord"))
+            yield "LineString", " ".join(places)
+        elif each.tag in {"MultiGeometry", "MultiTrack"}:
             yield from _pieces(each)
 
 
-def _as_drawn(kind: str, points: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+def _parts(placemark: Element) -> Iterator[Part]:
     """A ring that bounds no polygon is a line that ends where it begins."""
-    if kind != "LinearRing":
-        return kind, points
-    return "LineString", np.concatenate([points, points[:1]])
+    for kind, text in _pieces(placemark):
+        points = _positions(text)
+        if kind == "LinearRing":
+            yield "LineString", np.concatenate([points, points[:1]])
+        else:
+            yield kind, points
 
 
-def _positions(text: str, where: str) -> NDArray[np.float64]:
-    """Longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ..."."""
+def _positions(text: str) -> NDArray[np.float64]:
+    """Longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ...".
+
+    Raises FeatureError for a text of something else.
+    """
     tuples = (_COMMA.sub(",", text) if _BLANK_COMMA.search(text) else text).split()
     if not tuples:
         return np.empty((0, 2))
@@ -222,5 +251,5 @@ def _positions(text: str, where: str) -> NDArray[np.float64]:
     except ValueError:
         right = False
     if not right:
-        raise MapError(f"{where}: {text[:40]!r} are no coordinates lon,lat[,height]")
+        raise FeatureError(f"{text[:40]!r} are no coordinates lon,lat[,height]")
     return numbers.reshape(len(tuples), -1)[:, :2]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tirgeo_ros.core.errors import ConfigError, MapError
-from tirgeo_ros.core.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.io.file_list import named_files
 from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.formats import companions, read_tables
-from tirgeo_ros.io.maps.laying import laid
+from tirgeo_ros.io.maps.laying import Laid, laid
+from tirgeo_ros.io.maps.table import empty_map
+from tirgeo_ros.io.maps.wanted import Wanted
 from tirgeo_ros.io.memory import MOST_BYTES, bounded_memory
 from tirgeo_ros.io.offline import read_map
 from tirgeo_ros.io.style_sheet import SheetLayer, load_style_sheet
@@ -45,10 +47,28 @@ def load_layers(
 
     def load() -> list[MapLayer]:
         sources = _sources(map, style)
-        return [layer for source in sources for layer in _layers(source, label_field)]
+        layers = [layer for source in sources for layer in _layers(source, label_field)]
+        return _told_once(layers, style)
 
     with bounded_memory():
         return read_map(load, network=network)
+
+
+def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
+    """The layers, each line of what is left out in the first of a file alone.
+
+    Raises ConfigError where a style sheet's conditions leave nothing.
+    """
+    notes = list(dict.fromkeys(note for layer in layers for note in layer.left_out))
+    if layers and not any(layer.features for layer in layers):
+        raise ConfigError(f"{style}: it draws no feature of the map: {'; '.join(notes)}")
+    untold = set(notes)
+    told = []
+    for layer in layers:
+        mine = tuple(note for note in dict.fromkeys(layer.left_out) if note in untold)
+        untold.difference_update(mine)
+        told.append(replace(layer, left_out=mine))
+    return told
 
 
 def _sources(map_text: str, style: str) -> list[_Source]:
@@ -82,24 +102,24 @@ def _layers(source: _Source, label_field: str) -> list[MapLayer]:
 
 def _read(source: _Source, label_field: str) -> list[MapLayer]:
     entry = source.entry
-    rule = entry.label if entry and entry.label else LabelRule.of_field(label_field)
-    tables = read_tables(source.path, entry.layer if entry else "", rule)
-    made = []
-    for table in tables:
-        features, left_out = laid(table, rule, entry.crs if entry else "")
-        if features:
-            made.append(_layer(table.name, features, left_out, entry))
-    if not made:
-        raise MapError(f"{source.path}: the map has no feature with a geometry")
-    return made
+    label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
+    wanted = Wanted(label, entry.condition if entry else None)
+    tables = read_tables(source.path, entry.layer if entry else "", wanted)
+    found = [laid(table, wanted, entry.crs if entry else "") for table in tables]
+    refusals = [one.refusal for one in found if one.refusal is not None]
+    if len(refusals) == len(found):
+        raise MapError(next(filter(None, refusals), empty_map(source.path)))
+    return [
+        _layer(table.name, one, entry)
+        for table, one in zip(tables, found, strict=True)
+        if one.features or one.notes
+    ]
 
 
-def _layer(
-    name: str, features: list[GeoFeature], left_out: tuple[str, ...], entry: SheetLayer | None
-) -> MapLayer:
+def _layer(name: str, found: Laid, entry: SheetLayer | None) -> MapLayer:
     if entry is None:
-        return MapLayer(name, features, left_out=left_out)
-    return MapLayer(name, features, entry.style, entry.sigma_m, left_out)
+        return MapLayer(name, found.features, left_out=found.notes)
+    return MapLayer(name, found.features, entry.style, entry.sigma_m, found.notes)
 
 
 def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.io.label_rule import LabelRule
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer
+from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
+from tirgeo_ros.io.maps.wanted import Wanted
 
 MAGIC = b"\x00\x00\x27\x0a"
 SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
@@ -65,7 +66,7 @@ _LAST_NUMBER = re.compile(r"\d+$")
 Fetch = Callable[[str], bytes | None]  # the content of the file with a suffix, None if absent
 
 
-def read_shapefile(path: Path, layer: str, rule: LabelRule) -> list[Table]:
+def read_shapefile(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     """The one table of a shapefile, named as its file.
 
     Raises MapError, naming file and feature, if it is damaged or holds multipatches.
@@ -76,7 +77,7 @@ def read_shapefile(path: Path, layer: str, rule: LabelRule) -> list[Table]:
         file = sidecar(path, suffix)
         return file.read_bytes() if file.is_file() else None
 
-    return [_table(str(path), path.stem, fetch, rule)]
+    return [_table(str(path), path.stem, fetch, wanted)]
 
 
 def sidecar(path: Path, suffix: str) -> Path:
@@ -86,7 +87,7 @@ def sidecar(path: Path, suffix: str) -> Path:
 
 
 def read_zipped_shapefiles(
-    path: Path, archive: Archive, layer: str, rule: LabelRule
+    path: Path, archive: Archive, layer: str, wanted: Wanted
 ) -> list[Table]:
     """A table for each shapefile in a zip; raises MapError, and ValueError for a damaged zip."""
     names = {PurePosixPath(name).stem: name[:-4] for name in archive.names(".shp")}
@@ -98,29 +99,40 @@ def read_zipped_shapefiles(
         return None if name is None else archive.read(name)
 
     return [
-        _table(f"{path}: layer {name}", name, partial(fetch, stem), rule)
+        _table(f"{path}: layer {name}", name, partial(fetch, stem), wanted)
         for name, stem in names.items()
         if layer in {"", name}
     ]
 
 
-def _table(where: str, name: str, fetch: Fetch, rule: LabelRule) -> Table:
-    fields, records, told = _records(where, fetch, rule)
-    shapes = ShapeBuilder(where)
+def _table(where: str, name: str, fetch: Fetch, wanted: Wanted) -> Table:
+    fields, records, told = _records(where, fetch, wanted)
+    shapes = ShapeBuilder()
     properties: list[Mapping[str, Any]] = []
     for number, shape in enumerate(_shapes(fetch(".shp") or b"", where)):
         check_count(number + 1, where)
         record = records[number] if number < len(records) else {}
         properties.append(record or {})
         if record is not None:
-            _add(shapes, number, shape)
+            shapes.take(number, _parts(shape))
     if records and len(records) != len(properties):
         told += (f"{where}: {len(records)} records for {len(properties)} shapes",)
     prj = fetch(".prj")
     crs = (prj or b"").decode("utf-8-sig", "replace").strip() or None
     no_crs = "has no .prj" if prj is None else "has an empty .prj"
     deleted = sum(record is None for record in records[: len(properties)])
-    return Table(where, name, crs, shapes.shapes(), properties, fields, told, deleted, no_crs)
+    return Table(
+        where,
+        name,
+        crs,
+        shapes.shapes(),
+        properties,
+        fields,
+        told,
+        deleted,
+        no_crs,
+        shapes.faults,
+    )
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
@@ -146,23 +158,24 @@ def _whole(content: bytes, where: str) -> bytes:
     return content[:size]
 
 
-def _add(shapes: ShapeBuilder, number: int, shape: Any) -> None:
+def _parts(shape: Any) -> Iterator[Part]:
+    """The points, lines and rings of a shape; raises FeatureError for one that is not drawn."""
     kind = int(shape.shapeType)
     if kind == _NULL:
         return
     points = _points(shape, kind in _WITH_Z)
     if kind in _POINTS:
-        for row in points:
-            shapes.add(number, "Point", row[None])
+        yield from (("Point", row[None]) for row in points)
     elif kind in _LINES | _RINGS:
         starts = list(shape.parts)
         if starts != sorted(starts) or starts[:1] != [0] or starts[-1] > len(points):
-            raise MapError(f"{shapes.where}: feature {number + 1} is damaged: its parts overlap")
-        for part in np.split(points, starts[1:]):
-            shapes.add(number, "LineString" if kind in _LINES else "Polygon", part)
+            raise FeatureError("it is damaged: its parts overlap")
+        name = "LineString" if kind in _LINES else "Polygon"
+        yield from ((name, part) for part in np.split(points, starts[1:]))
+    elif kind == _MULTIPATCH:
+        raise FeatureError("a MultiPatch is not drawn; save it as outlines (its footprint)")
     else:
-        name = "MultiPatch" if kind == _MULTIPATCH else f"shape of the unknown type {kind}"
-        raise MapError(f"{shapes.where}: feature {number + 1} is a {name}, which is not drawn")
+        raise FeatureError(f"a shape of the unknown type {kind}")
 
 
 def _points(shape: Any, has_z: bool) -> NDArray[np.float64]:
@@ -174,7 +187,7 @@ def _points(shape: Any, has_z: bool) -> NDArray[np.float64]:
 
 
 def _records(
-    where: str, fetch: Fetch, rule: LabelRule
+    where: str, fetch: Fetch, wanted: Wanted
 ) -> tuple[Sequence[str], list[Mapping[str, Any] | None], tuple[str, ...]]:
     """Names of the fields; the wanted ones of each record, None of a deleted one; remarks."""
     content = fetch(".dbf")
@@ -188,8 +201,7 @@ def _records(
             encodingErrors="replace",
         ) as reader:
             fields = [each[0] for each in reader.fields if each[0] != "DeletionFlag"]
-            wanted = [each for each in dict.fromkeys(rule.columns(fields, where)) if each]
-            return fields, list(_rows(reader, wanted)), ()
+            return fields, list(_rows(reader, wanted.columns(fields, where))), ()
     except _damage(pyshp) as error:
         raise MapError(f"{where}: a damaged .dbf: {_line(error)}") from None
 

@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.errors import MapError
 from tirgeo_ros.core.polylines import BoolArray, IntArray
 from tirgeo_ros.core.samples import Array
+from tirgeo_ros.io.maps.faults import Faults, FeatureError
 from tirgeo_ros.io.suggestions import nearest
 
 #: Of a file: beyond it, reading takes more than some seconds and more memory than a map may fill.
 MOST_FEATURES = 500_000
 #: The fewest positions that a point, a line and a ring have.
 FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
+
+Part = tuple[str, NDArray[np.float64]]  # Point, LineString or Polygon (a ring); (n, 2) or (n, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,27 +53,37 @@ class Table:
     left_out: tuple[str, ...] = ()  # what of the file is not in the shapes
     set_aside: int = 0  # features without a shape that the file crosses out, or left_out tells of
     no_crs: str = ""  # why there is no crs, where the format should have one
+    faults: Faults = field(default_factory=Faults)  # features that are not, or not wholly, there
+    empty: str = ""  # the message where no feature has a shape, if more can be said than that
 
 
 @dataclass(slots=True)
 class ShapeBuilder:
-    """Collects parts that come as arrays."""
+    """Collects parts that come as arrays, and what is wrong with others."""
 
-    where: str
     parts: list[NDArray[np.float64]] = field(default_factory=list)
     features: list[int] = field(default_factory=list)
     rings: list[bool] = field(default_factory=list)
+    faults: Faults = field(default_factory=Faults)
 
-    def add(self, feature: int, kind: str, points: NDArray[np.float64]) -> None:
-        """Take a part, (n, 2) or (n, 3), of a feature; none if it is empty.
+    def take(self, feature: int, parts: Iterable[Part]) -> None:
+        """Take the parts of a feature; none of one that turns out to be bad."""
+        begun = len(self.parts)
+        try:
+            for kind, points in parts:
+                self._add(feature, kind, points)
+        except FeatureError as error:
+            del self.parts[begun:], self.features[begun:], self.rings[begun:]
+            self.faults.add(feature, str(error))
 
-        Raises MapError if it has fewer positions than its kind needs.
-        """
-        check_size(len(points), kind, f"{self.where}: feature {feature + 1}")
-        if len(points):
+    def _add(self, feature: int, kind: str, points: NDArray[np.float64]) -> None:
+        """Take a part unless it is empty, or has fewer positions than its kind needs."""
+        if len(points) >= FEWEST[kind]:
             self.parts.append(points)
             self.features.append(feature)
             self.rings.append(kind == "Polygon")
+        elif len(points) or kind == "Polygon":  # an empty line or point is a geometry of nothing
+            self.faults.add(feature, f"a {kind} of {len(points)} positions is none")
 
     def shapes(self) -> Shapes:
         """All parts, in the order in which they came."""
@@ -81,18 +94,17 @@ class ShapeBuilder:
         return Shapes(points, starts, np.array(self.features, int), np.array(self.rings, bool))
 
 
-def check_size(size: int, kind: str, where: str) -> None:
-    """Refuse a part of too few positions; none at all is an empty geometry, which is right."""
-    if 0 < size < FEWEST[kind]:
-        raise MapError(f"{where}: a {kind} of {size} positions is none")
-
-
 def check_count(features: int, where: str) -> None:
     """Refuse more features than are drawn."""
     if features > MOST_FEATURES:
         raise MapError(
             f"{where}: more than {MOST_FEATURES} features; cut out the flight's surroundings"
         )
+
+
+def empty_map(path: Path, instead: str = "") -> str:
+    """The message for a map of nothing; ``instead`` is what it has, and what to do."""
+    return f"{path}: the map has no feature with a geometry" + (instead and f": {instead}")
 
 
 def starts_of(sizes: Iterable[int]) -> IntArray:

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.table import Part
 
 #: What the geometries are made of. Those for curves are taken where they hold straight lines
 #: alone, as databases write them: an arc is not.
@@ -20,27 +21,24 @@ _EWKB_Z, _EWKB_M, _EWKB_SRID = 0x80000000, 0x40000000, 0x20000000
 _DEEPEST = 16  # collections in collections: more than any map has
 _SMALLEST = 9  # bytes of a geometry: byte order, type, number of what it holds
 
-Part = tuple[str, NDArray[np.float64]]  # Point, LineString or Polygon (a ring); (n, 2) or (n, 3)
 
-
-def wkb_parts(data: bytes, start: int, where: str) -> Iterator[Part]:
+def wkb_parts(data: bytes, start: int = 0) -> Iterator[Part]:
     """The points, lines and rings of the geometry at ``start``; none of an empty one.
 
-    Raises MapError, led by ``where``, for a curve, and for bytes that are no geometry.
+    Raises FeatureError for a curve, and for bytes that are no geometry.
     """
     try:
-        yield from _Cursor(data, start, where).geometry(0)
+        yield from _Cursor(data, start).geometry(0)
     except struct.error:
-        raise MapError(f"{where}: its geometry (WKB) ends too early") from None
+        raise FeatureError("its geometry (WKB) ends too early") from None
 
 
 class _Cursor:
     """Walks over the bytes of a geometry."""
 
-    def __init__(self, data: bytes, at: int, where: str) -> None:
+    def __init__(self, data: bytes, at: int) -> None:
         self._data = data
         self._at = at
-        self._where = where
 
     def geometry(self, depth: int) -> Iterator[Part]:
         order, base, width, height = self._header()
@@ -56,7 +54,7 @@ class _Cursor:
                 count = self._count(order, 8 * width)
                 yield "Polygon", self._positions(order, count, width, height)
         elif base == _ARC:
-            raise self._error("a CircularString has arcs; save it as lines (segmentize it)")
+            raise FeatureError("a CircularString has arcs; save it as lines (segmentize it)")
         elif base == _COMPOUND_CURVE:
             yield "LineString", _joined([points for _, points in self._members(order, depth)])
         elif base == _CURVE_POLYGON:
@@ -64,11 +62,11 @@ class _Cursor:
         elif base in _COLLECTIONS:
             yield from self._members(order, depth)
         else:
-            raise self._error(f"its geometry (WKB) is of the unknown type {base}")
+            raise FeatureError(f"its geometry (WKB) is of the unknown type {base}")
 
     def _members(self, order: str, depth: int) -> Iterator[Part]:
         if depth == _DEEPEST:
-            raise self._error("its geometry (WKB) is nested too deeply")
+            raise FeatureError("its geometry (WKB) is nested too deeply")
         for _ in range(self._count(order, _SMALLEST)):
             yield from self.geometry(depth + 1)
 
@@ -76,13 +74,13 @@ class _Cursor:
         """Byte order, type without its flags, numbers in a position, those of them that count."""
         first = self._data[self._at] if self._at < len(self._data) else None
         if first not in {0, 1}:
-            raise self._error("its geometry (WKB) is damaged: no byte order where one must be")
+            raise FeatureError("its geometry (WKB) is damaged: no byte order where one must be")
         order = "<" if first else ">"
         (kind,) = struct.unpack_from(order + "I", self._data, self._at + 1)
         self._at += 9 if kind & _EWKB_SRID else 5
         thousands, base = divmod(kind & 0x0FFFFFFF, 1000)
         if thousands > 3:
-            raise self._error(f"its geometry (WKB) is of the unknown type {kind}")
+            raise FeatureError(f"its geometry (WKB) is of the unknown type {kind}")
         has_z = bool(kind & _EWKB_Z) or thousands in {1, 3}
         has_m = bool(kind & _EWKB_M) or thousands in {2, 3}
         return order, base, 2 + has_z + has_m, 2 + has_z
@@ -92,18 +90,17 @@ class _Cursor:
         (count,) = struct.unpack_from(order + "I", self._data, self._at)
         self._at += 4
         if count * size > len(self._data) - self._at:
-            raise self._error(f"its geometry (WKB) ends before the {count} parts that it tells of")
+            raise FeatureError(
+                f"its geometry (WKB) ends before the {count} parts that it tells of"
+            )
         return int(count)
 
     def _positions(self, order: str, count: int, width: int, height: int) -> NDArray[np.float64]:
         if count * width * 8 > len(self._data) - self._at:
-            raise self._error("its geometry (WKB) ends too early")
+            raise FeatureError("its geometry (WKB) ends too early")
         flat = np.frombuffer(self._data, order + "f8", count * width, self._at)
         self._at += 8 * count * width
         return flat.reshape(count, width)[:, :height]
-
-    def _error(self, problem: str) -> MapError:
-        return MapError(f"{self._where}: {problem}")
 
 
 def _joined(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -18,10 +18,10 @@ from tirgeo_ros.io.messages.decode import (
     tangent_plane,
     velocity_sample,
 )
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_status
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, diagnostic_level, navigation_status
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.located import LocatedMessages, ground_point
-from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensed import (
     SENSED_SAMPLES,
     SENSED_TOPICS,
@@ -44,6 +44,7 @@ __all__ = [
     "camera_attitude",
     "camera_pose",
     "compressed_pixels",
+    "diagnostic_level",
     "ground_point",
     "heading_sample",
     "image_pixels",
@@ -51,6 +52,7 @@ __all__ = [
     "joint_sample",
     "navigation_status",
     "pixel",
+    "pixels",
     "position_sample",
     "sensed",
     "stamp_ns",

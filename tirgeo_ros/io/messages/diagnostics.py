@@ -66,6 +66,11 @@ def navigation_status(msg: Any) -> NavigationStatus:
         raise MessageError(f"diagnostics: {msg.name!r} is no navigation status: {error}") from None
 
 
+def diagnostic_level(msg: Any) -> int:
+    """The level of a ``diagnostic_msgs/DiagnosticStatus``: a byte, which rclpy has as bytes."""
+    return msg.level[0] if isinstance(msg.level, bytes) else int(msg.level)
+
+
 def _status(values: dict[str, str]) -> NavigationStatus:
     parts = [(key.split("."), value) for key, value in values.items()]
     return NavigationStatus(

@@ -33,6 +33,11 @@ _CONVERSIONS = {
 _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
 
 
+def pixels(topic: str, msg: Any) -> Pixels:
+    """Return the pixels of a picture from one of the contract's two topics of them."""
+    return compressed_pixels(msg) if topic.endswith("/compressed") else image_pixels(msg)
+
+
 def image_pixels(msg: Any) -> Pixels:
     """``sensor_msgs/Image`` as (h, w) uint8 or uint16, or (h, w, 3) uint8 in blue, green, red.
 

@@ -16,6 +16,7 @@ Every module here but ``main`` and those that begin with ``_`` is a verb of its 
     def run(args: Namespace) -> dict[str, object] | int: ...
 
     def describe(result: dict[str, object]) -> str: ...  # optional: the result for a person
+    # an option of its own with dest="describe" (-v of process) puts another in its place
 
 ``main`` adds ``--json`` to every verb and does all the rest:
 

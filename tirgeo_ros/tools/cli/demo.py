@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.progress import Progress, three
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -57,21 +57,42 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, object]) -> str:
-    """The summary for a person."""
-    rows: list[tuple[str, object]] = [
-        (name, result[name]) for name in ("video", "still", "method", "state")
+    """The summary for a person; it ends with where to look."""
+    folder = Path(str(result["video"])).parent
+    cores = _number(_table(result["cores"]).get("total"))
+    frames = f"{result['frames_in']} frames in, {result['frames_out']} out"
+    heading = f"heading to {_number(result['heading_sigma_deg'])} deg"
+    lines = [
+        f"{frames}, {_number(result['frame_latency_ms'])} ms later; {cores} cores",
+        f"{result['state']} by {result['method']}, {heading}{_against_truth(result)}",
+        *_found(result),
+        f"all numbers: {folder / 'summary.json'}",
+        "",
+        f"look at  {result['video']}",
+        f"    and  {result['still']}",
+        _seen(result),
     ]
-    rows += [
-        ("frames", f"{result['frames_in']} in, {result['frames_out']} out"),
-        ("first map", f"{_number(result['first_map_after_s'])} s after the start"),
-        ("heading sigma", f"{_number(result['heading_sigma_deg'])} deg, mean"),
-        ("frame latency", f"{_number(result['frame_latency_ms'])} ms from frame to overlay"),
-    ]
-    rows += [(f"overlay {name}", number) for name, number in _table(result["overlay"]).items()]
-    rows += [(f"cores {name}", _number(cores)) for name, cores in _table(result["cores"]).items()]
+    return "\n".join(lines)
+
+
+def _seen(result: dict[str, object]) -> str:
+    """What is seen there."""
+    drawn = _table(result["overlay"]).get("drawn", 0)
+    if not drawn:
+        return "no frame has the map: the reason is in each of them"
+    return (
+        "There the map lies on what the camera sees: its lines on the edges of paths and beds, in "
+        f"{drawn} frames from {_number(result['first_map_after_s'])} s on."
+    )
+
+
+def _against_truth(result: dict[str, object]) -> str:
+    """How far the camera's poses are off; empty where nobody knows."""
     truth = _table(result["camera_against_truth"])
-    rows += [(f"truth {name}", _number(value)) for name, value in truth.items()]
-    return "\n".join([*(f"{name:<24}{value}" for name, value in rows), *_found(result)])
+    if not truth:
+        return ""
+    metres, degrees = (_number(truth[name]) for name in ("position_rms_m", "attitude_rms_deg"))
+    return f"; the camera is {metres} m and {degrees} deg off (rms)"
 
 
 def _table(value: object) -> dict[str, object]:
@@ -89,4 +110,4 @@ def _found(result: dict[str, object]) -> list[str]:
 
 
 def _number(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return three(value) if isinstance(value, float) else str(value)

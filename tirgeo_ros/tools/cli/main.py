@@ -11,16 +11,17 @@ import os
 import pkgutil
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from types import FrameType, ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.core.wording import shown
 from tirgeo_ros.io.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
+from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import UsageError, complete
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
@@ -73,14 +74,32 @@ def _run(args: argparse.Namespace) -> int:
     result = args.verb_module.run(args)
     if isinstance(result, int):
         return result
+    for line in getattr(args.verb_module, "finding_lines", _finding_lines)(result):
+        _say(args, line, DONE)
     if args.json:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
-        print(getattr(args.verb_module, "describe", _lines)(result))
+        print(_describe(args)(result))
     if result.get("warning") is not None:
         _say(args, f"warning: {result['warning']}", DONE)
     error = result.get("error")
     return DONE if error is None else _say(args, str(error), FAILED)
+
+
+def _describe(args: argparse.Namespace) -> Callable[[Any], str]:
+    """Return what makes the result text: by the command line, else by the verb, else by key."""
+    by_verb: Callable[[Any], str] = getattr(args.verb_module, "describe", lines)
+    asked: Callable[[Any], str] | None = getattr(args, "describe", None)
+    return asked or by_verb
+
+
+def _finding_lines(result: Mapping[str, Any]) -> list[str]:
+    """What the checks found that is worse than a note."""
+    if not result.get("findings"):
+        return []
+    from tirgeo_ros.tools.checks.words import finding_lines  # noqa: PLC0415 heavy
+
+    return finding_lines(result["findings"])
 
 
 def _say(args: argparse.Namespace, message: str, code: int) -> int:
@@ -112,26 +131,6 @@ def plain(value: object) -> object:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def _lines(result: Mapping[str, object]) -> str:
-    pairs = [(name, item) for name, item in _flat(result) if item is not None]
-    width = max((len(name) for name, _ in pairs), default=0)
-    return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
-
-
-def _flat(result: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    for name, item in result.items():
-        if isinstance(item, Mapping):
-            yield from _flat(item, f"{prefix}{name}.")
-        else:
-            yield prefix + name, item
-
-
-def _text(value: object) -> str:
-    if isinstance(value, list):
-        return "; ".join(_text(item) for item in value) or "none"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def console() -> NoReturn:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import (
     add_flight,
@@ -12,6 +14,7 @@ from tirgeo_ros.tools.cli._arguments import (
     add_parameters,
     check_ground,
 )
+from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -37,6 +40,14 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
     video = "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"
     parser.add_argument("--video", type=Path, metavar="OUT.mp4", help=video)
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        dest="describe",
+        action="store_const",
+        const=describe_all,
+        help="after the six lines all that --json has",
+    )
     return parser
 
 
@@ -63,3 +74,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             namespace=args.namespace,
             progress=bar,
         )
+
+
+def describe(result: Mapping[str, Any]) -> str:
+    """The six lines for a person."""
+    from tirgeo_ros.tools.process_lines import six_lines  # noqa: PLC0415 heavy
+
+    return six_lines(result)
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """The six lines, then a line for each key."""
+    return f"{describe(result)}\n\n{lines(result)}"

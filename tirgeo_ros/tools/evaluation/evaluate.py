@@ -13,7 +13,8 @@ from tirgeo_ros.core.map_layers import MapLayer
 from tirgeo_ros.io.bag import BagReader
 from tirgeo_ros.io.camera_file import given_camera
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.parameter_file import Files, PathLike
+from tirgeo_ros.io.parameter_file import Files, PathLike, paths_of
+from tirgeo_ros.tools.checks import CheckSetting, FlightChecks, setting_of
 from tirgeo_ros.tools.evaluation.checks import check_notes, checks_of, place_notes
 from tirgeo_ros.tools.evaluation.ground import Experiment, load_experiment, locate_observations
 from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult, Still
@@ -23,6 +24,7 @@ from tirgeo_ros.tools.evaluation.stills import StillSource, overlay_stills
 from tirgeo_ros.tools.evaluation.t_test import paired_tests
 from tirgeo_ros.tools.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.inputs import done_without, resolved
+from tirgeo_ros.tools.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.progress import Report, silent
 from tirgeo_ros.tools.recording import Truth, load_truth
 
@@ -69,7 +71,13 @@ def evaluate(
         if map_text
         else []
     )
-    flight = _Flight(BagReader(bag), setups, given, namespace, truly)
+    reader = BagReader(bag)
+    files = [*paths_of(params), *([] if boresight is None else [boresight])]
+    options = node_configs(
+        files, namespace, dem=dem, ground_height=ground_height, camera=camera
+    ).given
+    checks_setting = _check_setting(reader, setups[-1], options, files, namespace)
+    flight = _Flight(reader, setups, given, namespace, truly, FlightChecks(checks_setting))
     flight.read(progress)
     methods = flight.results()
     sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
@@ -90,12 +98,27 @@ def evaluate(
         checks,
         sensors,
         methods,
-        flight.missing,
+        flight.missing | flight.faults,
+        flight.faults,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
         stills,
         notes,
         flight.error(methods),
+        flight.looking.findings(),
     )
+
+
+def _check_setting(
+    reader: BagReader,
+    setup: MethodSetup,
+    given: frozenset[str],
+    files: Sequence[PathLike],
+    namespace: str,
+) -> CheckSetting:
+    """The setting of the checks: that of the last method."""
+    configs = NodeConfigs(setup.ekf, setup.gimbal, setup.overlay, given)
+    known = given_camera(setup.overlay)
+    return setting_of(configs, reader, files, namespace, ground=setup.ground, camera=known)
 
 
 @dataclass(frozen=True)
@@ -149,11 +172,18 @@ class _Flight:
         given: Experiment,
         namespace: str,
         truth: Truth | None,
+        looking: FlightChecks,
     ) -> None:
-        self.missing: dict[str, str] = {}
+        self.looking = looking
+        self.missing: dict[str, str] = {}  # topics
+        self.faults: dict[str, str] = {}
         self.notes: list[str] = []
         self.recorded = RecordedFlight(
-            reader, namespace, pictures=True, camera=given_camera(setups[-1].overlay)
+            reader,
+            namespace,
+            pictures=True,
+            camera=given_camera(setups[-1].overlay),
+            checks=looking,
         )
         self.series = SensorSeries()
         self._reader = reader
@@ -161,6 +191,8 @@ class _Flight:
         self._namespace = namespace
         self._truth = truth
         self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
+        if self._runs:
+            self._runs[-1].poses.checks = looking
         self.recorded.add(self.series)
         self._check_any(self._runs)
 
@@ -172,7 +204,9 @@ class _Flight:
             self._check_essential(method)
             poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
         except BagError as error:
-            self.missing[setup.method] = str(error).removeprefix(f"{self._reader.path}: ")
+            reason = str(error).removeprefix(f"{self._reader.path}: ")
+            self.missing[setup.method] = reason
+            self.notes.append(f"{setup.method} is left out: {reason}")
             return None
         absent = [self._name(topic) for topic in done_without(poses.topics, method)]
         if absent:
@@ -193,7 +227,7 @@ class _Flight:
 
     def results(self) -> list[MethodResult]:
         """Of the methods that have poses; the others become missing."""
-        self.missing |= {run.setup.method: run.fault for run in self._runs if run.fault}
+        self.faults = {run.setup.method: run.fault for run in self._runs if run.fault}
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
         return [run.result(self.recorded.camera, self._given) for run in runs]
@@ -211,13 +245,14 @@ class _Flight:
             run.setup.overlay,
             run.setup.ground,
             layers,
+            run.setup.method,
         )
         return overlay_stills(source, self._given.control.values(), self._given.observations)
 
     def _check_any(self, runs: Sequence[_Run]) -> None:
         if not runs:
             reasons: dict[str, list[str]] = {}
-            for method, reason in self.missing.items():
+            for method, reason in (self.missing | self.faults).items():
                 reasons.setdefault(reason, []).append(method)
             said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
             raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")

@@ -20,6 +20,7 @@ from tirgeo_ros.io.survey import Observation, SurveyPoint, load_observations, lo
 from tirgeo_ros.io.whole_files import PathLike
 from tirgeo_ros.tools.evaluation.projection import Projection, projection_of
 from tirgeo_ros.tools.evaluation.result import ControlPoint, LocatedPoint, RefusedPoint
+from tirgeo_ros.tools.evaluation.systematic import PixelMoves, pixel_moves
 from tirgeo_ros.tools.flight_poses import pose_at
 
 
@@ -93,14 +94,22 @@ def locate_observations(
         if found is not None:
             pose, rates = found
             answer = place(camera, pose, uv, plane, ground, overlay.confidence, rates)
-        if isinstance(answer, Located):
-            located.append(_compared(seen, answer, given))
+        if isinstance(answer, Located) and found is not None:
+            point = given.control[seen.id]
+            surveyed_n = plane.ned_from_geodetic(
+                point.latitude_rad, point.longitude_rad, answer.height_m
+            )
+            moves = pixel_moves(camera, *found, uv, surveyed_n)
+            located.append(_compared(seen, answer, given, moves))
         else:
+            assert isinstance(answer, Refusal)
             refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, answer.reason.value))
     return located, refused
 
 
-def _compared(seen: Observation, found: Located, given: Experiment) -> LocatedPoint:
+def _compared(
+    seen: Observation, found: Located, given: Experiment, moves: PixelMoves | None
+) -> LocatedPoint:
     """A located point and its covariance in the projected plane."""
     point, projection = given.control[seen.id], given.projection
     place_en = projection.project(found.latitude_rad, found.longitude_rad)
@@ -117,4 +126,5 @@ def _compared(seen: Observation, found: Located, given: Experiment) -> LocatedPo
         place_en - np.array([point.east_m, point.north_m]),
         covariance_en,
         ellipse_of(covariance_en[::-1, ::-1]),
+        moves,
     )

@@ -11,9 +11,9 @@ import numpy as np
 from tirgeo_ros.core.accuracy import CIRCULAR_SHARE
 from tirgeo_ros.core.confidence import CHI2_95
 from tirgeo_ros.core.samples import Array
-from tirgeo_ros.tools.evaluation.plot import Plot, places_of, thinned
+from tirgeo_ros.tools.evaluation.plot import WIDTH_IN, Plot, places_of, thinned
 from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult
-from tirgeo_ros.tools.plots import COLOURS, figure, svg
+from tirgeo_ros.tools.plots import COLOURS, figure, logarithmic, svg
 
 #: The longest error vector is drawn as long as this share of the survey's extent.
 _VECTOR_SHARE = 0.12
@@ -32,37 +32,32 @@ def ground_plots(found: Evaluation) -> Iterator[Plot]:
 
 def _vectors(found: Evaluation) -> Plot:
     """Figures 23 to 26."""
-    methods = [method for method in found.methods if method.located]
-    columns = min(len(methods), 2)
-    rows = -(-len(methods) // columns)
-    made, axes = figure(
-        4.6 * columns, 4.4 * rows, rows, columns, squeeze=False, sharex=True, sharey=True
-    )
-    east, north, middle = places_of(found)
-    span = max(float(np.ptp(east)), float(np.ptp(north)), 1.0)
-    for panel, method in zip(axes.ravel(), methods, strict=False):
-        longest = max(one.distance_m for one in method.located)
-        times = _magnification(_VECTOR_SHARE * span / max(longest, 1e-6))
-        _error_vectors(panel, method, middle, times)
-        panel.plot(east, north, "+", color=COLOURS[0], markersize=6)
-        rmse = method.errors.mean_point_rmse_m
-        shown = f", vectors x {times}" if times > 1 else ""
-        panel.set(title=f"{method.method}: {rmse:.3f} m{shown}", xlabel="east, m", aspect="equal")
-        panel.margins(0.12)
-        if len(east) <= _CLUTTER:
-            for name, x, y in zip(found.control, east, north, strict=True):
-                panel.annotate(name, (x, y), (3, 3), textcoords="offset points", fontsize=6)
-    for panel in axes[:, 0]:
-        panel.set_ylabel("north, m")
-    for panel in axes.ravel()[len(methods) :]:
-        panel.set_visible(False)
     return Plot(
         "Errors of the control points",
         "From each surveyed point (cross) to where its observations were located, the vectors "
         "lengthened as the titles say. Mean over the points of Equation 24 in the titles (Figures "
         "23 to 26 of the paper).",
-        svg(made),
+        [_method_vectors(found, method) for method in found.methods if method.located],
     )
+
+
+def _method_vectors(found: Evaluation, method: MethodResult) -> bytes:
+    made, panel = figure(WIDTH_IN, 4.2)
+    east, north, middle = places_of(found)
+    span = max(float(np.ptp(east)), float(np.ptp(north)), 1.0)
+    longest = max(one.distance_m for one in method.located)
+    times = _magnification(_VECTOR_SHARE * span / max(longest, 1e-6))
+    _error_vectors(panel, method, middle, times)
+    panel.plot(east, north, "+", color=COLOURS[0], markersize=6)
+    rmse = method.errors.mean_point_rmse_m
+    shown = f", vectors x {times}" if times > 1 else ""
+    title = f"{method.method}: {rmse:.3f} m{shown}"
+    panel.set(title=title, xlabel="east, m", ylabel="north, m", aspect="equal")
+    panel.margins(0.12)
+    if len(east) <= _CLUTTER:
+        for name, x, y in zip(found.control, east, north, strict=True):
+            panel.annotate(name, (x, y), (3, 3), textcoords="offset points", fontsize=7)
+    return svg(made)
 
 
 def _error_vectors(panel: Any, method: MethodResult, middle: Array, times: float) -> None:
@@ -86,7 +81,7 @@ def _magnification(most: float) -> int:
 
 
 def _distribution(found: Evaluation) -> Plot:
-    made, axes = figure(7.0, 3.6)
+    made, axes = figure(WIDTH_IN, 3.6)
     for number, method in enumerate(found.methods):
         distance_m = np.sort(method.errors.distance_m)
         if len(distance_m):
@@ -94,18 +89,19 @@ def _distribution(found: Evaluation) -> Plot:
             colour = COLOURS[number % len(COLOURS)]
             axes.step(distance_m, share, where="post", color=colour, label=method.method)
     axes.axhline(CIRCULAR_SHARE, color="#888888", linestyle=":")
-    axes.set(xscale="log", xlabel="horizontal error, m", ylabel="share of observations")
+    axes.set(xlabel="horizontal error, m", ylabel="share of observations")
+    logarithmic(axes, "x")
     axes.legend()
     return Plot(
         "How often an error is how large",
         "Share of the observations with an error up to so much; the dotted line is that of CE90.",
-        svg(made),
+        [svg(made)],
     )
 
 
 def _belief(found: Evaluation) -> Plot:
     methods = [method for method in found.methods if method.located]
-    made, axes = figure(7.0, 4.2)
+    made, axes = figure(WIDTH_IN, 4.2)
     for number, method in enumerate(methods):
         told = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
         true = [one.distance_m for one in method.located]
@@ -115,20 +111,22 @@ def _belief(found: Evaluation) -> Plot:
     sigmas = [math.sqrt(np.trace(one.covariance_en)) for m in methods for one in m.located]
     line = np.array([min(sigmas), max(sigmas)])
     axes.plot(line, math.sqrt(CHI2_95 / 2) * line, color="#888888", linestyle=":")
-    axes.set(xscale="log", yscale="log", xlabel="sigma as predicted, m", ylabel="error, m")
-    axes.legend()
+    axes.set(xlabel="sigma as predicted, m", ylabel="error, m")
+    for which in ("x", "y"):
+        logarithmic(axes, which)
+    axes.legend(fontsize=8)
     return Plot(
         "Sigma against error",
         "Each observation's horizontal error beside the root mean square that the method predicts "
         "for it. The dotted line holds 95 % of them where the error is as likely in all "
         "directions; in the legend, how many lie within their own ellipse of 95 %.",
-        svg(made),
+        [svg(made)],
     )
 
 
 def _track(found: Evaluation) -> Plot:
     east, north, middle = places_of(found)
-    made, axes = figure(6.4, 5.4)
+    made, axes = figure(WIDTH_IN, 4.2)
     sensors = found.sensors
     tracks = (("ordinary GPS", sensors.gps, COLOURS[4]), ("RTK", sensors.rtk, COLOURS[0]))
     for name, fixes, colour in tracks:
@@ -148,5 +146,5 @@ def _track(found: Evaluation) -> Plot:
     return Plot(
         "Track",
         f"From {origin} in {found.projection.name} (Figure 15 of the paper).",
-        svg(made),
+        [svg(made)],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,14 +13,16 @@ from tirgeo_ros.tools.evaluation.result import Evaluation, Stamps
 
 #: More instants than this are no longer told apart in a figure.
 _MOST_INSTANTS = 1500
+#: Of a figure, in: as narrow as a telephone, so that its text can be read there.
+WIDTH_IN = 4.4
 
 
 class Plot(NamedTuple):
-    """A figure for the report."""
+    """A figure for the report: pictures that stand side by side where there is room."""
 
     title: str
     caption: str
-    svg: bytes
+    svgs: Sequence[bytes]
 
 
 def places_of(found: Evaluation) -> tuple[Array, Array, Array]:

@@ -12,28 +12,39 @@ from tirgeo_ros.tools.evaluation.flight_plots import flight_plots
 from tirgeo_ros.tools.evaluation.ground_plots import ground_plots
 from tirgeo_ros.tools.evaluation.plot import Plot
 from tirgeo_ros.tools.evaluation.result import Evaluation, MethodResult, Still
+from tirgeo_ros.tools.evaluation.verdict import verdict
 
 _STYLE = """
 :root { color-scheme: light; }
+* { box-sizing: border-box; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-  max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; }
+  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
 .lead { color: #555; margin-top: 0; overflow-wrap: anywhere; }
+.verdict { font-size: 1.15rem; font-weight: 600; overflow-wrap: anywhere; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0; }
-th, td { padding: .15rem .7rem; text-align: right; border-bottom: 1px solid #eee; }
-th:first-child, td:first-child { text-align: left; }
-thead th, tfoot th, tfoot td { border-bottom: 2px solid #999; }
-tfoot th, tfoot td { border-bottom: 0; border-top: 2px solid #999; }
+th, td { padding: .15rem .7rem; text-align: right; border-bottom: 1px solid #eee;
+  white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
+thead th, tfoot th { border-bottom: 2px solid #999; }
+tfoot th { border-bottom: 0; border-top: 2px solid #999; }
 .wide { overflow-x: auto; }
 figure { margin: 1.2rem 0; }
-figure img { max-width: 100%; height: auto; }
-figcaption { color: #555; font-size: .9rem; }
+figure img { width: 100%; height: auto; display: block; }
+figcaption { color: #555; font-size: .9rem; overflow-wrap: anywhere; }
 .note { background: #fff6df; border-left: 4px solid #e69f00; padding: .4rem .8rem; }
 .fault { background: #fdeaea; border-left: 4px solid #c0392b; padding: .4rem .8rem; }
-.stills { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 1rem; }
+.side { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr));
+  gap: 1rem; }
+.side > img:only-child { max-width: 34rem; }
+.side figure { margin: 0; }
 summary { cursor: pointer; }
 pre { overflow-x: auto; font-size: .85rem; }
+@media (max-width: 30rem) {
+  th, td { padding: .15rem .3rem; font-size: .78rem; }
+  th:first-child, td:first-child { white-space: normal; min-width: 4rem; }
+}
 """
 
 
@@ -41,6 +52,7 @@ def report_html(found: Evaluation) -> str:
     """The page."""
     parts = [
         f"<h1>Ground points of {escape(Path(found.bag).name)}</h1>",
+        f'<p class="verdict">{escape(verdict(found.methods))}</p>',
         f'<p class="lead">{_lead(found)}</p>',
         *_remarks(found),
         "<h2>By method</h2>",
@@ -82,35 +94,37 @@ def _lead(found: Evaluation) -> str:
 
 def _remarks(found: Evaluation) -> list[str]:
     faults = [] if found.error is None else [found.error]
-    missing = [f"{method} could not be run: {why}" for method, why in found.missing.items()]
+    missing = [f"{method} could not be run: {why}" for method, why in found.faults.items()]
     return [
         *[f'<p class="fault">{escape(text)}</p>' for text in faults],
-        *[f'<p class="note">{escape(text)}</p>' for text in (*missing, *found.notes)],
+        *[f'<p class="note">{escape(text)}</p>' for text in missing],
+        *(["<ul>", *(f"<li>{escape(text)}</li>" for text in found.notes), "</ul>"]),
     ]
 
 
 def _methods_table(found: Evaluation) -> str:
-    head = (
-        "method", "gimbal", "mean of the points, m", "rmse, m", "CE90, m",
-        "mean east, m", "mean north, m", "located", "in the 95 % ellipse",
+    head = ("", *[method.method for method in found.methods])
+    measures = (
+        "mean of the points, m", "rmse, m", "CE90, m", "mean east, m", "mean north, m",
+        "located", "in the 95 % ellipse", "gimbal",
     )  # fmt: skip
-    return _table(head, [_method_row(method) for method in found.methods])
+    columns = [_method_column(method) for method in found.methods]
+    return _table(head, list(zip(measures, *columns, strict=True)))
 
 
-def _method_row(method: MethodResult) -> list[str]:
+def _method_column(method: MethodResult) -> list[str]:
     errors = method.errors
     mean = errors.mean_error_en
     inside = sum(one.is_inside for one in method.located)
     count = len(method.located)
     return [
-        method.method,
-        method.composition,
         _metres(errors.mean_point_rmse_m),
         _metres(errors.rmse_m),
         _metres(errors.ce90_m),
         *([_metres(None)] * 2 if mean is None else [f"{value:+.3f}" for value in mean.tolist()]),
         f"{count} of {count + len(method.refused)}",
         f"{inside} of {count}",
+        method.composition,
     ]
 
 
@@ -132,7 +146,7 @@ def _tests_table(found: Evaluation) -> str:
 def _p_value(value: float | None, note: str) -> str:
     if value is None:
         return note
-    return f"{value:.4f}" if value >= 1e-4 else f"{value:.1e}"
+    return f"{value:.4f}" if value >= 1e-4 else "< 0.0001"
 
 
 def _points_table(found: Evaluation) -> str:
@@ -141,8 +155,9 @@ def _points_table(found: Evaluation) -> str:
         [name, *[_metres(errors.get(name)) for _, errors in columns]] for name in found.control
     ]
     foot = ["mean", *[_metres(method.errors.mean_point_rmse_m) for method in found.methods]]
-    table = _table(("point", *[f"{name}, m" for name, _ in columns]), rows, foot)
-    return f"{table}\n<p>Root mean square over a point's observations (Equation 24, Table 6).</p>"
+    table = _table(("point", *[name for name, _ in columns]), rows, foot)
+    said = "Root mean square over a point's observations, m (Equation 24, Table 6)."
+    return f"{table}\n<p>{said}</p>"
 
 
 def _metres(value: float | None) -> str:
@@ -165,9 +180,10 @@ def _row(cells: Iterable[str], tag: str) -> str:
 
 
 def _figure(plot: Plot) -> str:
-    picture = _embedded(plot.svg, "image/svg+xml", plot.title)
+    pictures = [_embedded(svg, "image/svg+xml", plot.title) for svg in plot.svgs]
     caption = f"<figcaption>{escape(plot.caption)}</figcaption>"
-    return f"<h2>{escape(plot.title)}</h2>\n<figure>{picture}{caption}</figure>"
+    side = f'<div class="side">{"".join(pictures)}</div>'
+    return f"<h2>{escape(plot.title)}</h2>\n<figure>{side}{caption}</figure>"
 
 
 def _stills(stills: Sequence[Still]) -> list[str]:
@@ -178,7 +194,7 @@ def _stills(stills: Sequence[Still]) -> list[str]:
         f"<figcaption>{escape(still.caption)}</figcaption></figure>"
         for still in stills
     ]
-    return ["<h2>Overlay</h2>", '<div class="stills">', *figures, "</div>"]
+    return ["<h2>Overlay</h2>", '<div class="side">', *figures, "</div>"]
 
 
 def _embedded(content: bytes, kind: str, words: str) -> str:

@@ -15,12 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.accuracy import GroundErrors
+from tirgeo_ros.core.checks.finding import Finding
 from tirgeo_ros.core.confidence import CHI2_95
 from tirgeo_ros.core.located import Ellipse
 from tirgeo_ros.core.locating import Ground
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.core.samples import Array
 from tirgeo_ros.tools.evaluation.projection import Projection
+from tirgeo_ros.tools.evaluation.systematic import PixelMoves
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
 from tirgeo_ros.tools.recording import BodyErrors
 
@@ -55,6 +57,7 @@ class LocatedPoint:
     error_en: Array  # (2,) located less surveyed, m
     covariance_en: Array  # (2, 2) of the located point, as the method predicts it, m2
     ellipse: Ellipse  # of 95 %; its azimuth from the plane's north
+    moves: PixelMoves | None = None  # the offset in the picture, with what may have made it
 
     @property
     def distance_m(self) -> float:
@@ -201,10 +204,12 @@ class Evaluation:
     sensors: Sensors
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method to the reason why it could not
+    faults: Mapping[str, str]  # of these those whose topics the bag has
     tests: Sequence[PairedTest]  # each pair of ``methods`` once
     stills: Sequence[Still]  # of the last method; none where the bag has no pictures
     notes: Sequence[str]
     error: str | None  # what makes it a failure although there is a result
+    findings: Sequence[Finding] = ()  # what is wrong with set-up or sensors, the worst first
 
     def method(self, name: str) -> MethodResult | None:
         """A method by its name, None where it is missing."""

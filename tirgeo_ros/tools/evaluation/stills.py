@@ -51,6 +51,7 @@ class StillSource:
     overlay: OverlayConfig
     ground: Ground
     layers: Sequence[MapLayer]
+    method: str  # that the poses are by
 
 
 def overlay_stills(
@@ -67,7 +68,7 @@ def overlay_stills(
         image = toner.tone(pixels, stamp_ns)
         drawing.draw(image, *found, ())
         clicks = [one for one in observations if abs(one.stamp_ns - stamp_ns) <= _SAME_NS]
-        stills.append(_still(image, stamp_ns, clicks))
+        stills.append(_still(image, stamp_ns, clicks, source.method))
     return stills
 
 
@@ -113,10 +114,15 @@ def _pixels(message: Any) -> Raw:
     return convert.compressed_pixels(message) if compressed else convert.image_pixels(message)
 
 
-def _still(image: Any, stamp_ns: int, clicks: Sequence[Observation]) -> Still:
+def _still(image: Any, stamp_ns: int, clicks: Sequence[Observation], method: str) -> Still:
     for one in clicks:
         place = round(one.u), round(one.v)
         cv2.drawMarker(image, place, _CLICK_BGR, cv2.MARKER_TILTED_CROSS, _CLICK_PX, 2)
     _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     names = ", ".join(one.id for one in clicks)
-    return Still(f"{stamp_ns * 1e-9:.3f} s: clicked (orange crosses): {names}", jpeg.tobytes())
+    words = (
+        f"{names} at {stamp_ns * 1e-9:.3f} s. Orange crosses: where it was clicked. Green "
+        f"diamonds: where {method} puts the surveyed points. Yellow, or as its style says: the "
+        f"map by {method}"
+    )
+    return Still(words, jpeg.tobytes())

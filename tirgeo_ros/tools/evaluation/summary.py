@@ -13,10 +13,12 @@ from tirgeo_ros.core.errors import CalibrationError
 from tirgeo_ros.core.parameter import Value
 from tirgeo_ros.io.parameter_output import parameters_yaml
 from tirgeo_ros.io.whole_files import PathLike, check_outputs, csv_text, made_folder, write_files
+from tirgeo_ros.tools.checks.words import finding_items
 from tirgeo_ros.tools.evaluation.result import Evaluation, LocatedPoint, MethodResult
 from tirgeo_ros.tools.evaluation.series import SETTLED_S
 from tirgeo_ros.tools.evaluation.setups import CALIBRATED
 from tirgeo_ros.tools.evaluation.t_test import PairedTest
+from tirgeo_ros.tools.evaluation.verdict import verdict
 from tirgeo_ros.tools.recording import BodyErrors
 
 #: What the measures mean; it stands beside them wherever they are told.
@@ -40,6 +42,7 @@ def summary(found: Evaluation) -> dict[str, object]:
     """All numbers, for JSON: lengths in m, in the projected plane."""
     checks, projection = found.checks, found.projection
     return {
+        "verdict": verdict(found.methods),
         "input": found.bag,
         "survey": found.survey_path,
         "observations": found.observations_path,
@@ -62,6 +65,7 @@ def summary(found: Evaluation) -> dict[str, object]:
         },
         "definitions": DEFINITIONS,
         "notes": list(found.notes),
+        "findings": finding_items(found.findings),
         "warning": _warning(found),
         "error": found.error,
     }
@@ -126,8 +130,8 @@ def _test(test: PairedTest) -> dict[str, object]:
 
 
 def _warning(found: Evaluation) -> str | None:
-    missing = [f"{method} is missing: {reason}" for method, reason in found.missing.items()]
-    return "; ".join(missing) or None
+    faults = [f"{method} is missing: {reason}" for method, reason in found.faults.items()]
+    return "; ".join(faults) or None
 
 
 def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:

@@ -9,8 +9,14 @@ _WIDTH = 13
 
 
 def text_tables(numbers: Mapping[str, Any]) -> str:
-    """Tables of what ``summary`` gives."""
-    parts = [_errors(numbers), _p_values(numbers), _against_truth(numbers), _words(numbers)]
+    """The verdict and the tables of what ``summary`` gives."""
+    parts = [
+        [numbers["verdict"]],
+        _errors(numbers),
+        _p_values(numbers),
+        _against_truth(numbers),
+        _words(numbers),
+    ]
     return "\n\n".join("\n".join(part) for part in parts if part)
 
 

@@ -1,7 +1,7 @@
 """The parameters with which the nodes fit a simulated flight.
 
 They are what the integrator of such an aircraft knows. A boresight error of the scenario is not
-among them: ``tirgeo calibrate boresight`` finds it.
+among them: ``tirgeo calibrate boresight`` finds it. That there is none is among them.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ def parameters_text(scenario: Scenario) -> str:
             "delay": {"gps_s": scenario.gps.arrival_delay_s},
         },
         "/**/ekf_node": _ekf(scenario),
+        **_boresight(scenario),
         "/**/overlay_node": _ground(scenario) | {"video_latency_s": scenario.video.latency_s},
         "/**/bag_player": {"simulated_aircraft": {"geoid_undulation_m": site.geoid_undulation_m}},
     }
@@ -62,6 +63,13 @@ def _ekf(scenario: Scenario) -> dict[str, object]:
         "origin_lat_lon_h": [site.latitude_deg, site.longitude_deg, site.ground_height_m],
         "imu": {name: _plain(noise[name]) for name in _IMU} | _imu_delay(scenario),
     }
+
+
+def _boresight(scenario: Scenario) -> dict[str, dict[str, object]]:
+    """The camera's mounting where it is known to be true."""
+    if any(scenario.gimbal.boresight_rpy_deg):
+        return {}
+    return {"/**/gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}
 
 
 def _imu_delay(scenario: Scenario) -> dict[str, object]:

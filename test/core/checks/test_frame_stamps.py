@@ -1,0 +1,69 @@
+"""Stamps, rates and sizes of pictures that are wrong, and those that are right."""
+
+import pytest
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.frame_stamps import FrameStamps
+
+STEP_NS = 100_000_000
+START_NS = 1_700_000_000 * 10**9
+SIZE = (640, 512)
+
+
+def checked(stamp=lambda k: START_NS + k * STEP_NS, size=None):
+    stamps = FrameStamps()
+    for k in range(100):
+        now_ns = START_NS + k * STEP_NS + 50_000_000
+        stamps.pose(now_ns - 20_000_000)
+        stamps.frame(stamp(k), size(k) if size else SIZE, now_ns)
+    return [(finding.check, finding.severity) for finding in stamps.findings()]
+
+
+def test_good_stamps_say_nothing():
+    assert checked() == []
+
+
+@pytest.mark.parametrize(
+    ("stamp", "checks"),
+    [
+        (lambda k: 0 * k, ["picture_stamps_zero"]),
+        (lambda k: START_NS + (k + 5) * STEP_NS, ["picture_stamps_ahead"]),
+        (lambda k: START_NS + (k - 15) * STEP_NS, ["picture_stamps_late"]),
+        (lambda k: START_NS + (k - 36000) * STEP_NS, ["picture_stamps_late", "picture_clock"]),
+        (lambda k: START_NS + (k // 2) * 2 * STEP_NS, ["picture_stamps_back"]),
+    ],
+)
+def test_bad_stamps_are_told(stamp, checks):
+    assert [check for check, _ in checked(stamp)] == checks
+
+
+def test_another_clock_stops():
+    found = dict(checked(lambda k: START_NS + (k - 36000) * STEP_NS))
+    assert found["picture_clock"] is Severity.STOP
+
+
+def test_poses_that_end_are_no_matter_of_the_pictures():
+    stamps = FrameStamps()
+    stamps.pose(START_NS)
+    for k in range(100):
+        stamps.frame(START_NS + k * STEP_NS, SIZE, START_NS + k * STEP_NS)
+    assert stamps.findings() == []
+
+
+def test_one_picture_late_among_many_is_nothing():
+    assert checked(lambda k: START_NS + (k - 15 * (k == 50)) * STEP_NS) == []
+
+
+def test_sizes_that_change_stop():
+    [(check, severity)] = checked(size=lambda k: SIZE if k else (320, 256))
+    assert check == "picture_sizes"
+    assert severity is Severity.STOP
+
+
+def test_few_pictures_a_second_are_a_note():
+    stamps = FrameStamps()
+    for k in range(30):
+        stamps.frame(START_NS + k * 10**9, SIZE, START_NS + k * 10**9)
+    [finding] = stamps.findings()
+    assert finding.check == "picture_rate"
+    assert finding.severity is Severity.NOTE

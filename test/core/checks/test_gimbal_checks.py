@@ -1,0 +1,118 @@
+"""Joints planted wrong on the sample flight, and none that is right."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from checked_flights import checked_flight
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.samples import JointSample
+
+
+def right(joints):
+    return joints
+
+
+def exchanged(joints):
+    return replace(joints, roll_rad=joints.pitch_rad, pitch_rad=joints.roll_rad)
+
+
+def exchanged_and_turned(joints):
+    return replace(joints, roll_rad=-joints.pitch_rad, pitch_rad=joints.roll_rad)
+
+
+def in_degrees(joints):
+    angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
+    return JointSample(joints.stamp_ns, *map(math.degrees, angles))
+
+
+def pitch_turned(joints):
+    return replace(joints, pitch_rad=-joints.pitch_rad)
+
+
+def yaw_turned(joints):
+    return replace(joints, yaw_rad=-joints.yaw_rad)
+
+
+def roll_turned(joints):
+    return replace(joints, roll_rad=-joints.roll_rad)
+
+
+def pitch_off(joints):
+    return replace(joints, pitch_rad=joints.pitch_rad + math.radians(6.0))
+
+
+def found(sample, fault, *, reported=True, autopilot=True, config=None, given=None):
+    checks = GimbalChecks(config or GimbalConfig(), given)
+    for kind, what, _ in checked_flight(sample).events:
+        if kind == "gimbal/joint_states":
+            checks.joints(fault(what))
+        elif kind == "gimbal/attitude" and reported:
+            checks.reported(what)
+        elif kind == "imu/data" and autopilot:
+            checks.autopilot(what.stamp_ns, what.autopilot_q_nb)
+        elif kind == "body":
+            checks.body(what)
+    return checks.findings()
+
+
+@pytest.mark.parametrize("reported", [True, False])
+@pytest.mark.parametrize("autopilot", [True, False])
+def test_a_flight_that_is_right_says_nothing(sample, reported, autopilot):
+    assert not found(sample, right, reported=reported, autopilot=autopilot)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (exchanged, "gimbal_roll_joint and gimbal_pitch_joint are exchanged:"),
+        (exchanged_and_turned, "exchanged, gimbal_roll_joint with the other sign"),
+        (in_degrees, "in degrees, not in radians"),
+        (pitch_turned, "gimbal_pitch_joint with the other sign"),
+        (yaw_turned, "gimbal_yaw_joint with the other sign"),
+        (roll_turned, "gimbal_roll_joint with the other sign"),
+    ],
+)
+@pytest.mark.parametrize("autopilot", [True, False])
+def test_a_mistake_in_the_joints_is_named(sample, fault, words, autopilot):
+    [finding] = found(sample, fault, autopilot=autopilot)
+    assert finding.check == "joint_angles"
+    assert finding.severity is Severity.STOP
+    assert words in finding.evidence
+    assert finding.parameter == "gimbal/joint_states"
+
+
+def test_joints_that_do_not_drive_are_worth_a_note(sample):
+    [finding] = found(sample, exchanged, config=GimbalConfig(composition="paper"))
+    assert finding.severity is Severity.NOTE
+
+
+def test_a_joint_with_a_wrong_zero_is_told_with_its_size(sample):
+    [finding] = found(sample, pitch_off)
+    # The sample's reported pitch is within 0.5 deg (Table 8's wander) of the encoder's.
+    assert "gimbal_pitch_joint is +5." in finding.evidence or "+6." in finding.evidence
+    assert finding.severity is Severity.CAUTION
+
+
+@pytest.mark.parametrize(
+    ("fault", "check"),
+    [(pitch_turned, "camera_up"), (exchanged, "camera_tilt"), (in_degrees, "joint_angles")],
+)
+def test_without_reported_attitudes_where_the_camera_looks_tells(sample, fault, check):
+    [finding] = found(sample, fault, reported=False)
+    assert finding.check == check
+    assert finding.parameter == "gimbal/joint_states"
+
+
+def test_computed_joints_are_no_witness(sample):
+    assert not found(sample, lambda joints: replace(exchanged(joints), computed=True))
+
+
+def test_a_boresight_that_nobody_gave_is_told(sample):
+    [finding] = found(sample, right, given=())
+    assert finding.check == "boresight_default"
+    assert not found(sample, right, given={"boresight_rpy_deg"})
+    assert not found(sample, right, config=GimbalConfig(boresight_rpy_deg=(1.0, 0, 0)), given=())

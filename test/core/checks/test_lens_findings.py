@@ -1,0 +1,53 @@
+"""Lenses that cannot be, and those that fly."""
+
+from dataclasses import replace
+
+import pytest
+
+from tirgeo_ros.core.camera import XT2, Camera
+from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
+
+BOSON = Camera(640, 512, 770.0, 770.0, 319.5, 255.5)
+WIDE = Camera(1280, 1024, 700.0, 702.0, 640.0, 512.0, (-0.3, 0.1, 0.0, 0.0))
+
+
+def checks_of(camera):
+    return [finding.check for finding in lens_findings(camera, "thermal/camera_info")]
+
+
+@pytest.mark.parametrize("camera", [XT2, BOSON, WIDE])
+def test_good_lenses_say_nothing(camera):
+    assert checks_of(camera) == []
+    assert size_finding(camera, (camera.width, camera.height), "") is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "check"),
+    [
+        ({"cx": 420.0}, "principal_point"),
+        ({"cy": 150.0}, "principal_point"),
+        ({"fx": 10000.0, "fy": 10000.0}, "field_of_view"),
+        ({"fx": 150.0, "fy": 150.0}, "field_of_view"),
+        ({"fx": 1001.0}, "focal_ratio"),
+    ],
+)
+def test_what_cannot_be_is_told(changes, check):
+    assert checks_of(replace(BOSON, **changes)) == [check]
+
+
+def test_a_lens_that_folds_within_the_picture_is_told():
+    assert checks_of(replace(BOSON, distortion=(-1.2, 0.0, 0.0, 0.0))) == ["lens_folds"]
+
+
+@pytest.mark.parametrize("size", [(1280, 1024), (320, 256), (1920, 1536)])
+def test_the_size_that_a_calibration_is_of_is_named(size):
+    width, height = size
+    [finding] = lens_findings(replace(BOSON, width=width, height=height), "")
+    assert "K is that of 640x512" in finding.evidence
+
+
+def test_another_size_stops():
+    finding = size_finding(BOSON, (336, 256), "overlay_node camera")
+    assert "336x256" in finding.evidence
+    assert "640x512" in finding.evidence
+    assert finding.parameter == "overlay_node camera"

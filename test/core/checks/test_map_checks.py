@@ -1,0 +1,151 @@
+"""A map, a style sheet and an elevation model that are not the flight's are named."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from overlays import PLANE, SQUARE_N, geo
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
+from tirgeo_ros.core.map_drawing import lay_layers
+from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.terrain import Terrain, graticule
+from tirgeo_ros.io.maps import load_layers
+
+GROUND_M = 25.0
+NORTH_N = np.array([1.0, 0.0, 0.0])
+STEP_DEG = 1e-4  # a cell of the elevation model: 11 m
+
+
+def laid(*features, ground=GROUND_M, **style):
+    return lay_layers([MapLayer("m", features, LayerStyle(**style))], PLANE, ground)
+
+
+def at(latitude_deg, longitude_deg):
+    return GeoFeature("", False, np.array([[*np.radians([latitude_deg, longitude_deg]), 25.0]]))
+
+
+def model(north_m=0.0, east_m=0.0, gap=False):
+    """Of 1.1 km, with the plane's origin in its middle before it is moved."""
+    nodes = 101
+    place = PLANE.geodetic_from_ned(np.array([north_m, east_m, 0.0]))
+    corner = np.degrees(place[:2]) - STEP_DEG * (nodes // 2)
+    heights = np.full((nodes, nodes), GROUND_M)
+    if gap:
+        heights[45:56, 45:56] = np.nan
+    return Terrain(heights, graticule(tuple(corner), (STEP_DEG, STEP_DEG), nodes))
+
+
+def only(findings):
+    assert len(findings) == 1, findings
+    return findings[0]
+
+
+def test_nothing_is_wrong_with_a_map_of_the_place():
+    for ground in (GROUND_M, model()):
+        assert map_findings(laid(geo(SQUARE_N), ground=ground), ground, 0.05) == []
+    near = laid(geo(SQUARE_N + 6000 * NORTH_N))
+    assert map_findings(near, GROUND_M) == []
+
+
+@pytest.mark.parametrize(
+    ("feature", "severity", "evidence"),
+    [
+        (at(34.4, 114.3), Severity.STOP, "map is 430 km away to the north"),
+        (at(30.63, 114.3), Severity.CAUTION, "map is 14 km away to the north"),
+        (
+            at(30.5, 120.3),
+            Severity.STOP,
+            "map is 580 km away to the east; is it UTM zone 50 instead of 51?",
+        ),
+        (
+            at(30.5, -114.3),
+            Severity.STOP,
+            "map is 12000 km away to the north-east; is the sign of longitude wrong?",
+        ),
+    ],
+)
+def test_a_map_of_another_place(feature, severity, evidence):
+    found = only(map_findings(laid(feature), GROUND_M))
+    assert (found.check, found.severity, found.evidence) == ("map_elsewhere", severity, evidence)
+    assert found.parameter == "overlay_node map"
+
+
+def test_a_map_without_features():
+    found = only(map_findings(laid(), GROUND_M))
+    assert (found.check, found.severity) == ("map_empty", Severity.STOP)
+
+
+def test_a_style_sheet_that_hides_all():
+    map_of = laid(geo(SQUARE_N), scale_m_px=(0.0, 0.02))
+    found = only(map_findings(map_of, GROUND_M, 0.05))
+    assert (found.check, found.parameter) == ("style_hides_all", "overlay_node style")
+    assert "0.05 m" in found.evidence
+    assert "0.02 m" in found.evidence
+    assert map_findings(map_of, GROUND_M, 0.01) == []
+    assert map_findings(map_of, GROUND_M) == []  # nobody knows how high it will fly
+
+
+def test_a_model_with_a_gap_at_the_place_of_take_off():
+    found = only(dem_findings(model(gap=True), PLANE))
+    assert (found.check, found.severity) == ("dem_elsewhere", Severity.CAUTION)
+    assert "gap" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("north_m", "east_m", "words", "severity"),
+    [
+        (2550.0, 0.0, "2 km", Severity.CAUTION),
+        (0.0, -3480.0, "3 km", Severity.CAUTION),
+        (400_000.0, 0.0, "400 km", Severity.STOP),
+    ],
+)
+def test_a_model_of_another_place(north_m, east_m, words, severity):
+    """Its edge is 0.55 km from its middle to the north, 0.48 km to the east at 30.5 degrees."""
+    found = only(dem_findings(model(north_m, east_m), PLANE))
+    assert (found.check, found.severity) == ("dem_elsewhere", severity)
+    assert f"it ends {words} from there" in found.evidence
+    assert found.parameter == "overlay_node dem"
+
+
+def test_a_map_beside_the_model():
+    elsewhere = model(20_000.0)
+    checks = {f.check: f for f in map_findings(laid(geo(SQUARE_N), ground=elsewhere), elsewhere)}
+    assert set(checks) == {"dem_elsewhere", "map_empty"}
+    assert checks["map_empty"].severity is Severity.STOP
+    some = laid(geo(SQUARE_N), geo(SQUARE_N + 3000 * NORTH_N), ground=model())
+    assert only(map_findings(some, model())).check == "map_off_dem"
+    assert only(map_findings(some, model())).severity is Severity.NOTE
+
+
+def test_a_file_that_names_no_system_is_noted(tmp_path):
+    """The words are the reader's own."""
+    shapefile = pytest.importorskip("shapefile")
+    with shapefile.Writer(str(tmp_path / "m.shp"), shapeType=shapefile.POINTZ) as writer:
+        writer.field("name", "C")
+        writer.pointz(math.degrees(PLANE.longitude_rad), math.degrees(PLANE.latitude_rad), 25.0)
+        writer.record("tree")
+    layers = load_layers(str(tmp_path / "m.shp"))
+    found = only(map_findings(lay_layers(layers, PLANE, GROUND_M), GROUND_M))
+    assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
+    assert "has no .prj" in found.evidence
+
+
+def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
+    checks = MapChecks(model(gap=True))
+    assert checks.findings() == []
+    checks.plane(PLANE)
+    assert [found.check for found in checks.findings()] == ["dem_elsewhere"]
+    checks.map(laid(at(34.4, 114.3), ground=model(gap=True)))
+    assert {found.check for found in checks.findings()} == {
+        "dem_elsewhere",
+        "map_elsewhere",
+        "map_empty",
+    }
+    unknown = MapChecks(None)
+    unknown.plane(PLANE)
+    unknown.map(laid(geo(SQUARE_N)))
+    assert unknown.findings() == []

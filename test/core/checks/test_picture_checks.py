@@ -1,0 +1,195 @@
+"""Faults planted on the sample flight's pictures, lens and ground; none where all is right."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.terrain import Terrain, graticule
+
+
+@pytest.fixture(scope="module")
+def flight(sample):
+    return checked_flight(sample)
+
+
+def checks_of(findings):
+    return {finding.check for finding in findings if finding.severity}
+
+
+def dem(height_m):
+    """Level ground around the sample flight, as an elevation model."""
+    heights = np.full((5, 5), height_m)
+    return Terrain(heights, graticule((39.84, 116.69), (0.005, 0.005), 5))
+
+
+@pytest.mark.parametrize("bodies", [True, False])
+def test_the_sample_flight_is_right(flight, bodies):
+    assert picture_findings(flight, bodies=bodies) == []
+
+
+def test_the_sample_flight_over_its_elevation_model_is_right(flight):
+    assert picture_findings(flight, ground=dem(11.5)) == []
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25])
+def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
+    overlay = replace(flight.configs.overlay, video_latency_s=latency_s)
+    [finding] = picture_findings(flight, overlay=overlay)
+    assert finding.parameter == "overlay_node video_latency_s"
+    told_s = float(finding.evidence.split(" by ")[1].split()[0])
+    assert abs(told_s - 0.05) < 0.012  # four of the 3 ms that it states for itself
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(1.3, 2), (0.8, 2), (1.1, 1)])
+def test_a_wrong_focal_length_is_told_with_the_right_one(flight, factor, severity):
+    def lens(camera):
+        return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
+
+    [finding] = picture_findings(flight, lens=lens)
+    assert finding.check == "focal_length"
+    assert finding.severity == severity
+    assert finding.parameter == "thermal/camera_info"
+    told_px = float(finding.evidence.split(" of ")[1].split()[0])
+    # What the lens's own distortion makes of another focal length is not modelled: 1 in 50.
+    assert told_px == pytest.approx(803.6, rel=0.025)
+
+
+def test_one_focal_length_wrong_is_told_by_itself(flight):
+    findings = picture_findings(flight, lens=lambda camera: replace(camera, fx=camera.fx * 1.3))
+    assert "focal_ratio" in checks_of(findings)
+
+
+def test_a_principal_point_aside_is_told(flight):
+    findings = picture_findings(flight, lens=lambda camera: replace(camera, cx=camera.cx + 100))
+    assert "principal_point" in checks_of(findings)
+
+
+def test_a_lens_of_another_size_stops(flight):
+    def lens(camera):
+        return replace(camera, width=camera.width * 2, height=camera.height * 2)
+
+    findings = picture_findings(flight, lens=lens)
+    assert checks_of(findings) == {"picture_size", "principal_point"}
+    assert all(finding.severity is Severity.STOP for finding in findings)
+    assert "K is that of 640x512" in findings[0].evidence + findings[1].evidence
+
+
+@pytest.mark.parametrize(
+    ("height_m", "check"),
+    [(11.5 - 47, "ground_by_motion"), (11.5 + 9, "ground_by_motion"), (11.5 + 47, "below_ground")],
+)
+@pytest.mark.parametrize("as_model", [True, False])
+def test_ground_above_sea_level_is_told(flight, height_m, check, as_model):
+    overlay = replace(flight.configs.overlay, ground_height_m=height_m)
+    ground = dem(height_m) if as_model else None
+    [finding] = picture_findings(flight, overlay=overlay, ground=ground)
+    assert finding.check == check
+    assert finding.severity is Severity.STOP
+    name = "dem_undulation_m" if as_model else "ground_height_m"
+    assert name in finding.parameter
+
+
+def exchanged(joints):
+    return replace(joints, roll_rad=joints.pitch_rad, pitch_rad=joints.roll_rad)
+
+
+def yaw_turned(joints):
+    return replace(joints, yaw_rad=-joints.yaw_rad)
+
+
+@pytest.mark.parametrize("fault", [exchanged, yaw_turned])
+def test_pictures_contradict_joints_that_are_wrong(flight, fault):
+    [finding] = picture_findings(recomposed(flight, fault))
+    assert finding.check == "picture_motion"
+    assert "gimbal/joint_states" in finding.parameter
+
+
+def askew(joints):
+    """Joints of a camera that hangs 5 deg lower than they say, and 3 deg to the right."""
+    pitch_rad = joints.pitch_rad + math.radians(5.0)
+    return replace(joints, pitch_rad=pitch_rad, yaw_rad=joints.yaw_rad - math.radians(3.0))
+
+
+def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
+    faulty = recomposed(flight, askew)
+    [finding] = picture_findings(faulty)
+    assert finding.check == "boresight_by_motion"
+    told = finding.evidence.split("yaw ")[1].split(";")[0].split(", ")
+    boresight = replace(flight.configs.gimbal, boresight_rpy_deg=tuple(map(float, told)))
+    assert picture_findings(recomposed(flight, askew, boresight)) == []
+
+
+def test_pictures_without_a_scene_say_nothing(flight):
+    """Noise alone, over a wrong ground: there is nothing that moves."""
+    rng = np.random.default_rng(5)
+    events = tuple(
+        (kind, (what[0], rng.normal(90, 3, (512, 640)).astype(np.uint8)), at)
+        if kind == "frame"
+        else (kind, what, at)
+        for kind, what, at in flight.events
+    )
+    overlay = replace(flight.configs.overlay, ground_height_m=-30.0)
+    assert picture_findings(CheckedFlight(flight.configs, events), overlay=overlay) == []
+
+
+def test_a_video_that_stands_is_told(flight):
+    first = next(what for kind, what, _ in flight.events if kind == "frame")[1]
+    events = tuple(
+        (kind, (what[0], first) if kind == "frame" else what, at)
+        for kind, what, at in flight.events
+    )
+    [finding] = picture_findings(CheckedFlight(flight.configs, events))
+    assert finding.check == "pictures_frozen"
+
+
+def test_sixteen_bits_and_colours_are_followed_too(flight):
+    for change in (
+        lambda grey: grey.astype(np.uint16) * 20 + 7000,
+        lambda grey: np.dstack([grey] * 3),
+    ):
+        events = tuple(
+            (kind, (what[0], change(what[1])) if kind == "frame" else what, at)
+            for kind, what, at in flight.events
+        )
+        overlay = replace(flight.configs.overlay, video_latency_s=0.25)
+        [finding] = picture_findings(CheckedFlight(flight.configs, events), overlay=overlay)
+        assert finding.check == "video_latency"
+
+
+def test_a_latency_that_nobody_gave_is_a_note(flight):
+    checks = PictureChecks(OverlayConfig(), math.nan, given=())
+    for kind, what, at in flight.events[:3000]:
+        if kind == "frame":
+            checks.frame(*what, at)
+    [finding] = checks.findings()
+    assert finding.check == "latency_default"
+    assert finding.severity is Severity.NOTE
+
+
+def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
+    nowhere = replace(flight.configs.overlay, ground_height_m=math.nan)
+    assert picture_findings(flight, overlay=nowhere) == []
+    [finding] = picture_findings(flight, overlay=replace(nowhere, video_latency_s=0.25))
+    assert finding.check == "video_latency"
+    [finding] = picture_findings(
+        flight,
+        overlay=nowhere,
+        lens=lambda camera: replace(camera, fx=camera.fx * 1.3, fy=camera.fy * 1.3),
+    )
+    assert finding.check == "focal_length"
+
+
+def test_poses_that_are_none_are_left_out(flight):
+    bad = tuple(
+        ("pose", replace(what, position_n=np.full(3, np.nan)), at)
+        for kind, what, at in flight.events
+        if kind == "pose"
+    )
+    events = tuple(one for both in zip(flight.events, bad * 20, strict=False) for one in both)
+    assert picture_findings(CheckedFlight(flight.configs, events[: len(bad)])) == []

@@ -1,0 +1,139 @@
+"""Topics absent, of another type or under another name, and what a flight gave nothing of."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.recording_checks import (
+    Recording,
+    damage_findings,
+    no_pose_findings,
+    recording_findings,
+    unreadable_findings,
+)
+from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+
+CONTRACT = {
+    "imu/data": "Imu",
+    "gps/fix": "NavSatFix",
+    "rtk/fix": "NavSatFix",
+    "gimbal/joint_states": "JointState",
+    "gimbal/attitude": "QuaternionStamped",
+    "thermal/image_raw": "Image",
+    "thermal/image_raw/compressed": "CompressedImage",
+    "thermal/camera_info": "CameraInfo",
+}
+WHOLE = {f"/{topic}": kind for topic, kind in CONTRACT.items()}
+
+
+def found(topics, **values):
+    return [
+        (one.check, one.severity.name, one.parameter)
+        for one in recording_findings(Recording(topics, CONTRACT, **values))
+    ]
+
+
+def without(*names):
+    return {name: kind for name, kind in WHOLE.items() if name.strip("/") not in names}
+
+
+def test_a_whole_recording_is_right():
+    assert found(WHOLE) == []
+    assert found({f"/uav1{name}": kind for name, kind in WHOLE.items()}, namespace="uav1") == []
+    # of two that serve the same, one is enough
+    assert found(without("gps/fix", "gimbal/attitude", "thermal/image_raw")) == []
+
+
+@pytest.mark.parametrize(
+    ("absent", "parameter"),
+    [
+        (("imu/data",), "imu/data"),
+        (("rtk/fix", "gps/fix"), "rtk/fix or gps/fix"),
+        (("gimbal/joint_states", "gimbal/attitude"), "gimbal/joint_states or gimbal/attitude"),
+        (("thermal/camera_info",), "thermal/camera_info"),
+    ],
+)
+def test_what_is_absent_is_a_fault(absent, parameter):
+    ((_, severity, named),) = found(without(*absent))
+    assert (severity, named) == ("STOP", parameter)
+
+
+def test_a_given_camera_stands_for_its_topic():
+    assert found(without("thermal/camera_info"), has_camera=True) == []
+
+
+def test_without_pictures_no_gimbal_is_needed():
+    """A flight of the filter alone: nothing is wrong with it."""
+    assert found({"/imu/data": "Imu", "/rtk/fix": "NavSatFix"}) == [
+        ("no_pictures", "NOTE", "thermal/image_raw")
+    ]
+
+
+def test_no_pictures_is_as_bad_as_what_they_are_for():
+    topics = without("thermal/image_raw", "thermal/image_raw/compressed")
+    assert [one[1] for one in found(topics)] == ["CAUTION"]
+    assert [one[1] for one in found(topics, has_map=True)] == ["STOP"]
+    assert found(topics, wants_pictures=False) == []
+
+
+def test_a_topic_of_another_type_names_both():
+    wrong = WHOLE | {"/rtk/fix": "PoseStamped"}
+    (finding,) = recording_findings(Recording(wrong, CONTRACT))
+    assert (finding.check, finding.parameter) == ("type_of_rtk_fix", "rtk/fix")
+    assert finding.severity is Severity.CAUTION  # there is gps/fix
+    assert finding.evidence == "/rtk/fix is a PoseStamped, and should be a NavSatFix"
+    del wrong["/gps/fix"]
+    assert found(wrong) == [("type_of_rtk_fix", "STOP", "rtk/fix")]  # and not absent as well
+
+
+def test_another_namespace_is_one_fault_that_says_which():
+    there = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
+    (finding,) = recording_findings(Recording(there, CONTRACT))
+    assert finding.parameter == "--namespace"
+    assert finding.mend == "did you mean --namespace uav1?"
+    (finding,) = recording_findings(Recording(WHOLE, CONTRACT, "uav1"))
+    assert finding.mend == "did you mean --namespace /?"
+
+
+def test_a_topic_under_another_name_is_told_where_it_is():
+    there = without("imu/data") | {"/mavros/imu/data": "Imu"}
+    (finding,) = recording_findings(Recording(there, CONTRACT))
+    assert finding.evidence == "the bag has no /imu/data (there is /mavros/imu/data)"
+
+
+def test_damage():
+    assert damage_findings(None) == []
+    (finding,) = damage_findings("cut off after 3 messages")
+    assert (finding.severity, finding.evidence) == (Severity.CAUTION, "cut off after 3 messages")
+
+
+@pytest.mark.parametrize(
+    ("read", "refused", "severity"),
+    [(0, 1, "STOP"), (0, 500, "STOP"), (980, 20, "CAUTION"), (995, 5, None), (9, 1, None)],
+)
+def test_messages_that_cannot_be_used(read, refused, severity):
+    topic = "thermal/camera_info"
+    items = unreadable_findings({topic: read}, {topic: refused}, {topic: "K is zero"})
+    assert [one.severity.name for one in items] == ([severity] if severity else [])
+    for one in items:
+        assert (one.parameter, one.check) == (topic, "unreadable_thermal_camera_info")
+        said = f"{refused} of {read + refused} messages of {topic} cannot be used: K is zero"
+        assert one.evidence == said
+
+
+def test_no_pose_says_why_and_what_was_refused_most():
+    status = NavigationStatus(
+        *("ekf", FilterState.WAITING, "needs rtk/fix", FixStatus.NONE, math.nan),
+        {("imu", "waiting"): 900, ("rtk_position", "not_fixed"): 40, ("imu", "gap"): 2},
+        {},
+    )
+    (finding,) = no_pose_findings(status)
+    assert finding.evidence == (
+        "the filter made no pose: waiting: needs rtk/fix; 40 x rtk_position not_fixed"
+    )
+    (finding,) = no_pose_findings(dataclasses.replace(status, reason="", counts={}))
+    assert finding.evidence == "the filter made no pose: waiting"

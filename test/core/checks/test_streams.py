@@ -1,0 +1,106 @@
+"""Rates, gaps and ages of one topic, and what stamps against the IMU's tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.checks.rate_checks import RateChecks
+from tirgeo_ros.core.checks.stamp_checks import StampChecks
+from tirgeo_ros.core.checks.streams import Stream
+from tirgeo_ros.core.config import EkfConfig, RtkConfig
+
+S = 1_000_000_000
+
+
+def test_a_rate_is_that_between_gaps():
+    stream = Stream(0.2)
+    for k in [*range(100), *range(150, 250)]:
+        stream.add(k * S // 100, k * S // 100)
+    assert stream.rate_hz == pytest.approx(100)
+    assert (stream.gaps, stream.longest_ns) == (1, 51 * S // 100)
+
+
+def test_stamps_of_zero_count_as_arrivals():
+    stream = Stream(1.0)
+    for k in range(20):
+        stream.add(0, S + k * S // 5)
+    assert stream.unstamped == 20
+    assert stream.rate_hz == pytest.approx(5)
+
+
+def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
+    """Findings on rtk/fix with an age for every second, beside an IMU without one."""
+    imu, rtk = Stream(0.2), Stream(1.5)
+    checks = StampChecks(config)
+    for second, age_s in enumerate(ages_s, start=10):
+        for k in range(5):
+            arrival_ns = second * S + k * S // 5
+            imu.add(arrival_ns, arrival_ns)
+            rtk.add(arrival_ns - round(age_s * 1e9), arrival_ns)
+            checks.take("rtk/fix", rtk, imu)
+    return {one.check: one for one in checks.findings({"rtk/fix": rtk, "imu/data": imu})}
+
+
+def test_delays_that_a_link_has_are_no_fault():
+    assert aged([0.08] * 60) == {}
+    assert aged([0.0, 0.3] * 30) == {}  # a link that is slow now and then
+    assert aged([0.08] * 20 + [2.0] + [0.08] * 20) == {}  # one second was late
+
+
+def test_a_known_delay_is_taken_off():
+    ahead = aged([-0.3] * 9)
+    assert ahead["stamp_ahead"].severity is Severity.STOP
+    assert "0.30 s ahead" in ahead["stamp_ahead"].evidence
+    assert aged([-0.3] * 9, replace(EkfConfig(), rtk=RtkConfig(delay_s=0.3))) == {}
+
+
+def test_a_recording_played_at_another_speed_without_its_clock():
+    """All ages change; those of the aids stay what they are against the IMU's."""
+    imu, rtk = Stream(0.2), Stream(1.5)
+    checks = StampChecks(EkfConfig())
+    for k in range(400):
+        stamp_ns, arrival_ns = 10 * S + k * S // 5, 90 * S + 3 * k * S // 5
+        imu.add(stamp_ns, arrival_ns)
+        rtk.add(stamp_ns - S // 10, arrival_ns)
+        checks.take("rtk/fix", rtk, imu)
+    assert checks.findings({"rtk/fix": rtk, "imu/data": imu}) == []
+
+
+def test_a_clock_that_drifts_or_jumps():
+    drifting = aged([0.05 + 0.005 * k for k in range(60)])
+    assert set(drifting) == {"stamp_drift"}
+    jumped = aged([0.05] * 20 + [0.35] * 20)
+    assert set(jumped) == {"stamp_jump"}
+    assert "+0.30 s" in jumped["stamp_jump"].evidence
+
+
+def test_two_publishers_are_told_by_their_order():
+    stream = Stream(0.2)
+    for k in range(100):
+        stream.add(k * S // 100, k * S // 100)
+        stream.add(k * S // 100 - 1, k * S // 100)
+    found = RateChecks(EkfConfig()).findings({"imu/data": stream}, S)
+    assert "stamp_order" in [one.check for one in found]
+
+
+@pytest.mark.parametrize(
+    ("method", "present", "absent"),
+    [
+        ("ekf_heading", ("imu/data", "rtk/fix", "rtk/vel", "rtk/heading"), []),
+        ("ekf_heading", ("imu/data", "rtk/fix", "rtk/vel"), ["no_rtk_heading"]),
+        ("ekf", ("imu/data", "rtk/fix", "rtk/vel"), []),
+        ("ekf", ("imu/data", "rtk/fix"), ["no_rtk_vel"]),
+        ("rtk", ("imu/data", "gps/fix"), ["no_rtk_fix"]),
+        ("raw", ("imu/data", "gps/fix"), []),
+        ("raw", ("gps/fix",), ["no_imu_data"]),
+    ],
+)
+def test_topics_that_a_method_needs(method, present, absent):
+    checks = RateChecks(replace(EkfConfig(), method=method))
+    streams = dict.fromkeys(present, Stream(1.0))
+    checks.begin(0)
+    assert checks.findings(streams, 5 * S) == []  # it may still come
+    assert [one.check for one in checks.findings(streams, 10 * S)] == absent

@@ -1,0 +1,221 @@
+"""What a node's checks find: in its diagnostics, its log, and in the picture."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph_helpers import await_words
+from overlay_flight import MESSAGES, Flight, write_map
+from overlays import PLANE, SQUARE_N
+from sensor_msgs.msg import Image, Imu
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.io.messages import DiagnosticItem, diagnostic_level, image_pixels
+from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
+from tirgeo_ros.nodes.setup_checks import SetupChecks
+
+WITHIN_S = 10.0  # of stamps, from the first message to the item and the notice
+AMBER_BGR, ORANGE_BGR = (80, 200, 255), (60, 140, 255)
+NOTE = Finding("levers", Severity.NOTE, "all lever arms are zero", "ekf_node aircraft", "measure")
+CAUTION = Finding("late", Severity.CAUTION, "rtk/fix is 0.4 s late", "ekf_node rtk.delay_s", "set")
+STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
+
+
+class Logger:
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str]] = []
+
+    def info(self, text: str) -> None:
+        self.lines.append(("info", text))
+
+    def warning(self, text: str) -> None:
+        self.lines.append(("warning", text))
+
+    def error(self, text: str) -> None:
+        self.lines.append(("error", text))
+
+
+class FakeNode:
+    def __init__(self) -> None:
+        self.logger = Logger()
+
+    def get_fully_qualified_name(self) -> str:
+        return "/uav1/ekf_node"
+
+    def get_logger(self) -> Logger:
+        return self.logger
+
+
+class FakeChecks:
+    """Finds what it is told to."""
+
+    def __init__(self, *found: Finding) -> None:
+        self.found = list(found)
+
+    def findings(self) -> list[Finding]:
+        if RuntimeError in self.found:
+            raise RuntimeError
+        return self.found
+
+
+def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, Logger, Monitor]:
+    node, monitor = FakeNode(), Monitor()
+    return SetupChecks(node, monitor, *checks), node.logger, monitor
+
+
+def test_the_item_has_the_worst_level_and_every_finding():
+    setup, _, _ = setup_of(FakeChecks(CAUTION, NOTE), FakeChecks(STOP))
+    item = setup.item()
+    assert item.name == "/uav1/ekf_node: set-up"
+    assert item.level == ERROR
+    assert item.message == "NO GO: 1.00 m/s2 at rest: imu/data (and 1 more)"
+    assert item.values == {"g": STOP.line, "late": CAUTION.line, "levers": NOTE.line}
+    for found, level in ((NOTE, OK), (CAUTION, WARN)):
+        assert setup_of(FakeChecks(found))[0].item().level == level
+
+
+def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest():
+    checks = FakeChecks(STOP)
+    setup, _, _ = setup_of(checks)
+    setup.item()
+    newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
+    checks.found = [newer]
+    assert setup.item().values == {"g": newer.line}
+    checks.found = []
+    levels = [setup.item().level for _ in range(12)]
+    assert levels[:10] == [ERROR] * 10
+    assert levels[-1] == OK
+
+
+def test_go_and_no_go_are_logged_once_each():
+    checks = FakeChecks()
+    setup, logger, monitor = setup_of(checks)
+    for _ in range(20):
+        setup.item()
+    assert logger.lines == []  # nothing has come yet: nobody knows
+    monitor.received("imu/data")
+    for _ in range(20):
+        setup.item()
+    assert logger.lines == [("info", "set-up: GO")]
+    for found in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
+        checks.found = found
+        for _ in range(20):
+            setup.item()
+    assert [level for level, _ in logger.lines[1:]] == ["warning", "error", "info"]
+    assert logger.lines[2][1].startswith("set-up: NO GO: 1.00 m/s2 at rest: imu/data")
+
+
+def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
+    checks = FakeChecks(STOP)
+    setup, _, monitor = setup_of(checks)
+    setup.item()
+    checks.found.append(RuntimeError)
+    assert setup.item().level == ERROR
+    assert not setup.take(lambda _: 1 / 0, "a sample")
+    assert monitor.item("topics").values["set-up failed"] == "2"
+
+
+def newest(stranger, name: str):
+    for array in reversed(stranger.received["/diagnostics"]):
+        for status in array.status:
+            if status.name == name:
+                return status
+    return None
+
+
+@pytest.mark.graph
+def test_gravity_in_g_is_an_error_of_the_filters_set_up(spawn, meet):
+    ekf, observer = spawn("ekf_node"), meet(**{"/diagnostics": DiagnosticArray})
+    await_words(ekf, "ready")
+    publisher = observer.node.create_publisher(Imu, "imu/data", 100)
+    start_ns, sent, rng = time.time_ns(), 0, np.random.default_rng(1)
+
+    def found() -> bool:
+        """After one sample more: 100 Hz by the stamps, whatever else the machine does."""
+        nonlocal sent
+        message = Imu()
+        stamp_ns = start_ns + sent * 10_000_000
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+        message.orientation.w = 1.0
+        force = message.linear_acceleration
+        force.x, force.y, force.z = rng.normal((0.0, 0.0, 1.0), 0.002)
+        publisher.publish(message)
+        sent += 1
+        time.sleep(0.01)
+        status = newest(observer, "/ekf_node: set-up")
+        return status is not None and any("is in g" in pair.value for pair in status.values)
+
+    observer.spin_until(found)
+    assert sent * 0.01 < WITHIN_S
+    status = newest(observer, "/ekf_node: set-up")
+    assert diagnostic_level(status) == ERROR
+    assert status.message.startswith("NO GO: ")
+    await_words(ekf, "set-up: NO GO")
+
+
+def written(image: Image, bgr) -> int:
+    """Pixels of a colour in the first lines of the picture."""
+    off = np.abs(image_pixels(image)[:60].astype(int) - bgr)
+    return int((off.max(axis=2) < 20).sum())
+
+
+@pytest.fixture
+def flight(spawn, tmp_path, meet):
+    """The overlay with the ground of a parameter, and a camera 20 m above 25 m."""
+
+    def start(ground_height_m: float) -> tuple[Flight, object]:
+        write_map(tmp_path / "map.geojson", SQUARE_N)
+        map_file = f"map:={tmp_path / 'map.geojson'}"
+        node = spawn("overlay_node", "-p", map_file, "-p", f"ground_height_m:={ground_height_m}")
+        await_words(node, "ready")
+        topics = {"/diagnostics": DiagnosticArray, "tirgeo/overlay/image": Image}
+        return Flight(meet(**topics)), node
+
+    return start
+
+
+@pytest.mark.graph
+def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
+    aircraft, node = flight(PLANE.height_m + 47.0)
+    pictures = aircraft.stranger.received["tirgeo/overlay/image"]
+    aircraft.until(lambda: pictures and written(pictures[-1], ORANGE_BGR) > 100)
+    stamps = [
+        p.header.stamp.sec + p.header.stamp.nanosec * 1e-9 for p in (pictures[0], pictures[-1])
+    ]
+    assert stamps[1] - stamps[0] < WITHIN_S
+    status = newest(aircraft.stranger, "/overlay_node: set-up")
+    assert diagnostic_level(status) == ERROR
+    assert status.message.startswith("NO GO: 27.0 m below the ground")
+    assert "ground_height_m" in status.message
+    await_words(node, "set-up: NO GO: 27.0 m below the ground")
+    strip = image_pixels(pictures[-1])[-22:].astype(int)
+    assert (np.abs(strip - ORANGE_BGR).max(axis=2) < 20).sum() > 20  # never all green
+
+
+@pytest.mark.graph
+def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
+    aircraft, _ = flight(PLANE.height_m)
+    publisher = aircraft.stranger.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    pictures = aircraft.stranger.received["tirgeo/overlay/image"]
+
+    def tells(name: str, level: int, bgr) -> bool:
+        item = DiagnosticItem(name, level, "CAUTION: heading 90 deg off: ekf_node aircraft", {})
+        publisher.publish(MESSAGES.diagnostics(time.time_ns(), [item]))
+        return bool(pictures) and written(pictures[-1], bgr) > 100
+
+    def passed(count: int) -> bool:
+        return len(pictures) > count
+
+    aircraft.until(lambda: tells("/uav2/ekf_node: set-up", WARN, AMBER_BGR) or passed(30))
+    assert passed(30)  # of another aircraft
+    aircraft.until(lambda: tells("/ekf_node: set-up", WARN, AMBER_BGR))
+    lines = np.abs(image_pixels(pictures[-1])[60:].astype(int) - [0, 255, 255]).max(axis=2) < 90
+    assert lines.sum() > 100  # the map stays
+    pictures.clear()
+    aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and passed(0))

@@ -1,0 +1,85 @@
+"""Faults of set-up and sensors that a new user makes, each named; none on good flights.
+
+``make planted-faults`` prints what is said of each.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from tirgeo_ros.io.parameter_output import write_parameters
+from tirgeo_ros.tools.check import check
+from tirgeo_ros.tools.planted_faults.__main__ import found_in, naming
+from tirgeo_ros.tools.planted_faults.faults import FAULTS
+from tirgeo_ros.tools.planted_faults.planting import Flight
+from tirgeo_ros.tools.simulate.files import simulate
+
+pytestmark = pytest.mark.slow
+
+#: Other routes and sites, in the scenario's keys, with a seed; and from when on.
+CLEAN = {
+    "figure_eight": (11, 20.0, "route: {shape: figure_eight, heading_deg: 140.0}"),
+    "hover": (12, 0.0, "route: {shape: hover, height_above_ground_m: 35.0}"),
+    "low_and_fast": (13, 10.0, "route: {height_above_ground_m: 12.0, speed_m_s: 6.0}"),
+    "steep_camera": (14, 30.0, "gimbal: {pitch_deg: -60.0}\nwind: {gust_m_s: 2.0}"),
+}
+REAL = [
+    *(f"p4rtk_horizontal_{n}" for n in ("03", "06", "09", "15", "18", "24")),
+    *(f"p4rtk_horizontal_{n}_differenced_velocity" for n in ("09", "24")),
+    *(f"p4rtk_vertical_{n}" for n in ("03", "15", "24")),
+    "walk_0827",
+]
+
+
+def worse_than_notes(result):
+    """Evidence and parameter of what a clean flight must not have."""
+    return [
+        (one["parameter"], one["evidence"])
+        for one in result["findings"]
+        if one["severity"] != "note"
+    ]
+
+
+def test_the_faults_are_as_many_as_the_table_needs_and_no_name_is_twice():
+    names = [fault.name for fault in FAULTS]
+    assert len(set(names)) == len(names) == 24
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_a_planted_fault_is_named(fault, sample, tmp_path):
+    if fault.name.startswith("DEM"):
+        pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    items = found_in(fault, Flight.in_folder(sample), tmp_path)
+    assert naming(fault, items), items
+
+
+def test_nothing_is_wrong_with_the_sample(sample):
+    result = check(**Flight.in_folder(sample).arguments)
+    assert worse_than_notes(result) == []
+    assert result["verdict"].startswith("GO")
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
+    seed, start_s, text = CLEAN[name]
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(text + "\n")
+    folder = tmp_path / "flight"
+    simulate(scenario, folder, seed=seed, start_s=start_s, duration_s=25.0)
+    assert worse_than_notes(check(**Flight.in_folder(folder).arguments)) == []
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_nothing_is_wrong_with_recorded_flights(name, shared):
+    path = shared / "real_flights" / f"{name}.mcap"
+    assert worse_than_notes(check(path)) == []
+
+
+def test_a_right_boresight_is_no_fault(sample, tmp_path):
+    """What is planted is not the parameter as such: the same one at its true value is right."""
+    write_parameters(
+        tmp_path / "true.yaml", {"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, ""
+    )
+    good = Flight.in_folder(sample)
+    params = [*good.params, tmp_path / "true.yaml"]
+    assert worse_than_notes(check(**good.arguments | {"params": params})) == []

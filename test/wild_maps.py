@@ -1,0 +1,445 @@
+"""Maps as people have them, each of the same shape: how it is written, and what is to come of it.
+
+All hold the ring ``RING`` where they can be drawn, whatever their system and format.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import struct
+import zipfile
+from contextlib import closing
+
+import numpy as np
+import pyproj
+from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
+
+FAR_EAST = [(114.0 + x - 16.0, y - 18.0) for x, y in RING]  # in the zone of EPSG:4547
+
+
+def moved(crs, ring=RING):
+    """The ring in another system, x before y."""
+    transformer = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+    return [tuple(transformer.transform(*point)) for point in ring]
+
+
+def feature(kind="LineString", coordinates=RING, **members):
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": {"name": "a"}, "geometry": geometry, **members}
+
+
+def collection(*features, **members):
+    return json.dumps({"type": "FeatureCollection", "features": features, **members})
+
+
+def named(crs):
+    return {"crs": {"type": "name", "properties": {"name": crs}}}
+
+
+def text(content, encoding="utf-8"):
+    """Writes a text."""
+    return lambda path: path.write_bytes(content.encode(encoding))
+
+
+def kml(inner):
+    head = '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+    return f"{head}{inner}</Document></kml>"
+
+
+def mark(name, geometry):
+    return f"<Placemark><name>{name}</name>{geometry}</Placemark>"
+
+
+PLACES = " ".join(f"{x},{y}" for x, y in RING)
+LINE = f"<LineString><coordinates>{PLACES}</coordinates></LineString>"
+COORDS = "".join(f"<gx:coord>{x} {y} 5</gx:coord>" for x, y in RING)
+GPX_PLACES = "".join(f'<trkpt lat="{y}" lon="{x}"/>' for x, y in RING)
+OSM_NODES = "".join(f'<node id="{i + 1}" lat="{y}" lon="{x}"/>' for i, (x, y) in enumerate(RING))
+
+
+def kmz(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("doc.kml", kml(mark("a", LINE)))
+        archive.writestr("files/icon.png", b"\x89PNG")
+
+
+def spreadsheet(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+
+
+def shapefile(crs=None, kind="line", ring=RING, cpg=None, name="a", encoding="utf-8"):
+    def write(path):
+        shape = [[(*point, 7.0, 1.0) if kind.endswith("z") else point for point in ring]]
+        prj = crs and pyproj.CRS(crs).to_wkt("WKT1_ESRI")
+        write_shapefile(path, kind, [shape], [name], prj, encoding)
+        if cpg:
+            path.with_suffix(".cpg").write_text(cpg)
+
+    return write
+
+
+def zipped_shapefile(path):
+    inside = path.with_name("inside.shp")
+    shapefile("EPSG:4326")(inside)
+    with zipfile.ZipFile(path, "w") as archive:
+        for suffix in (".shp", ".shx", ".dbf", ".prj"):
+            archive.write(inside.with_suffix(suffix), f"roads{suffix}")
+
+
+def geopackage(srs_id=4326, ring=RING, view=False):
+    def write(path):
+        row = (gpb(wkb("LineString", ring), srs_id=srs_id), "a", 1)
+        write_geopackage(path, {"main": (srs_id, [row]), "more": (srs_id, [row]), "no": (0, [])})
+        if view:
+            with closing(sqlite3.connect(path)) as database:
+                database.executescript(
+                    "ALTER TABLE main RENAME TO t; CREATE VIEW main AS SELECT * FROM t"
+                )
+
+    return write
+
+
+def mbtiles(path):
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(
+            "CREATE TABLE metadata (name, value);"
+            "CREATE TABLE map (zoom_level, tile_column, tile_row, tile_data);"
+            "CREATE VIEW tiles AS SELECT * FROM map"
+        )
+
+
+def by_gdal(driver, crs="EPSG:4326", **options):
+    def write(path):
+        import pyogrio  # noqa: PLC0415  absent where such a map is not tried
+
+        shape = np.array([wkb("LineString", moved(crs))], object)
+        names = [] if driver == "DXF" else [np.array(["a"], object)]
+        fields = ["name"] if names else []
+        pyogrio.raw.write(
+            path,
+            shape,
+            names,
+            fields,
+            crs=crs,
+            geometry_type="LineString",
+            driver=driver,
+            **options,
+        )
+
+    return write
+
+
+def number(value):
+    """A variable-length integer of protocol buffers."""
+    more = value >> 7
+    return bytes([value & 0x7F | 0x80]) + number(more) if more else bytes([value])
+
+
+def signed(value):
+    return number(2 * value if value >= 0 else -2 * value - 1)
+
+
+def member(key, value):
+    """A field of protocol buffers: bytes, or an integer that is encoded already."""
+    if isinstance(value, int):
+        return number(key << 3) + number(value)
+    return number(key << 3 | 2) + number(len(value)) + value
+
+
+def osm_pbf(path):
+    """OpenStreetMap's binary form (PBF): four nodes and the way through them."""
+
+    def block(kind, content):
+        blob = member(1, content) + member(2, len(content))
+        head = member(1, kind) + member(3, len(blob))
+        return struct.pack(">I", len(head)) + head + blob
+
+    texts = [b"", b"highway", b"path", b"name", b"a"]
+    strings = b"".join(member(1, each) for each in texts)
+    nodes = b"".join(
+        member(
+            1,
+            number(1 << 3)
+            + signed(i + 1)
+            + number(8 << 3)
+            + signed(round(y * 1e7))
+            + number(9 << 3)
+            + signed(round(x * 1e7)),
+        )
+        for i, (x, y) in enumerate(RING[:3])
+    )
+    way = member(1, 9) + member(2, bytes([1, 3])) + member(3, bytes([2, 4]))
+    way += member(8, b"".join(map(signed, (1, 1, 1, -2))))  # each less the one before
+    data = member(1, strings) + member(2, nodes) + member(2, member(3, way))
+    head = member(4, b"OsmSchema-V0.6")
+    path.write_bytes(block(b"OSMHeader", head) + block(b"OSMData", data))
+
+
+def csv(*lines):
+    return text("\n".join(lines) + "\n")
+
+
+TOPOLOGY = {
+    "type": "Topology",
+    "objects": {"a": {"type": "LineString", "arcs": [0], "properties": {"name": "a"}}},
+    "arcs": [RING],
+}
+ESRI_JSON = {
+    "geometryType": "esriGeometryPolyline",
+    "spatialReference": {"wkid": 4326},
+    "fields": [{"name": "name", "type": "esriFieldTypeString", "length": 9}],
+    "features": [{"attributes": {"name": "a"}, "geometry": {"paths": [RING]}}],
+}
+EVERYTHING = [
+    feature("MultiPoint", RING),
+    feature("MultiLineString", [RING, RING[:2]]),
+    feature("MultiPolygon", [[RING], [RING]]),
+    feature("Point", [*RING[0], 5.0]),
+]
+GATHERED = {
+    "type": "GeometryCollection",
+    "geometries": [each["geometry"] for each in EVERYTHING],
+}
+BAD = [
+    feature("LineString", RING[:1], id=7),
+    feature("LineString", [RING[0], [float("nan"), 48.0]]),
+    feature("LineString", [RING[0], [float("inf"), 48.0]]),
+    feature("Polygon", [[]]),
+    feature("Polygon", RING),
+    feature("Point", ["16", "48"]),
+    feature("Point", [500_000, 5_300_000]),
+]
+MERCATOR = collection(feature(coordinates=moved("EPSG:3857")))
+PLAIN = collection(feature())
+NAMED = r"save the map in WGS84 \(EPSG:4326\), or name its system"
+
+#: Name of the file, how it is written, and what of it is remarked upon (patterns of each note).
+READ = {
+    "shapefile without .prj": ("a.shp", shapefile(), ["has no .prj: taken for WGS84"]),
+    "shapefile, Lambert-93 of ESRI": (
+        "a.shp",
+        shapefile("EPSG:2154", ring=moved("EPSG:2154")),
+        [],
+    ),
+    "shapefile, letters by .cpg": (
+        "a.shp",
+        shapefile("EPSG:4326", cpg="GBK", name="消防栓", encoding="gbk"),
+        [],
+    ),
+    "shapefile with Z and M": ("a.shp", shapefile("EPSG:4326", "linez"), []),
+    "zip of a shapefile": ("a.zip", zipped_shapefile, []),
+    "KML of folders in folders": (
+        "a.kml",
+        text(kml(f"<Folder><Folder>{mark('a', LINE)}</Folder></Folder>")),
+        [],
+    ),
+    "KML in UTF-16": ("a.kml", text(kml(mark("a", LINE)).replace("?>", "?>\r\n"), "utf-16"), []),
+    "KML of a track": ("a.kml", text(kml(mark("a", f"<gx:Track>{COORDS}</gx:Track>"))), []),
+    "KMZ": ("a.kmz", kmz, []),
+    "GPX with a segment of one point": (
+        "a.gpx",
+        text(
+            '<gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1"><trk>'
+            f'<name>a</name><trkseg>{GPX_PLACES}</trkseg><trkseg><trkpt lat="48" lon="16"/>'
+            "</trkseg></trk></gpx>"
+        ),
+        [r"part of feature 1 \(a\): a LineString of 1 positions is none; left out"],
+    ),
+    "FlatGeobuf in UTM": ("a.fgb", by_gdal("FlatGeobuf", "EPSG:32633"), []),
+    "GML": ("a.gml", by_gdal("GML"), []),
+    "DXF in degrees": ("a.dxf", by_gdal("DXF"), ["names no system: taken for WGS84"]),
+    "geodatabase": ("a.gdb", by_gdal("OpenFileGDB", "EPSG:25833"), []),
+    "SQLite": ("a.sqlite", by_gdal("SQLite"), []),
+    "MapInfo": ("a.mif", by_gdal("MapInfo File", "EPSG:32633"), []),
+    "TopoJSON": ("a.json", text(json.dumps(TOPOLOGY)), ["names no system: taken for WGS84"]),
+    "JSON of ESRI": ("a.json", text(json.dumps(ESRI_JSON)), []),
+    "GeoJSON with a crs member": (
+        "a.geojson",
+        text(collection(feature(coordinates=moved("EPSG:2154")), **named("EPSG:2154"))),
+        [],
+    ),
+    "web mercator, named": (
+        "a.geojson",
+        text(
+            MERCATOR[:-1]
+            + ', "crs": '
+            + json.dumps(named("urn:ogc:def:crs:EPSG::3857")["crs"])
+            + "}"
+        ),
+        [],
+    ),
+    "GeoJSON of heights above the sea": (
+        "a.geojson",
+        text(
+            collection(
+                feature(coordinates=[(*p, 200.0) for p in moved("EPSG:32633")]),
+                **named("EPSG:32633+5773"),
+            )
+        ),
+        ["heights of .* are none above the ellipsoid: left out"],
+    ),
+    "GeoJSON of everything": ("a.geojson", text(collection(*EVERYTHING)), []),
+    "GeoJSON of a collection": (
+        "a.geojson",
+        text(collection({"type": "Feature", "properties": None, "geometry": GATHERED})),
+        [],
+    ),
+    "GeoJSON, a feature a line": (
+        "a.geojsonl",
+        text("".join(f"\x1e{json.dumps(feature())}\n" for _ in range(2))),
+        [],
+    ),
+    "GeoJSON of an outline that is not closed": (
+        "a.geojson",
+        text(collection(feature("Polygon", [RING[:-1]]))),
+        [],
+    ),
+    "GeoJSON of one feature": ("a.json", text(json.dumps(feature())), []),
+    "GeoJSON of a geometry alone": ("a.json", text(json.dumps(feature()["geometry"])), []),
+    "GeoJSON with BOM and CRLF": (
+        "a.geojson",
+        text(json.dumps(feature(), indent=1).replace("\n", "\r\n"), "utf-8-sig"),
+        [],
+    ),
+    "GeoJSON in UTF-16": ("a.geojson", text(PLAIN, "utf-16"), []),
+    "GeoJSON with bad features": (
+        "a.geojson",
+        text(collection(*BAD, *[feature()] * 8)),
+        [
+            r"feature 1 \(a\): a LineString of 1 positions is none; left out",
+            r"feature 2 \(a\): \[16.0, nan\]|\[nan, 48.0\] is not finite; left out",
+            "feature 3 .*inf.* is not finite; left out",
+            "4 more features left out",
+        ],
+    ),
+    "GeoPackage of several layers": ("a.gpkg", geopackage(), []),
+    "GeoPackage with a view": ("a.gpkg", geopackage(view=True), []),
+    "GeoPackage in UTM": ("a.gpkg", geopackage(32633, moved("EPSG:32633")), []),
+    "GeoPackage of an unknown system": (
+        "a.gpkg",
+        geopackage(0),
+        ["layer main: has an undefined", "layer more: has an undefined"],
+    ),
+    "CSV of lon and lat": (
+        "a.csv",
+        csv("name;Longitude;Latitude", *(f"a;{x};{y}" for x, y in RING)),
+        ["names no system: taken for WGS84"],
+    ),
+    "CSV of WKT": (
+        "a.csv",
+        csv("name,WKT", 'a,"LINESTRING (' + ",".join(f"{x} {y}" for x, y in RING) + ')"'),
+        ["names no system: taken for WGS84"],
+    ),
+    "OpenStreetMap, binary": ("a.osm.pbf", osm_pbf, []),
+    "OpenStreetMap": (
+        "a.osm",
+        text(
+            f'<osm version="0.6">{OSM_NODES}<way id="9"><nd ref="1"/><nd ref="2"/><nd ref="3"/>'
+            '<nd ref="1"/><tag k="highway" v="path"/><tag k="name" v="a"/></way></osm>'
+        ),
+        [],
+    ),
+}
+#: Of other places: name, how it is written, the places (deg), and what is remarked upon.
+ELSEWHERE = {
+    "CGCS2000": (
+        "a.geojson",
+        text(collection(feature(coordinates=moved("EPSG:4547", FAR_EAST)), **named("EPSG:4547"))),
+        FAR_EAST,
+        [],
+    ),
+    "CGCS2000 of ESRI": (
+        "a.shp",
+        shapefile("EPSG:4547", ring=moved("EPSG:4547", FAR_EAST)),
+        FAR_EAST,
+        [],
+    ),
+    "180 degrees and a rounding": (
+        "a.geojson",
+        text(collection(feature(coordinates=[[179.9, 1.0], [180.00000000000006, 1.0]]))),
+        [[179.9, 1.0], [180.0, 1.0]],
+        [],
+    ),
+    "across 180 degrees": (
+        "a.geojson",
+        text(collection(feature(coordinates=[[179.9, 1.0], [180.1, 1.0]]))),
+        [[179.9, 1.0], [-179.9, 1.0]],
+        ["longitudes beyond 180 are taken as those less 360"],
+    ),
+}
+#: Name of the file, how it is written, and the message, which says what to do.
+REFUSED = {
+    "KML of links": (
+        "a.kml",
+        text(kml("<NetworkLink><Link><href>b.kml</href></Link></NetworkLink>")),
+        "1 NetworkLink .a link: open it in Google Earth or QGIS and save",
+    ),
+    "KML of an overlay": (
+        "a.kml",
+        text(kml("<GroundOverlay/><Style/>")),
+        "1 GroundOverlay .a picture: draw as lines what is wanted of it., 1 styles",
+    ),
+    "DXF in metres": ("a.dxf", by_gdal("DXF", "EPSG:32633"), NAMED),
+    "web mercator, not named": ("a.geojson", text(MERCATOR), NAMED),
+    "latitude first": (
+        "a.geojson",
+        text(collection(feature(coordinates=[[48.0, 116.0], [48.1, 116.0]]))),
+        rf"\(48, 116\) is not .* \(are the two swapped\?\); {NAMED}",
+    ),
+    "GeoJSON of nothing": (
+        "a.geojson",
+        text(collection()),
+        "an empty FeatureCollection; save it again with the layer in it",
+    ),
+    "GeoJSON with comments": (
+        "a.geojson",
+        text("{ // mine\n" + PLAIN[1:]),
+        "not JSON .* without comments and without a comma",
+    ),
+    "GeoJSON with a comma too many": (
+        "a.geojson",
+        text(PLAIN[:-1] + ",}"),
+        "not JSON .* without comments and without a comma",
+    ),
+    "GeoJSON of bad features": (
+        "a.geojson",
+        text(collection(*BAD[:4])),
+        r"feature 1 \(a\): a LineString of 1 positions is none .none of 4 features can be drawn",
+    ),
+    "web page": ("a.geojson", text("<!DOCTYPE html><html>404</html>"), "not JSON"),
+    "empty file": ("a.geojson", text(""), "not JSON .* a map is a GeoJSON file"),
+    "geocentric CGCS2000": (
+        "a.geojson",
+        text(collection(feature(), **named("EPSG:4479"))),
+        f"'EPSG:4479' is a Geocentric CRS, .*{NAMED}",
+    ),
+    "Xian 1980": (
+        "a.geojson",
+        text(collection(feature(), **named("EPSG:4610"))),
+        "the way from the datum of Xian 1980 to WGS84 is not known; give its EPSG code or",
+    ),
+    "GeoPackage of an undefined plane": (
+        "a.gpkg",
+        geopackage(-1),
+        f"layer main: unknown .* 'undefined Cartesian'; {NAMED}",
+    ),
+    "MBTiles": ("a.mbtiles", mbtiles, r"tiles, .* \(MBTiles\); save the layers themselves as a"),
+    "GeoTIFF": (
+        "a.tif",
+        lambda path: path.write_bytes(struct.pack("<2sHI", b"II", 42, 8) + bytes(100)),
+        "a picture .TIFF.; an elevation model belongs in the parameter dem; a map is of points",
+    ),
+    "PNG": (
+        "a.png",
+        lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100)),
+        "a picture; a map is of points, lines and outlines",
+    ),
+    "spreadsheet": ("a.xlsx", spreadsheet, "a zip without a .kml or a .shp in it; unpack it"),
+    "CSV without places": (
+        "a.csv",
+        csv("name,street", "a,b"),
+        "no feature with a geometry: a table needs columns lon and lat, or one called WKT",
+    ),
+}

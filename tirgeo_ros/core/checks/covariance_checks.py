@@ -1,0 +1,88 @@
+"""Whether what receivers say of their own accuracy can be meant."""
+
+from __future__ import annotations
+
+import math
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.samples import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+
+_LEAST_NUMBER = 10
+_MOST_SHARE = 0.5  # of the samples that may say it before it is told
+#: No receiver is better, no fixed position so bad.
+_LEAST_M, _LARGEST_FIXED_M = 5e-4, 1.0
+_LEAST_M_S, _LARGEST_M_S = 5e-4, 10.0
+_LEAST_RAD, _LARGEST_RAD = math.radians(0.005), math.radians(30)
+
+
+class CovarianceChecks:
+    """Counts covariances that are zero, too small or too large, by topic."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        rtk, heading = config.rtk, config.heading
+        self._taken = {
+            "rtk/fix": f"rtk.position_sigma_floor_m, {rtk.position_sigma_floor_m:g} m",
+            "rtk/vel": f"rtk.velocity_sigma_floor_m_s, {rtk.velocity_sigma_floor_m_s:g} m/s",
+            "rtk/heading": f"heading.sigma_floor_deg, {heading.sigma_floor_deg:g} deg",
+            "gps/fix": "gps.position_sigma_m",
+            "gps/vel": "gps.velocity_sigma_floor_m_s",
+        }
+        self._count: dict[str, int] = {}
+        self._wrong: dict[str, dict[str, int]] = {}  # topic -> what -> number
+
+    def take(self, topic: str, sample: PositionSample | VelocitySample | HeadingSample) -> None:
+        """Take a sample as it came."""
+        if isinstance(sample, PositionSample) and sample.status is FixStatus.NONE:
+            return
+        self._count[topic] = self._count.get(topic, 0) + 1
+        wrong = _wrong(sample)
+        if wrong:
+            counts = self._wrong.setdefault(topic, {})
+            counts[wrong] = counts.get(wrong, 0) + 1
+
+    def findings(self) -> list[Finding]:
+        """Return a finding for each way of being wrong, with all topics that are so."""
+        said: dict[str, list[str]] = {}
+        for topic, wrong in self._wrong.items():
+            for what, number in wrong.items():
+                if number >= max(_LEAST_NUMBER, _MOST_SHARE * self._count[topic]):
+                    said.setdefault(what, []).append(topic)
+        return [self._finding(what, topics) for what, topics in said.items()]
+
+    def _finding(self, what: str, topics: list[str]) -> Finding:
+        numbers = ", ".join(
+            f"{topic} ({self._wrong[topic][what]} of {self._count[topic]})" for topic in topics
+        )
+        evidence = f"covariances are {what}: {numbers}"
+        if what != "too large":
+            evidence += f"; {'; '.join(self._taken.get(topic, '') for topic in topics)} is taken"
+        ordinary = all(topic.startswith("gps/") for topic in topics)
+        severity = Severity.NOTE if ordinary else Severity.CAUTION
+        mend = "let the driver fill it with the receiver's own accuracy (m2, (m/s)2, rad2)"
+        name = f"covariance_{what.replace(' ', '_')}"
+        return Finding(name, severity, evidence, f"{topics[0]} covariance", mend)
+
+
+def _wrong(sample: PositionSample | VelocitySample | HeadingSample) -> str:
+    """Return ``zero``, ``too small``, ``too large``, or nothing."""
+    if isinstance(sample, HeadingSample):
+        variances, least, largest = (sample.variance_rad2,), _LEAST_RAD, _LARGEST_RAD
+    elif isinstance(sample, VelocitySample):
+        variances = tuple(sample.covariance_n.diagonal().tolist())
+        least, largest = _LEAST_M_S, _LARGEST_M_S
+    else:
+        variances = tuple(sample.covariance_n.diagonal().tolist())
+        fixed = sample.source is Source.RTK_POSITION and sample.status is FixStatus.FIXED
+        least, largest = _LEAST_M, _LARGEST_FIXED_M if fixed else math.inf
+    if min(variances) <= 0:
+        return "zero"
+    if min(variances) < least**2:
+        return "too small"
+    return "too large" if max(variances) > largest**2 else ""

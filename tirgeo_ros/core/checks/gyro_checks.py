@@ -1,0 +1,106 @@
+"""Whether the gyroscopes turn as the autopilot's own attitude does: unit, signs, axes.
+
+Rotations over a quarter of a second by the gyroscopes are compared with those by the attitude in
+``imu/data``, axis by axis, by their correlations: the attitude's slow errors do not matter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import quat_conjugate, quat_multiply, rotvec_from_quat
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.config import AircraftConfig
+from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.validity import usable_attitude
+
+_BLOCKS = 5  # of a comparison: a quarter of a second
+_LEAST_NUMBER = 24
+_KEPT = 1 - 1 / 240  # a running sum of a minute
+#: Root mean square of an axis' rate from which it can be judged. Noise does not correlate.
+_LEAST_RAD_S = math.radians(1.0)
+_SURE = 0.8  # correlation; 24 pairs of noise reach it once in 1e5 times
+_UNSURE = 0.5
+#: A Phantom's own attitude yaws 1.4 times less than it turns; twice is no autopilot's error.
+_WRONG_SCALE = 2.0
+_IN_DEGREES = (40.0, 80.0)
+_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
+_TOPIC = "imu/data angular_velocity"
+
+
+class GyroChecks:
+    """Hears blocks of the IMU with the autopilot's attitude."""
+
+    def __init__(self, aircraft: AircraftConfig) -> None:
+        self._rotation_bi = aircraft.rotation_bi
+        self._rotated_b = np.zeros(3)  # by the gyroscopes since the start of a comparison, rad
+        self._seconds = 0.0
+        self._count = 0
+        self._from: Array | None = None  # attitude there
+        self._number = 0.0
+        self._own = np.zeros(3)  # sums of squares by the gyroscopes
+        self._other = np.zeros(3)  # by the attitude
+        self._both = np.zeros((3, 3))  # [gyroscope, attitude]
+
+    def block(self, block: ImuBlock) -> None:
+        """Take the next block."""
+        if not block.joined:
+            self._begin(None)
+        self._rotated_b += np.multiply(block.rate_b, block.step_s)
+        self._seconds += block.step_s
+        self._count += 1
+        if self._count < _BLOCKS:
+            return
+        now = block.autopilot_q_nb if usable_attitude(block.autopilot_q_nb) else None
+        if now is not None and self._from is not None:
+            self._compare(rotvec_from_quat(quat_multiply(quat_conjugate(self._from), now)))
+        self._begin(now)
+
+    def _begin(self, attitude: Array | None) -> None:
+        self._rotated_b, self._seconds, self._count = np.zeros(3), 0.0, 0
+        self._from = attitude
+
+    def _compare(self, turned_b: Array) -> None:
+        own = self._rotated_b if self._rotation_bi is None else self._rotation_bi @ self._rotated_b
+        own, other = own / self._seconds, turned_b / self._seconds
+        self._number = _KEPT * self._number + 1
+        self._own = _KEPT * self._own + own * own
+        self._other = _KEPT * self._other + other * other
+        self._both = _KEPT * self._both + np.outer(own, other)
+
+    def findings(self) -> list[Finding]:
+        """Return the unit if that is wrong, else axes and signs, else the scale."""
+        if self._number < _LEAST_NUMBER:
+            return []
+        told = np.sqrt(self._other / self._number) > _LEAST_RAD_S
+        scale = np.sqrt(np.outer(self._own, self._other))
+        same = np.divide(self._both, scale, out=np.zeros((3, 3)), where=scale > 0)
+        ratio = np.sqrt(self._own / np.maximum(self._other, 1e-12))
+        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if told[k]]
+        kinds = [one for one in found if one]
+        return sorted(kinds, key=lambda one: -one.severity)[:1]
+
+
+def _fault(axis: int, same: Array, ratio: float) -> Finding | None:
+    """Of one axis of the attitude: correlations (3,) with the gyroscopes, their size over its."""
+    name, best = _AXES[axis], int(np.argmax(np.abs(same)))
+    against = f"(correlation with the orientation in imu/data {same[axis]:+.2f})"
+    if _IN_DEGREES[0] < ratio < _IN_DEGREES[1] and same[axis] > _SURE:
+        evidence = f"the gyroscopes turn {ratio:.1f} times as fast as the orientation in imu/data"
+        mend = "they are in deg/s: multiply them by 0.0174533"
+        return Finding("gyro_unit", Severity.STOP, evidence, _TOPIC, mend)
+    if same[axis] < -_SURE:
+        evidence = f"the gyroscope {name} has the wrong sign {against}"
+        mend = "axes are forward, left, up, positive counter-clockwise seen from their tips"
+        return Finding("gyro_axes", Severity.STOP, evidence, _TOPIC, mend)
+    if abs(same[axis]) < _UNSURE and abs(same[best]) > _SURE:
+        evidence = f"turns about {name} stand on the gyroscope {_AXES[best]} {against}"
+        mend = "turn the axes to forward, left, up, or set aircraft.imu_rpy_deg"
+        return Finding("gyro_axes", Severity.STOP, evidence, _TOPIC, mend)
+    if same[axis] > _SURE and max(ratio, 1 / ratio) > _WRONG_SCALE:
+        evidence = f"the gyroscope {name} turns {ratio:.2f} times as fast as the orientation"
+        return Finding("gyro_scale", Severity.CAUTION, evidence, _TOPIC, "check unit and scale")
+    return None

@@ -1,0 +1,212 @@
+"""Whether the two antennas' heading is the nose's: offset, sign, unit, whether it lives.
+
+Changes of the heading over a second are compared with what the gyroscopes turned about the
+vertical, the heading itself with the autopilot's, or where there is none with the course.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections import deque
+from typing import NamedTuple
+
+from tirgeo_ros.core.aiding.heading import azimuth, wrapped
+from tirgeo_ros.core.attitude import rotation_of
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.samples import HeadingSample, VelocitySample
+from tirgeo_ros.core.strapdown import Vector
+from tirgeo_ros.core.validity import usable_attitude
+
+#: Blocks that are kept: as long as a heading may be on its way.
+_KEPT = 60
+_PAIR_NS = 1_000_000_000
+_LONGEST_PAIR_NS = 3_000_000_000
+#: A change that tells of turning: whole degrees differ by one by rounding.
+_TURNED_RAD = math.radians(5)
+_LEAST_TURNED_RAD = math.radians(40)  # in all
+#: Root mean square of what is left of the turns under a true explanation, as a part of them.
+_EXPLAINED = 0.3
+#: Jumps between headings that no gyroscope saw.
+_JUMPING_RAD = math.radians(15)
+_DEGREES = 180 / math.pi
+_MEMORY = 100  # samples of a running mean
+_LEAST_NUMBER, _LEAST_CONSTANT = 15, 0.9  # samples; mean length of unit vectors (26 deg rms)
+#: Compasses err by 10 deg near steel or with no declination set.
+_OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
+_SIGMAS = 5.0
+_QUARTER_RAD = math.radians(20)  # so near to a multiple of 90 deg it is one
+_FORWARD_M_S, _LEAST_COURSES = 2.0, 100
+_SECOND = "ekf_node aircraft.second_antenna_m"
+
+
+class _Turn(NamedTuple):
+    stamp_ns: int
+    turned_rad: float  # about the vertical, by the gyroscopes since the start
+    autopilot_rad: float  # its heading; nan without
+
+
+class _Circle:
+    """Running mean of directions."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._cosine = self._sine = 0.0
+
+    def add(self, angle_rad: float) -> None:
+        self.number += 1
+        share = 1 / min(self.number, _MEMORY)
+        self._cosine += share * (math.cos(angle_rad) - self._cosine)
+        self._sine += share * (math.sin(angle_rad) - self._sine)
+
+    @property
+    def mean_rad(self) -> float:
+        return math.atan2(self._sine, self._cosine)
+
+    @property
+    def constant(self) -> bool:
+        return math.hypot(self._cosine, self._sine) > _LEAST_CONSTANT
+
+
+class HeadingChecks:
+    """Hears blocks of the IMU, headings and velocities."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._rotation_bi = config.aircraft.rotation_bi
+        sigma_rad = math.radians(config.autopilot.attitude_sigma_deg[2])
+        self._off_rad = max(_OFF_RAD, _SIGMAS * sigma_rad)
+        self._turns: deque[_Turn] = deque(maxlen=_KEPT)
+        self._turned_rad = 0.0
+        self._waiting: deque[HeadingSample] = deque(maxlen=20)
+        self._before: tuple[HeadingSample, float] | None = None  # and what had turned then
+        self._autopilot, self._course = _Circle(), _Circle()
+        self._newest: HeadingSample | None = None
+        # of pairs: what turned; squares of turns, headings, and of their product; what is left
+        self._sum = dict.fromkeys(("turned", "gyro", "own", "both", "left"), 0.0)
+        self._pairs = self._still = 0
+
+    def block(self, block: ImuBlock) -> None:
+        """Take the next block of the IMU."""
+        rate_b = block.rate_b
+        if self._rotation_bi is not None:
+            x, y, z = (self._rotation_bi @ rate_b).tolist()
+            rate_b = x, y, z
+        down_b: Vector = (0.0, 0.0, 1.0)
+        autopilot_rad = math.nan
+        if block.autopilot_q_nb is not None and usable_attitude(block.autopilot_q_nb):
+            rotation = rotation_of(block.autopilot_q_nb.tolist())
+            down_b = rotation[6:9]
+            autopilot_rad = azimuth((rotation[0], rotation[3], 0.0))
+        if not block.joined:
+            self._turns.clear()
+            self._before = None
+        self._turned_rad += block.step_s * sum(a * b for a, b in zip(rate_b, down_b, strict=True))
+        self._turns.append(_Turn(block.stamp_ns, self._turned_rad, autopilot_rad))
+        while self._waiting and self._waiting[0].stamp_ns <= block.stamp_ns:
+            self._match(self._waiting.popleft())
+
+    def heading(self, sample: HeadingSample) -> None:
+        """Take a heading; it waits until the IMU is as far."""
+        if math.isfinite(sample.heading_rad):
+            self._newest = sample
+            self._waiting.append(sample)
+            if self._turns and sample.stamp_ns <= self._turns[-1].stamp_ns:
+                self._match(self._waiting.pop())
+
+    def velocity(self, sample: VelocitySample) -> None:
+        """Take a velocity: its course tells where there is no autopilot."""
+        north, east = sample.velocity_n.tolist()[:2]
+        if self._newest is not None and math.hypot(north, east) > _FORWARD_M_S:
+            self._course.add(self._newest.heading_rad - math.atan2(east, north))
+
+    def _match(self, sample: HeadingSample) -> None:
+        at = bisect.bisect_left(self._turns, sample.stamp_ns, key=lambda turn: turn.stamp_ns)
+        if not 0 < at < len(self._turns):
+            return
+        first, last = self._turns[at - 1], self._turns[at]
+        share = (sample.stamp_ns - first.stamp_ns) / (last.stamp_ns - first.stamp_ns)
+        turned_rad = first.turned_rad + share * (last.turned_rad - first.turned_rad)
+        if not math.isnan(last.autopilot_rad):
+            self._autopilot.add(sample.heading_rad - last.autopilot_rad)
+        if self._before is None or sample.stamp_ns <= self._before[0].stamp_ns:
+            self._before = sample, turned_rad
+        elif sample.stamp_ns - self._before[0].stamp_ns >= _PAIR_NS:
+            before, turned_before = self._before
+            self._before = sample, turned_rad
+            if sample.stamp_ns - before.stamp_ns < _LONGEST_PAIR_NS:
+                change = wrapped(sample.heading_rad - before.heading_rad)
+                self._pair(change, turned_rad - turned_before)
+
+    def _pair(self, change: float, turned: float) -> None:
+        self._pairs += 1
+        sums = self._sum
+        if abs(turned) < _TURNED_RAD and abs(change) < _TURNED_RAD:
+            return
+        sums["turned"] += abs(turned)
+        sums["gyro"] += turned * turned
+        sums["own"] += change * change
+        sums["both"] += change * turned
+        sums["left"] += (change - turned) ** 2  # nothing that flies turns by 180 deg a second
+        self._still += change == 0.0
+
+    def findings(self) -> list[Finding]:
+        """Return what the changes say, or where they are right what the mean says."""
+        changes = self._changing()
+        if changes:
+            return [changes]
+        offset = self._offset()
+        return [offset] if offset else []
+
+    def _changing(self) -> Finding | None:
+        sums = self._sum
+        if sums["left"] <= _EXPLAINED**2 * sums["gyro"]:
+            return None  # it turns as the gyroscopes do
+        turned_deg = math.degrees(sums["turned"])
+        evidence = f"while the gyroscopes turned by {turned_deg:.0f} deg"
+        long = sums["turned"] > _LEAST_TURNED_RAD
+        if long and sums["own"] < 1e-12:
+            told = f"{evidence}, rtk/heading stayed the same"
+            mend = "the receiver or its driver repeats one value"
+            return Finding("heading_stuck", Severity.STOP, told, "rtk/heading", mend)
+        slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscopes over heading
+        left = sums["gyro"] - slope * sums["both"]
+        explained = long and left < _EXPLAINED**2 * sums["gyro"]
+        if explained and -1.3 < slope < -0.7:
+            told = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
+            mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
+            return Finding("heading_sign", Severity.STOP, told, "rtk/heading", mend)
+        if explained and not 0.7 < slope < 1.3:
+            told = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
+            mend = "is one of both in degrees? Both are in radians"
+            where = "imu/data angular_velocity, rtk/heading"
+            return Finding("heading_unit", Severity.STOP, told, where, mend)
+        rms = math.sqrt(sums["left"] / max(self._pairs, 1))
+        if self._pairs >= 8 and rms > _JUMPING_RAD:
+            told = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
+            mend = "degrees for radians in its quaternion, or a receiver without a solution"
+            return Finding("heading_jumps", Severity.STOP, told, "rtk/heading", mend)
+        return None
+
+    def _offset(self) -> Finding | None:
+        circle, name = self._autopilot, "the autopilot's heading"
+        if not circle.number:
+            circle, name = self._course, "the course over ground"
+            if circle.number < _LEAST_COURSES or self._sum["turned"] < _LEAST_TURNED_RAD:
+                return None
+        off = circle.mean_rad
+        if circle.number < _LEAST_NUMBER or not circle.constant or abs(off) < self._off_rad:
+            return None
+        evidence = f"rtk/heading is {math.degrees(off):+.0f} deg from {name}"
+        quarter = math.pi / 2 * round(off / (math.pi / 2))
+        if abs(off) < _WRONG_RAD or (circle is self._course and abs(off) < _OFF_RAD * 3):
+            mend = "measure both antennas; or is it the compass, or its declination?"
+            return Finding("heading_offset", Severity.CAUTION, evidence, _SECOND, mend)
+        if abs(off - quarter) > _QUARTER_RAD:
+            mend = "measure both antennas; or is its yaw not ENU (90 deg less the azimuth)?"
+        elif abs(quarter) > 2:
+            mend = "the antennas are swapped: exchange rtk_antenna_m and second_antenna_m"
+        else:
+            mend = "the baseline lies across: measure both antennas, or take out a constant of 90"
+        return Finding("heading_offset", Severity.STOP, evidence, _SECOND, mend)

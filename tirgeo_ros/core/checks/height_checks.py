@@ -1,0 +1,143 @@
+"""Heights above ground that cannot be: at rest, in flight, below the ground.
+
+An aircraft that rests lies on the ground. That it rests is believed only where it was still for
+some seconds and nothing of the flight was lower: one that hovers moves by centimetres, and flies
+lower before or after. A flight that neither begins nor ends on the ground says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.pose_history import attitude_of
+from tirgeo_ros.core.samples import Array, BodyPose, CameraPose
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.validity import pose_fault
+
+_EVERY_NS = 250_000_000
+_LONGEST_GAP_NS = 1_000_000_000
+_REST_S = 3.0
+_STILL_M_S = 0.05  # filtered RTK shakes by less; a hover of half a minute by more
+_STILL_M = 0.05  # from where it was when the rest began
+_CLIMBS_M = 5.0  # from the rest, to say that it was not a hover
+_LOWER_M = 0.5  # no part of the flight is lower than the rest by more
+#: The body above the ground at rest: legs, roofs and models of the ground leave it within these.
+_RESTS_M = (-2.0, 3.0)
+_RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # models from orbit
+_BELOW_M = 2.0
+_HIGHEST_M = 500.0
+_LOWEST_M, _FLIES_M_S = 2.0, 3.0
+_LASTS = 8  # samples in a row: two seconds
+_LARGEST_UNDULATION_M = 110.0
+
+
+def ground_parameter(ground: Ground | None) -> str:
+    """Return the parameter that says where the ground is."""
+    terrain = isinstance(ground, Terrain)
+    return "overlay_node dem, dem_undulation_m" if terrain else "overlay_node ground_height_m"
+
+
+class HeightChecks:
+    """Poses in, findings out; ``above_m`` is the newest height above ground, nan where unknown."""
+
+    def __init__(self, ground: Ground | None) -> None:
+        self.plane: TangentPlane | None = None
+        self.above_m = math.nan
+        self._ground = ground
+        self._sampled: tuple[int, Array] | None = None
+        self._rest: tuple[int, Array, float] | None = None  # since when, where, above ground
+        self._rested: tuple[float, float] | None = None  # height in the plane, above ground
+        self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
+        self._counts = dict.fromkeys(("below", "high", "low"), 0)
+        self._worst: dict[str, float] = {}
+
+    def pose(self, pose: BodyPose | CameraPose) -> None:
+        """Take a pose, in order of time."""
+        before = self._sampled
+        if before is not None and 0 <= pose.stamp_ns - before[0] < _EVERY_NS:
+            return
+        if pose_fault(pose.position_n, attitude_of(pose), pose.covariance):
+            return
+        self._sampled = pose.stamp_ns, pose.position_n
+        if self.plane is None or self._ground is None:
+            return
+        self.above_m = self._above_m(self.plane, pose.position_n)
+        if before is None or not 0 < pose.stamp_ns - before[0] < _LONGEST_GAP_NS:
+            self._rest = None
+            return
+        way_m = float(np.linalg.norm(pose.position_n - before[1]))
+        speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
+        self._mind_rest(pose.stamp_ns, pose.position_n, speed_m_s)
+        sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
+        self._count("below", self.above_m < -_BELOW_M - 4 * sigma_m)
+        self._count("high", self.above_m > _HIGHEST_M)
+        flies_low = speed_m_s > _FLIES_M_S and -_BELOW_M < self.above_m < _LOWEST_M - 3 * sigma_m
+        self._count("low", flies_low)
+
+    def _above_m(self, plane: TangentPlane, position_n: Array) -> float:
+        latitude, longitude, height_m = plane.geodetic_from_ned(position_n)
+        if isinstance(self._ground, Terrain):
+            return float(height_m - self._ground.height_m(latitude, longitude))
+        return float(height_m) - (math.nan if self._ground is None else self._ground)
+
+    def _count(self, name: str, seen: bool) -> None:
+        if name in self._worst:
+            return
+        self._counts[name] = self._counts[name] + 1 if seen else 0
+        if self._counts[name] >= _LASTS:
+            self._worst[name] = self.above_m
+
+    def _mind_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
+        height_m = -float(position_n[2])
+        self._lowest_m = min(self._lowest_m, height_m)
+        self._highest_m = max(self._highest_m, height_m)
+        rest = self._rest
+        still = speed_m_s < _STILL_M_S
+        if not still or rest is None or np.abs(position_n - rest[1]).max() > _STILL_M:
+            self._rest = (stamp_ns, position_n, self.above_m) if still else None
+            return
+        if stamp_ns - rest[0] >= _REST_S * 1e9 and height_m <= self._lowest_m + _LOWER_M:
+            self._rested = height_m, self.above_m
+
+    def findings(self) -> list[Finding]:
+        """Return what was found up to now."""
+        found = [_of_flight(name, self._worst[name], self._ground) for name in self._worst]
+        climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
+        if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:
+            above_m = self._rested[1]
+            low, high = _RESTS_ON_TERRAIN_M if isinstance(self._ground, Terrain) else _RESTS_M
+            if not low <= above_m <= high and not math.isnan(above_m):
+                found.append(_at_rest(above_m, self._ground))
+        return found
+
+
+def _mend(above_m: float, ground: Ground | None) -> str:
+    name = "dem_undulation_m" if isinstance(ground, Terrain) else "ground_height_m"
+    if 5.0 < abs(above_m) < _LARGEST_UNDULATION_M:
+        return f"{name}: heights are ellipsoidal; one above sea level is off by the geoid's height"
+    return f"see that the ground's height is that of this place, and {name} is ellipsoidal"
+
+
+def _at_rest(above_m: float, ground: Ground | None) -> Finding:
+    severity = Severity.STOP if above_m < 0 or isinstance(ground, Terrain) else Severity.CAUTION
+    evidence = f"at rest, at the lowest place of the flight, {above_m:.1f} m above ground (0 to 2)"
+    return Finding(
+        "height_at_rest", severity, evidence, ground_parameter(ground), _mend(above_m, ground)
+    )
+
+
+def _of_flight(name: str, above_m: float, ground: Ground | None) -> Finding:
+    parameter, mend = ground_parameter(ground), _mend(above_m, ground)
+    if name == "below":
+        evidence = f"{-above_m:.1f} m below the ground"
+        return Finding("below_ground", Severity.STOP, evidence, parameter, mend)
+    if name == "high":
+        evidence = f"{above_m:.0f} m above ground"
+        return Finding("far_above_ground", Severity.CAUTION, evidence, parameter, mend)
+    evidence = f"flies {above_m:.1f} m above ground"
+    return Finding("near_ground", Severity.CAUTION, evidence, parameter, mend)

@@ -1,0 +1,78 @@
+"""Means of the IMU over short blocks: what checks look at in place of every sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tirgeo_ros.core.samples import Array, ImuSample
+from tirgeo_ros.core.strapdown import Vector
+
+_BLOCK_NS = 50_000_000
+#: A longer step between samples has lost some: a block across it would be no mean.
+_LONGEST_STEP_NS = 40_000_000
+#: In whatever unit.
+NO_NUMBER = 1e7
+
+
+class ImuBlock(NamedTuple):
+    """Means over an interval that ends at ``stamp_ns``; the IMU's own axes, FRD."""
+
+    stamp_ns: int
+    step_s: float
+    force_b: Vector  # m/s2
+    rate_b: Vector  # rad/s
+    autopilot_q_nb: Array | None  # at its end
+    joined: bool  # whether it begins where the block before ended
+
+
+class ImuBlocks:
+    """Sums samples up to blocks; a sample costs about 2 us."""
+
+    def __init__(self) -> None:
+        self._begin_ns = self._newest_ns = 0
+        self._force: Vector = (0.0, 0.0, 0.0)
+        self._rate: Vector = (0.0, 0.0, 0.0)
+        self._count = 0
+        self._joined = False
+
+    def add(self, sample: ImuSample) -> ImuBlock | None:
+        """Take the next sample; return the block that it ends, if it does.
+
+        A sample stands for the interval before its stamp. One that is no number is left out.
+        """
+        stamp_ns = sample.stamp_ns
+        step_ns, self._newest_ns = stamp_ns - self._newest_ns, stamp_ns
+        if not 0 < step_ns <= _LONGEST_STEP_NS:
+            self._begin(stamp_ns, joined=False)
+            return None
+        a, b, c = self._force
+        p, q, r = self._rate
+        x, y, z = sample.specific_force_b.tolist()
+        u, v, w = sample.angular_rate_b.tolist()
+        if not abs(x + y + z) + abs(u + v + w) < NO_NUMBER:  # nor is a NaN
+            return None
+        self._force = a + x, b + y, c + z
+        self._rate = p + u, q + v, r + w
+        self._count += 1
+        if stamp_ns - self._begin_ns < _BLOCK_NS:
+            return None
+        return self._ended(stamp_ns, sample.autopilot_q_nb)
+
+    def _ended(self, stamp_ns: int, autopilot_q_nb: Array | None) -> ImuBlock:
+        share = 1.0 / self._count
+        a, b, c = self._force
+        p, q, r = self._rate
+        block = ImuBlock(
+            stamp_ns,
+            (stamp_ns - self._begin_ns) * 1e-9,
+            (a * share, b * share, c * share),
+            (p * share, q * share, r * share),
+            autopilot_q_nb,
+            self._joined,
+        )
+        self._begin(stamp_ns, joined=True)
+        return block
+
+    def _begin(self, stamp_ns: int, *, joined: bool) -> None:
+        self._begin_ns, self._count, self._joined = stamp_ns, 0, joined
+        self._force = self._rate = (0.0, 0.0, 0.0)

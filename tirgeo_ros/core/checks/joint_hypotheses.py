@@ -1,0 +1,100 @@
+"""Joint angles beside those that the reported camera attitude makes: which mistake explains them.
+
+Both are yaw, roll, pitch of the same chain, so a mistake in axes, signs or units is a permutation,
+signs and a factor. All of them are tried; the mean of the yaw's difference is not looked at, since
+the gimbal's north may be off.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import wrap_pi
+from tirgeo_ros.core.samples import Array
+
+NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
+#: What reported attitudes, the autopilot's and the gimbal's wander leave between the two, rms:
+#: Table 8's 0.27 and 0.48 deg, 0.5 deg of the autopilot's tilt, and stamps that are 20 ms apart.
+_FLOOR_RAD2 = math.radians(0.8) ** 2
+_LARGEST_RAD2 = 0.25  # of one sample: the start of a flight counts no more
+#: The angles are wrong where one axis is off by so much, and another reading of them leaves less
+#: than this share.
+_LEAST_RAD = math.radians(1.5)
+_SHARE = 0.25
+_ALIKE = 1.5  # readings that leave as much: the simplest is meant
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the three numbers: which of them is each angle, its sign, and the unit."""
+
+    order: tuple[int, ...] = (0, 1, 2)
+    signs: tuple[float, ...] = (1.0, 1.0, 1.0)
+    degrees: bool = False
+
+    @property
+    def mistakes(self) -> int:
+        """How many things it supposes to be wrong."""
+        moved = sum(one != axis for axis, one in enumerate(self.order))
+        return moved + self.signs.count(-1.0) + self.degrees
+
+    def angles(self, joints: Array) -> Array:
+        """(N, 3) yaw, roll, pitch of the numbers (N, 3) as they came."""
+        unit = math.pi / 180 if self.degrees else 1.0
+        return np.asarray(joints[:, self.order] * np.array(self.signs) * unit)
+
+    @property
+    def words(self) -> str:
+        """What is wrong, for a person."""
+        told = ["the joint angles are in degrees, not in radians"] if self.degrees else []
+        moved = [axis for axis, one in enumerate(self.order) if one != axis]
+        if len(moved) == 2:
+            told.append(f"{NAMES[moved[0]]} and {NAMES[moved[1]]} are exchanged")
+        elif moved:
+            told.append("yaw, roll, pitch stand under " + ", ".join(NAMES[i] for i in self.order))
+        turned = [NAMES[one] for one, sign in zip(self.order, self.signs, strict=True) if sign < 0]
+        if turned:
+            told.append(f"{' and '.join(turned)} with the other sign")
+        return ", ".join(told)
+
+
+_READINGS = sorted(
+    (
+        Reading(order, signs, degrees)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+        for degrees in (False, True)
+    ),
+    key=lambda one: one.mistakes,
+)
+
+
+def mean_differences(joints: Array, reported: Array) -> tuple[Array, Array]:
+    """(3,) mean and (3,) standard deviation of joints less reported angles (N, 3), rad."""
+    off = np.exp(1j * (joints - reported))
+    mean = np.angle(off.mean(axis=0))
+    return mean, np.asarray(wrap_pi(joints - reported - mean).std(axis=0))
+
+
+def mistaken_reading(joints: Array, reported: Array) -> Reading | None:
+    """The reading that explains numbers (N, 3) by reported angles (N, 3); None where as is."""
+    if math.sqrt(_squares(joints, reported).max()) < _LEAST_RAD:
+        return None
+    parts = [_squares(reading.angles(joints), reported) for reading in _READINGS]
+    costs = [float(np.maximum(part, _FLOOR_RAD2).sum()) for part in parts]
+    least = min(costs)
+    if least > _SHARE * costs[0]:
+        return None
+    alike = zip(_READINGS, costs, strict=True)
+    return next(reading for reading, cost in alike if cost <= _ALIKE * least)
+
+
+def _squares(angles: Array, reported: Array) -> Array:
+    """(3,) mean squares of the differences, the yaw's about its mean."""
+    off = wrap_pi(angles - reported)
+    off[:, 0] = wrap_pi(off[:, 0] - np.angle(np.exp(1j * off[:, 0]).mean()))
+    return np.asarray(np.minimum(off**2, _LARGEST_RAD2).mean(axis=0))

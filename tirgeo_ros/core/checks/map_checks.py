@@ -1,0 +1,155 @@
+"""What is wrong with map, style sheet and elevation model, beside where the flight is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.draping import Ground
+from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M, TangentPlane
+from tirgeo_ros.core.map_drawing import LaidMap
+from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.whereabouts import (
+    ELSEWHERE_M,
+    Whereabouts,
+    distance_words,
+    likely_mistake,
+    way_words,
+)
+
+#: Farther than a multirotor flies, and from where the map is still drawn.
+_FAR_M = 10_000.0
+#: What the readers of maps remark where a file names no system.
+_NO_SYSTEM = "taken for WGS84"
+_STEP_RAD = 1e-5  # 64 m: short beside a model, long beside its cells' arithmetic
+_MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem"
+
+
+class MapChecks:
+    """Looks at map and elevation model of a flight whenever the map or the plane is new."""
+
+    def __init__(self, ground: Ground | None) -> None:
+        self._ground = math.nan if ground is None else ground
+        self._found: list[Finding] = []
+
+    def plane(self, plane: TangentPlane) -> None:
+        """Take the plane of the flight; a map comes after it."""
+        self._found = dem_findings(self._ground, plane)
+
+    def map(self, laid: LaidMap) -> None:
+        """Take a map that is laid in the plane."""
+        self._found = map_findings(laid, self._ground)
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong, the worst first."""
+        return self._found
+
+
+def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
+    """Return what is wrong with a map that was laid in the flight's plane, the worst first.
+
+    The plane's origin stands for the place of take-off. ``ground`` is what the map was laid on.
+    ``scale_m_px`` is the finest that a pixel in the middle of the picture will span of it, where
+    somebody knows: nan leaves the layers' scales unchecked.
+    """
+    if not laid.features:
+        return [_nothing("the map has no features")]
+    found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
+    nearest = Whereabouts(laid.map, laid.first_n).nearest(np.zeros(3))
+    if nearest is not None and nearest.distance_m > _FAR_M:
+        found.append(_elsewhere(laid, nearest.distance_m, nearest.azimuth_rad, nearest.point_n))
+    return sorted_findings([*found, *_system_findings(laid)])
+
+
+def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
+    """Return what is wrong with an elevation model at the plane's origin."""
+    if not isinstance(ground, Terrain):
+        return []
+    latitude, longitude = np.array(plane.latitude_rad), np.array(plane.longitude_rad)
+    if math.isfinite(ground.height_m(latitude, longitude)):
+        return []
+    beside_m = _beside_m(ground, plane)
+    where = f"it ends {distance_words(beside_m)} from there" if beside_m else "it has a gap there"
+    place = f"({math.degrees(plane.latitude_rad):.5f}, {math.degrees(plane.longitude_rad):.5f})"
+    evidence = f"the elevation model has no height at the place of take-off {place}; {where}"
+    mend = "give a model of this place; are its latitude and longitude, or its UTM zone, right?"
+    severity = Severity.STOP if beside_m > _FAR_M else Severity.CAUTION
+    return [Finding("dem_elsewhere", severity, evidence, _DEM, mend)]
+
+
+def _nothing(evidence: str, parameter: str = _MAP) -> Finding:
+    mend = "see that its file has lines, outlines or points, and the style sheet names its layers"
+    return Finding("map_empty", Severity.STOP, evidence, parameter, mend)
+
+
+def _elsewhere(laid: LaidMap, distance_m: float, azimuth_rad: float, point_n: object) -> Finding:
+    severity = Severity.STOP if distance_m > ELSEWHERE_M else Severity.CAUTION
+    question = likely_mistake(laid.plane, np.asarray(point_n))
+    evidence = f"map is {way_words(distance_m, azimuth_rad)}"
+    evidence += f"; {question}" if question else ""
+    mend = "give the map of this place, in its own system (crs in the style sheet)"
+    return Finding("map_elsewhere", severity, evidence, _MAP, mend)
+
+
+def _ground_findings(laid: LaidMap, ground: Ground) -> list[Finding]:
+    found = dem_findings(ground, laid.plane)
+    lost, whole = laid.map.without_ground, len(laid.map.labels)
+    if lost and lost == whole:
+        return [*found, _nothing("none of the map lies on the elevation model", _DEM)]
+    if lost:
+        evidence = f"{lost} of {whole} features lie where the elevation model has no height"
+        mend = "give a model that covers the map: they are not drawn there"
+        found.append(Finding("map_off_dem", Severity.NOTE, evidence, _DEM, mend))
+    return found
+
+
+def _scale_findings(laid: LaidMap, scale_m_px: float) -> list[Finding]:
+    used = set(laid.map.layer.tolist())
+    ranges = [laid.map.layers[number].style.scale_m_px for number in used]
+    if math.isnan(scale_m_px) or any(scale_m_px <= most for _, most in ranges):
+        return []
+    most = max(most for _, most in ranges)
+    evidence = (
+        f"no layer is shown: a pixel spans {scale_m_px:.2g} m or more, and the style sheet shows "
+        f"none above {most:g} m"
+    )
+    return [_nothing_shown(evidence)]
+
+
+def _nothing_shown(evidence: str) -> Finding:
+    mend = "widen scale of the layers"
+    return Finding("style_hides_all", Severity.STOP, evidence, _STYLE, mend)
+
+
+def _system_findings(laid: LaidMap) -> list[Finding]:
+    said = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
+    if not said:
+        return []
+    mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
+    return [Finding("map_system_unknown", Severity.NOTE, said[0], _MAP, mend)]
+
+
+def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:
+    """How far the plane's origin lies beside the model's grid, m; 0 on it, nan if nobody knows."""
+    rows, columns = terrain.heights_m.shape
+    steps = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) * _STEP_RAD
+    at = terrain.grid_of(plane.latitude_rad + steps[0], plane.longitude_rad + steps[1])
+    column, row = (np.asarray(each, float) for each in at)
+    off = np.array([_off(column[0], columns - 1), _off(row[0], rows - 1)])
+    # Nodes per metre to the north and east, then metres for the way back to the grid.
+    cosine = math.cos(plane.latitude_rad)
+    per_m = (
+        np.array([np.diff(column[[0, 1]]), np.diff(row[[0, 1]])]).ravel(),
+        np.array([column[2] - column[0], row[2] - row[0]]),
+    )
+    nodes_per_m = np.column_stack([per_m[0], per_m[1] / cosine]) / (_STEP_RAD * SEMI_MAJOR_AXIS_M)
+    try:
+        return float(np.linalg.norm(np.linalg.solve(nodes_per_m, off)))
+    except np.linalg.LinAlgError:
+        return math.nan
+
+
+def _off(place: float, most: float) -> float:
+    return max(place - most, 0.0) + min(place, 0.0)

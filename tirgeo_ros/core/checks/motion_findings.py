@@ -1,0 +1,147 @@
+"""Findings from how the pictures move, beside how the camera's poses say that they do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY, MotionFit
+from tirgeo_ros.core.frames import flu_from_frd
+
+#: An error counts beyond so many of its standard deviations. They are of pairs of pictures, whose
+#: errors are alike where a flight turns all the time: 3.8 were seen without an error.
+_SURE = 6.0
+#: And where leaving it makes what remains larger by this: 1.19 was seen without one.
+_TELLS = (1.25, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
+#: What remains is no more than this where the poses are good; with more, as where a filter without
+#: headings begins, an error must explain more: 1.29 times as much was seen without one.
+_GOOD_PX = 1.0
+_LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the latter as logarithms
+_LEAST_HEIGHT_M = 2.0
+_LEAST_BORESIGHT_RAD = math.radians(2.5)
+_WRONG = 0.15  # as a logarithm: from here on the map is wrong, and not only beside its place
+#: Of what the pictures move, in pairs, that no error explains.
+_UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
+
+
+def motion_findings(
+    fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
+) -> list[Finding]:
+    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed.
+
+    ``ground`` is empty where nothing does.
+    """
+    if _unexplained(fit):
+        return [_other_motion(fit)]
+    found = []
+    if _sure(fit, LATENCY, _LEAST_LATENCY_S):
+        found.append(_latency(fit, latency_s))
+    if _sure(fit, FOCAL, _LEAST_FOCAL):
+        found.append(_focal(fit, focal_px, lens))
+    above_m = fit.above_m * math.exp(fit.values[HEIGHT])
+    least_m = max(_LEAST_HEIGHT_M, _SURE * fit.height_sigma_m)
+    if ground and _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
+        found.append(_height(fit, above_m, ground))
+    if _sure_boresight(fit):
+        found.append(_boresight(fit))
+    return found
+
+
+def _unexplained(fit: MotionFit) -> bool:
+    least = max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before))
+    return fit.after > least
+
+
+def _sure(fit: MotionFit, one: int, least: float) -> bool:
+    value, sigma = abs(fit.values[one]), fit.sigmas[one]
+    sure = value > max(least, _SURE * sigma) and not fit.assumed[one]
+    return bool(sure and _tells(fit, one))
+
+
+def _tells(fit: MotionFit, one: int) -> bool:
+    return fit.without[one] > _TELLS[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
+
+
+def _sure_boresight(fit: MotionFit) -> bool:
+    angles, sigmas = fit.values[BORESIGHT], fit.sigmas[BORESIGHT]
+    sure = np.abs(angles) > np.maximum(_LEAST_BORESIGHT_RAD, _SURE * sigmas)
+    sure &= ~np.array(fit.assumed[BORESIGHT])
+    return bool(sure.any() and _tells(fit, 3))
+
+
+def _seen(fit: MotionFit) -> str:
+    return f"({fit.pairs} pairs of pictures)"
+
+
+def _other_motion(fit: MotionFit) -> Finding:
+    evidence = (
+        f"the pictures move otherwise than the camera's poses: by {fit.moved:.1f} px from one to "
+        f"the next, {fit.before:.1f} px beside what the poses say {_seen(fit)}"
+    )
+    return Finding(
+        "picture_motion",
+        Severity.CAUTION,
+        evidence,
+        "gimbal/joint_states, thermal/image_raw",
+        "see that the pictures' stamps are of the aircraft's clock, that the video is live, and "
+        "that the gimbal's angles have the right axes and signs",
+    )
+
+
+def _latency(fit: MotionFit, latency_s: float) -> Finding:
+    true_s, sigma_s = latency_s + fit.values[LATENCY], fit.sigmas[LATENCY]
+    evidence = (
+        f"the pictures lag the camera's poses by {true_s:.3f} s (sigma {sigma_s:.3f}), not by "
+        f"{latency_s:.3f} {_seen(fit)}"
+    )
+    mend = f"set it to {true_s:.3f}, or run tirgeo calibrate boresight"
+    return Finding(
+        "video_latency", Severity.CAUTION, evidence, "overlay_node video_latency_s", mend
+    )
+
+
+def _focal(fit: MotionFit, focal_px: float, lens: str) -> Finding:
+    value = fit.values[FOCAL]
+    true_px = focal_px * math.exp(value)
+    evidence = (
+        f"the pictures turn as with a focal length of {true_px:.0f} px (sigma "
+        f"{true_px * fit.sigmas[FOCAL]:.0f}), not {focal_px:.0f} {_seen(fit)}"
+    )
+    severity = Severity.STOP if abs(value) > _WRONG else Severity.CAUTION
+    mend = "run tirgeo calibrate lens, with the pictures' size and zoom"
+    return Finding("focal_length", severity, evidence, lens, mend)
+
+
+def _height(fit: MotionFit, above_m: float, ground: str) -> Finding:
+    evidence = (
+        f"the ground passes as from {above_m:.0f} m (sigma {above_m * fit.sigmas[HEIGHT]:.1f}), "
+        f"not from {fit.above_m:.0f} m above it {_seen(fit)}"
+    )
+    severity = Severity.STOP if abs(fit.values[HEIGHT]) > _WRONG else Severity.CAUTION
+    off_m = fit.above_m - above_m
+    mend = (
+        f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m: heights are "
+        "ellipsoidal, not above sea level"
+    )
+    return Finding("ground_by_motion", severity, evidence, ground, mend)
+
+
+def _boresight(fit: MotionFit) -> Finding:
+    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
+    size = math.hypot(*off_deg)
+    worst = math.degrees(fit.sigmas[BORESIGHT].max())
+    told = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+    evidence = (
+        f"the camera looks {size:.1f} deg aside of its poses (roll, pitch, yaw {told}; sigma "
+        f"{worst:.1f}) {_seen(fit)}"
+    )
+    mend = "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"
+    return Finding(
+        "boresight_by_motion",
+        Severity.CAUTION,
+        evidence,
+        "gimbal_node boresight_rpy_deg",
+        mend,
+    )

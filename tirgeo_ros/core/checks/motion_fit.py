@@ -1,0 +1,237 @@
+"""What would make the pictures' own motion the one that the camera's poses foretell.
+
+Points of the ground that were followed from one picture to the next are where the poses at both
+exposures, the lens and the ground put them, or not. Six errors are fitted, by Gauss-Newton over
+many pairs of pictures: of the latency, the focal length, the height above ground and the three
+angles of the boresight. Turns tell latency and focal length, flight over ground the height.
+
+A pair's points move together by the noise of its two poses. So the mean of a pair and what its
+points differ from that are weighted apart, each by its own spread, and the covariance is that of
+the pairs (the sandwich; White, Econometrica 48, 1980).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import matrix_from_quat, matrix_from_rotvec
+from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.samples import Array
+
+#: A latency is looked for this far on both sides, among poses so far apart.
+REACH_S, STEP_S = 0.3, 0.025
+_BEYOND = 2  # steps more on both sides, for the slopes
+#: From the exposure, at which the poses of a pair are kept.
+OFFSETS_S = STEP_S * np.arange(-round(REACH_S / STEP_S) - _BEYOND, round(REACH_S / STEP_S) + 3)
+
+LATENCY, FOCAL, HEIGHT = 0, 1, 2
+BORESIGHT = slice(3, 6)
+#: What is thought of the errors where the pictures do not tell: s, log, log, rad.
+_LOOSE = np.array([0.3, 0.3, 1.5, 0.15, 0.15, 0.15])
+#: The same of what pictures did not tell at first: the others then answer for what is seen.
+_TIGHT = np.array([0.02, 0.05, 1.5, 0.03, 0.03, 0.03])
+_TOLD = 0.6  # of that: a standard deviation beyond it tells nothing
+_STEPS = np.array([0.005, 0.005, 0.01, 0.002, 0.002, 0.002])
+_LARGEST_STEP = np.array([0.05, 0.3, 0.5, 0.1, 0.1, 0.1])
+_MOST_STEPS = 10
+#: Where each error is looked for at first.
+_GRIDS = (
+    np.arange(-REACH_S, REACH_S + 0.01, 2 * STEP_S),
+    np.arange(-0.5, 0.51, 0.1),
+    np.arange(-1.5, 1.51, 0.25),
+    *[np.arange(-0.15, 0.16, 0.05)] * 3,
+)
+_SHARES = (1.0, 0.5, 0.25)
+_FITS_PX = 1.5  # mean distances of pairs and points: small enough to go on from
+_LEAST_PX = 0.25  # of a residual's spread: nothing is followed better
+_HUBER = 2.0
+
+
+class Pair(NamedTuple):
+    """Points seen in two pictures, and the camera's poses around both exposures."""
+
+    first: Array  # (N, 2) on the plane z = 1 of the camera
+    second: Array  # (N, 2) the same points in the second picture
+    above_m: Array  # (N,) height of the camera above the ground at each point
+    poses: Array  # (2, K, 7) position and quaternion at OFFSETS_S from each exposure
+    height_sigma_m: float  # of the poses
+
+
+@dataclass(frozen=True)
+class MotionFit:
+    """Errors of what is believed (true less believed), with their standard deviations."""
+
+    values: Array  # (6,) latency s, log of focal length, log of height, boresight rad (FRD)
+    sigmas: Array  # (6,)
+    assumed: tuple[bool, ...]  # (6,) that the pictures do not tell it: it was held near zero
+    pairs: int
+    before: float  # rms of what the pairs move beside their poses, px
+    after: float  # the same with the errors taken off
+    moved: float  # rms of what they move, px
+    without: tuple[float, ...]  # (4,) ``after`` with latency, focal, height, boresight left wrong
+    above_m: float  # median height above ground, as believed
+    height_sigma_m: float  # median of the poses'
+
+
+class _Scene:
+    """All pairs in arrays."""
+
+    def __init__(self, pairs: Sequence[Pair], focal_px: float) -> None:
+        self.focal_px = focal_px
+        self.pair = np.repeat(np.arange(len(pairs)), [len(one.first) for one in pairs])
+        self.counts = np.bincount(self.pair, minlength=len(pairs)).astype(float)
+        self.first = np.concatenate([one.first for one in pairs])
+        self.second = np.concatenate([one.second for one in pairs])
+        self.above_m = np.concatenate([one.above_m for one in pairs])
+        self.poses = np.stack([one.poses for one in pairs])  # (P, 2, K, 7)
+
+    def residuals(self, x: Array) -> Array:
+        """(N, 2) px: seen less foretold, with the errors ``x`` (6,) taken off."""
+        start, end = self._matrices(x)
+        scale = np.exp(x[FOCAL])
+        rays = np.append(self.first / scale, np.ones((len(self.first), 1)), axis=1)
+        turn = np.swapaxes(end[0], 1, 2) @ start[0]
+        shift = np.einsum("pji,pj->pi", end[0], end[1] - start[1])
+        down = np.einsum("ni,ni->n", start[0][self.pair, 2], rays)
+        nearness = np.maximum(down, 0.0) / (self.above_m * np.exp(x[HEIGHT]))
+        seen = np.einsum("nij,nj->ni", turn[self.pair], rays)
+        seen -= shift[self.pair] * nearness[:, None]
+        foretold = seen[:, :2] / np.maximum(seen[:, 2:], 0.1) * scale
+        return np.asarray((self.second - foretold) * self.focal_px)
+
+    def _matrices(self, x: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """``R_nc`` (P, 3, 3) and positions (P, 3) of both pictures."""
+        # a latency larger than believed: exposed earlier
+        place = np.clip((-x[LATENCY] - OFFSETS_S[0]) / STEP_S, 0, len(OFFSETS_S) - 1.001)
+        low = int(place)
+        pose = self.poses[:, :, low] * (low + 1 - place) + self.poses[:, :, low + 1] * (
+            place - low
+        )
+        q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+        askew = matrix_from_rotvec(BODY_OPTICAL.T @ x[BORESIGHT])
+        rotations = matrix_from_quat(q) @ askew
+        return (rotations[:, 0], pose[:, 0, :3]), (rotations[:, 1], pose[:, 1, :3])
+
+    def means(self, values: Array) -> Array:
+        """(N, ...) to (P, ...): the means of the pairs."""
+        total = np.zeros((len(self.counts), *values.shape[1:]))
+        np.add.at(total, self.pair, values)
+        return np.asarray(total / self.counts.reshape(-1, *[1] * (values.ndim - 1)))
+
+    def pair_rms(self, residuals: Array) -> float:
+        """Of the pairs' means, px."""
+        return float(np.sqrt((self.means(residuals) ** 2).sum(1).mean()))
+
+
+def fit_motion(
+    pairs: Sequence[Pair], focal_px: float, before: MotionFit | None = None
+) -> MotionFit:
+    """Fit the errors to some pairs, ten or more; begun where the fit ``before`` has ended."""
+    scene = _Scene(pairs, focal_px)
+    starts = [np.zeros(6), *([before.values] if before else [])]
+    start = min(starts, key=lambda x: _cost(scene, x, _LOOSE))
+    if _cost(scene, start, _LOOSE) > _FITS_PX:
+        start = _searched(scene)
+    values, sigmas = _fitted(scene, start, _LOOSE)
+    assumed = sigmas > _TOLD * _TIGHT
+    assumed[HEIGHT] = False
+    if assumed.any():
+        start = np.where(assumed, 0.0, values)
+        values, sigmas = _fitted(scene, start, np.where(assumed, _TIGHT, _LOOSE))
+    return MotionFit(
+        values,
+        sigmas,
+        tuple(assumed.tolist()),
+        len(pairs),
+        scene.pair_rms(scene.residuals(np.zeros(6))),
+        scene.pair_rms(scene.residuals(values)),
+        scene.pair_rms((scene.second - scene.first) * focal_px),
+        tuple(_left_wrong(scene, values, one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
+        float(np.median(scene.above_m)),
+        float(np.median([one.height_sigma_m for one in pairs])),
+    )
+
+
+def _left_wrong(scene: _Scene, values: Array, one: int | slice) -> float:
+    x = values.copy()
+    x[one] = 0.0
+    return scene.pair_rms(scene.residuals(x))
+
+
+def _searched(scene: _Scene) -> Array:
+    """(6,) errors near the best ones: one after another is looked for on its own, twice."""
+    x = np.zeros(6)
+    for _ in range(2):
+        for one, grid in enumerate(_GRIDS):
+            places = [np.where(np.arange(6) == one, value, x) for value in grid]
+            x = min([x, *places], key=lambda place: _cost(scene, place, _LOOSE))
+    return x
+
+
+def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
+    """The errors and their standard deviations, begun at ``x``; ``prior`` is that of zero."""
+    for _ in range(_MOST_STEPS):
+        residuals = scene.residuals(x)
+        slopes = np.stack(
+            [(residuals - scene.residuals(x + step)) / step.sum() for step in np.diag(_STEPS)],
+            axis=-1,
+        )
+        normal, blocks = _normal_equations(scene, residuals, slopes)
+        inverse = np.linalg.inv(normal + np.diag(prior**-2))
+        step = inverse @ (blocks.sum(0) - x / prior**2)
+        step *= min(1.0, float((_LARGEST_STEP / np.maximum(np.abs(step), 1e-12)).min()))
+        better = _better(scene, x, step, prior)
+        if better is None:
+            break
+        x = better
+    spread = blocks.T @ blocks + np.diag(prior**-2)
+    covariance = inverse @ spread @ inverse
+    return x, np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
+
+
+def _better(scene: _Scene, x: Array, step: Array, prior: Array) -> Array | None:
+    """The place a step away, or a part of one, where the residuals are smaller; else None."""
+    if (np.abs(step) < 0.1 * _STEPS).all():
+        return None
+    best = _cost(scene, x, prior)
+    for share in _SHARES:
+        there = x + share * step
+        there[LATENCY] = np.clip(there[LATENCY], -REACH_S, REACH_S)
+        if _cost(scene, there, prior) < best:
+            return there
+    return None
+
+
+def _cost(scene: _Scene, x: Array, prior: Array) -> float:
+    """Robust: the pairs' mean and the points' mean distance, px."""
+    residuals = scene.residuals(x)
+    sizes = np.linalg.norm(scene.means(residuals), axis=1).mean()
+    return float(sizes + np.abs(residuals).mean() + 1e-3 * ((x / prior) ** 2).sum())
+
+
+def _normal_equations(scene: _Scene, residuals: Array, slopes: Array) -> tuple[Array, Array]:
+    """(6, 6) information, and (P, 6) what each pair pulls the errors by."""
+    mean, mean_slopes = scene.means(residuals), scene.means(slopes)
+    rest = residuals - mean[scene.pair]
+    rest_slopes = slopes - mean_slopes[scene.pair]
+    normal = np.zeros((6, 6))
+    blocks = np.zeros((len(mean), 6))
+    for part, slope, pair in (
+        (mean, mean_slopes, np.arange(len(mean))),
+        (rest, rest_slopes, scene.pair),
+    ):
+        weight = _weights(part)
+        normal += np.einsum("n,nij,nik->jk", weight, slope, slope)
+        np.add.at(blocks, pair, np.einsum("n,ni,nij->nj", weight, part, slope))
+    return normal, blocks
+
+
+def _weights(residuals: Array) -> Array:
+    """(N,) over the variance of a coordinate, less where a residual stands out (Huber)."""
+    size = np.linalg.norm(residuals, axis=1)
+    sigma = max(float(np.median(size)) / 1.18, _LEAST_PX)  # Rayleigh's median
+    return np.asarray(np.minimum(1.0, _HUBER * sigma / np.maximum(size, 1e-12)) / sigma**2)

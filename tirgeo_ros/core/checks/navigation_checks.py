@@ -1,0 +1,150 @@
+"""What is wrong with the filter's inputs and the parameters that belong to them.
+
+Samples are taken as they come, before the filter's own checks refuse any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from tirgeo_ros.core.checks.covariance_checks import CovarianceChecks
+from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.checks.force_checks import ForceChecks
+from tirgeo_ros.core.checks.gyro_checks import GyroChecks
+from tirgeo_ros.core.checks.heading_checks import HeadingChecks
+from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
+from tirgeo_ros.core.checks.lever_checks import LeverChecks
+from tirgeo_ros.core.checks.position_checks import PositionChecks
+from tirgeo_ros.core.checks.rate_checks import RateChecks, longest_step_s
+from tirgeo_ros.core.checks.stamp_checks import StampChecks
+from tirgeo_ros.core.checks.streams import Stream
+from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
+from tirgeo_ros.core.checks.vibration_checks import VibrationChecks
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.samples import (
+    Array,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    NavigationInput,
+    NavSolution,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.core.validity import fault_of
+
+_IMU = "imu/data"
+#: A clock set back by more is another recording: all begins again.
+_BACK_NS = 10_000_000_000
+
+
+class NavigationChecks:
+    """Takes the filter's inputs in their order of arrival, and what it publishes.
+
+    ``given`` are the parameters that somebody set (``aircraft.rtk_antenna_m``); None: not known.
+    """
+
+    def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
+        self._config, self._given = config, given
+        self._begin()
+
+    def _begin(self) -> None:
+        config = self._config
+        self._streams: dict[str, Stream] = {}
+        self._arrived_ns = 0
+        self._blocks = ImuBlocks()
+        self._force, self._gyro = ForceChecks(config.aircraft), GyroChecks(config.aircraft)
+        self._vibration = VibrationChecks(config.imu)
+        self._heading = HeadingChecks(config)
+        self._positions = PositionChecks(config)
+        self._stamps, self._rates = StampChecks(config), RateChecks(config)
+        self._covariances = CovarianceChecks(config)
+        self._velocities = {
+            Source.RTK_VELOCITY: VelocityChecks("rtk/vel", "rtk/fix"),
+            Source.GPS_VELOCITY: VelocityChecks("gps/vel", "gps/fix"),
+        }
+        self._levers = LeverChecks(config, self._given)
+        self._plane: TangentPlane | None = None
+
+    def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
+        """Take a sample of a topic (``rtk/fix``), as it came."""
+        if arrival_ns < self._arrived_ns - _BACK_NS:
+            self._begin()
+        if not self._arrived_ns:
+            self._rates.begin(arrival_ns)
+        self._arrived_ns = arrival_ns
+        stream = self._streams.get(topic)
+        if stream is None:
+            stream = self._streams[topic] = Stream(longest_step_s(topic, self._config))
+        stream.add(sample.stamp_ns, arrival_ns)
+        if isinstance(sample, ImuSample):
+            self._imu(sample)
+            return
+        if _IMU in self._streams:
+            self._stamps.take(topic, stream, self._streams[_IMU])
+        self._aid(topic, sample)
+
+    def solution(self, solution: NavSolution) -> None:
+        """Take what the filter publishes."""
+        self._levers.solution(solution)
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong by all that came, the worst first."""
+        gyro = self._gyro.findings()
+        units = [*self._force.findings(), *gyro]
+        found = [
+            *units,
+            *([] if gyro else self._heading.findings()),  # it is compared with them
+            *self._positions.findings(),
+            *(one for check in self._velocities.values() for one in check.findings()),
+            *self._stamps.findings(self._streams),
+            *self._rates.findings(self._streams, self._arrived_ns),
+            *self._covariances.findings(),
+            *([] if units else self._vibration.findings()),  # it is measured in their units
+        ]
+        if not any(one.severity is Severity.STOP for one in found):  # it believes all of them
+            found += self._levers.findings(self._streams)
+        return sorted_findings(found)
+
+    def _imu(self, sample: ImuSample) -> None:
+        self._vibration.add(sample)
+        block = self._blocks.add(sample)
+        if block is not None:
+            self._force.block(block)
+            self._gyro.block(block)
+            self._heading.block(block)
+            self._levers.block(block)
+
+    def _aid(self, topic: str, sample: PositionSample | VelocitySample | HeadingSample) -> None:
+        self._covariances.take(topic, sample)
+        if isinstance(sample, HeadingSample):
+            self._heading.heading(sample)
+        elif isinstance(sample, VelocitySample):
+            if fault_of(sample):
+                return
+            self._velocities[sample.source].velocity(sample)
+            if sample.source is Source.RTK_VELOCITY:
+                self._heading.velocity(sample)
+                self._levers.velocity(sample.stamp_ns, sample.velocity_n)
+        else:
+            self._position(sample)
+
+    def _position(self, sample: PositionSample) -> None:
+        self._positions.position(sample)
+        if sample.status is FixStatus.NONE or fault_of(sample):
+            return
+        position_n = self._planar(sample)
+        rtk = sample.source is Source.RTK_POSITION
+        velocity = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
+        self._velocities[velocity].position(sample.stamp_ns, position_n)
+        if rtk and sample.status is FixStatus.FIXED:
+            self._levers.position(sample.stamp_ns, position_n)
+
+    def _planar(self, sample: PositionSample) -> Array:
+        """(3,) NED m in the plane of the first position."""
+        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
+        if self._plane is None:
+            self._plane = TangentPlane(*place)
+        return self._plane.ned_from_geodetic(*place)

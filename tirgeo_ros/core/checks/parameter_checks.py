@@ -1,0 +1,55 @@
+"""What is wrong with the parameters as they are given, whatever the flight says."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checks.finding import Finding, Severity
+
+#: Without any of these, nobody has told what the aircraft looks like.
+_GROUND = ("ground_height_m", "dem")
+
+
+def parameter_findings(
+    given: Collection[str], unused: Sequence[str], namespace: str, *, pictures: bool
+) -> list[Finding]:
+    """Return what is wrong with parameters: names of those ``given``, sections of no node here.
+
+    ``pictures``: the flight has some, or a gimbal.
+    """
+    found = []
+    if unused:
+        where = f"/{namespace.strip('/')}" if namespace.strip("/") else "no namespace"
+        evidence = f"sections of parameters for no node of this flight ({where}): "
+        mend = "give the --namespace of that aircraft, or begin the section with /**/"
+        finding = Finding(
+            "parameters_elsewhere",
+            Severity.CAUTION,
+            evidence + ", ".join(unused),
+            "--params",
+            mend,
+        )
+        found.append(finding)
+    own = [name for name in given if name not in ("camera", "method", *_GROUND)]
+    if pictures and not own:
+        ground = "" if any(name in given for name in _GROUND) else ", no height of the ground"
+        finding = Finding(
+            "no_parameters",
+            Severity.CAUTION,
+            f"no parameter is given: all lever arms and the boresight are 0{ground}",
+            "--params",
+            "give the aircraft's parameters (config/m600_xt2.yaml is one to begin with)",
+        )
+        found.append(finding)
+    return found
+
+
+def size_fault(camera: Camera, width: int, height: int) -> str:
+    """Return why a calibration is not that of a picture; empty where the sizes are the same."""
+    if (camera.width, camera.height) == (width, height):
+        return ""
+    return (
+        f"the calibration is of {camera.width}x{camera.height} pixels and the pictures have "
+        f"{width}x{height}"
+    )

@@ -1,0 +1,133 @@
+"""All that pictures, lens, camera poses and ground say of the set-up, seen together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import numpy.typing as npt
+
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.frame_stamps import FrameStamps
+from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
+from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
+from tirgeo_ros.core.checks.motion_findings import motion_findings
+from tirgeo_ros.core.checks.picture_motion import PictureMotion
+from tirgeo_ros.core.checks.picture_tracks import PictureTracker
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.samples import BodyPose, CameraPose
+from tirgeo_ros.core.validity import pose_fault
+
+_FEWEST = 20  # pairs of pictures, eight seconds
+_FROZEN = 0.9  # of them
+
+
+class PictureChecks:
+    """Frames and poses in, as the overlay has them; findings out, at any time.
+
+    ``ground`` is what lies under the map, None where nothing says it; ``given`` are the
+    parameters of overlay_node that somebody set, None where that is not known. A frame costs 3 ms
+    two or three times a second, next to nothing else; a fit, every eight seconds, 20 to 60 ms.
+    """
+
+    def __init__(
+        self,
+        config: OverlayConfig,
+        ground: Ground | None,
+        given: Collection[str] | None = None,
+    ) -> None:
+        self._latency_s = config.video_latency_s
+        self._default = given is not None and "video_latency_s" not in given
+        self._lens = "overlay_node camera" if config.camera else "thermal/camera_info"
+        self._ground = ground_parameter(ground)
+        self._camera: Camera | None = None
+        self._heights = HeightChecks(ground)
+        self._bodies = False
+        self._stamps = FrameStamps()
+        self._tracker = PictureTracker()
+        self._motion = PictureMotion(config.video_latency_s, ground)
+        self._size: tuple[int, int] | None = None  # of a picture that does not fit the lens
+
+    @property
+    def above_ground_m(self) -> float:
+        """Height of the camera (of the body where its poses come) above ground; nan: unknown."""
+        return self._heights.above_m
+
+    def camera(self, camera: Camera) -> None:
+        """Take the calibration."""
+        if camera != self._camera:
+            self._camera = self._motion.camera = camera
+            self._motion.forget()
+            self._size = None
+
+    def plane(self, plane: TangentPlane) -> None:
+        """Take the plane of the poses."""
+        if plane != self._motion.plane:
+            self._motion.plane = self._heights.plane = plane
+            self._motion.forget()
+
+    def body(self, pose: BodyPose) -> None:
+        """Take a pose of the body, where they are at hand: heights are then the body's."""
+        self._bodies = True
+        self._heights.pose(pose)
+
+    def pose(self, pose: CameraPose) -> None:
+        """Take a pose of the camera, in order of time."""
+        if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
+            return
+        self._stamps.pose(pose.stamp_ns)
+        if not self._bodies:
+            self._heights.pose(pose)
+        self._motion.pose(pose)
+
+    def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
+        """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
+        height, width = pixels.shape[:2]
+        self._stamps.frame(stamp_ns, (width, height), arrival_ns)
+        camera = self._camera
+        if camera is not None and (width, height) != (camera.width, camera.height):
+            self._size = width, height
+            return
+        tracks = self._tracker.take(stamp_ns or arrival_ns, pixels)
+        if tracks is not None:
+            self._motion.tracks(tracks)
+
+    def findings(self) -> list[Finding]:
+        """Return what was found up to now."""
+        found = [*self._heights.findings(), *self._stamps.findings()]
+        if self._camera is not None:
+            found += lens_findings(self._camera, self._lens)
+            if self._size is not None:
+                different = size_finding(self._camera, self._size, self._lens)
+                found += [different] if different else []
+            found += self._motion_findings(self._camera)
+        tracker = self._tracker
+        if tracker.pairs >= _FEWEST and tracker.frozen > _FROZEN * tracker.pairs:
+            found.append(_frozen(tracker.frozen, tracker.pairs))
+        if self._default and tracker.pairs:
+            found.append(_default_latency(self._latency_s))
+        return found
+
+    def _motion_findings(self, camera: Camera) -> list[Finding]:
+        fit = self._motion.fit()
+        if fit is None:
+            return []
+        ground = self._ground if self._motion.knows_ground else ""
+        return motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
+
+
+def _frozen(frozen: int, pairs: int) -> Finding:
+    evidence = f"{frozen} of {pairs} pictures are the same as the one before, bit by bit"
+    mend = "see that the video is live and not the last picture again and again"
+    return Finding("pictures_frozen", Severity.CAUTION, evidence, "thermal/image_raw", mend)
+
+
+def _default_latency(latency_s: float) -> Finding:
+    evidence = f"latency of the video at its default, {latency_s:g} s"
+    mend = "measure it with tirgeo calibrate boresight, and set it"
+    return Finding(
+        "latency_default", Severity.NOTE, evidence, "overlay_node video_latency_s", mend
+    )

@@ -1,0 +1,165 @@
+"""Pairs of pictures with the camera's poses around them, and what they say of the set-up."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from tirgeo_ros.core.attitude import matrix_from_quat
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checks.motion_fit import (
+    OFFSETS_S,
+    MotionFit,
+    Pair,
+    fit_motion,
+)
+from tirgeo_ros.core.checks.picture_tracks import Tracks
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.locating import Ground
+from tirgeo_ros.core.samples import Array, CameraPose
+from tirgeo_ros.core.terrain import Terrain
+
+#: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
+_KEPT = 48
+_TURNS_PX = 8.0
+_FEWEST, _NEW = 16, 20  # pairs for a fit, and for the next one
+_LONGEST_GAP_S = 0.1  # between poses
+#: Poses are means over this, so that their noise is the same at all instants: a time at which it
+#: were less would look like the right one.
+_MEAN_S = 0.08
+_WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
+_POSES_S = 2.0  # are kept
+#: Variance of an attitude that may be far off, and so turn as nothing turns: a filter's heading
+#: before it has seen headings, or accelerations.
+_LARGEST_RAD2 = math.radians(3.0) ** 2
+_WAITING = 8  # pairs, at most
+_LEAST_ABOVE_M = 1.0
+_UNKNOWN_M = 50.0  # above ground, where nothing says it: the fit then finds it
+_FLATTEST = 0.2  # of a ray, downwards: terrain is looked up no further away
+_STEPS = 3  # to a ray's place on terrain
+
+
+class PictureMotion:
+    """Tracks and poses in, fits out."""
+
+    def __init__(self, latency_s: float, ground: Ground | None) -> None:
+        self.plane: TangentPlane | None = None
+        self.camera: Camera | None = None
+        self._latency_ns = round(latency_s * 1e9)
+        unknown = isinstance(ground, float) and math.isnan(ground)
+        self._ground = None if unknown else ground
+        self._poses: deque[tuple[float, ...]] = deque()
+        self._newest_ns: int | None = None
+        self._height_sigma_m = 0.0
+        self._waiting: deque[Tracks] = deque(maxlen=_WAITING)
+        self._turning: deque[Pair] = deque(maxlen=_KEPT)
+        self._straight: deque[Pair] = deque(maxlen=_KEPT)
+        self._new = 0
+        self._fit: MotionFit | None = None
+
+    @property
+    def knows_ground(self) -> bool:
+        """Whether heights of the ground are given, so that they may be wrong."""
+        return self._ground is not None
+
+    def forget(self) -> None:
+        """Forget all that was seen: the plane or the camera has changed."""
+        for one in (self._poses, self._waiting, self._turning, self._straight):
+            one.clear()
+        self._newest_ns, self._new, self._fit = None, 0, None
+
+    def pose(self, pose: CameraPose) -> None:
+        """Take a pose, in order of time."""
+        if self._newest_ns is not None and pose.stamp_ns <= self._newest_ns:
+            if pose.stamp_ns == self._newest_ns:
+                return
+            self._poses.clear()
+        self._newest_ns = pose.stamp_ns
+        if float(pose.covariance.diagonal()[3:].max()) > _LARGEST_RAD2:
+            self._poses.clear()
+            return
+        self._height_sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
+        self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
+        while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9:
+            self._poses.popleft()
+        waiting = self._waiting
+        while waiting and waiting[0].second_ns - self._latency_ns + _WAIT_NS <= pose.stamp_ns:
+            self._pair(waiting.popleft())
+
+    def tracks(self, tracks: Tracks) -> None:
+        """Take tracks, which wait for the poses after them."""
+        self._waiting.append(tracks)
+
+    def _pair(self, tracks: Tracks) -> None:
+        camera, plane = self.camera, self.plane
+        if camera is None or plane is None:
+            return
+        poses = self._poses_around(tracks)
+        first, second = camera.rays(tracks.first)[:, :2], camera.rays(tracks.second)[:, :2]
+        good = np.isfinite(first).all(1) & np.isfinite(second).all(1)
+        if poses is None or not good.any():
+            return
+        first, second = first[good], second[good]
+        above_m = self._above_m(plane, poses[0, len(OFFSETS_S) // 2], first)
+        if not (above_m > _LEAST_ABOVE_M).all():
+            return
+        pair = Pair(first, second, above_m, poses, self._height_sigma_m)
+        turns = np.linalg.norm(np.median(second - first, axis=0)) * camera.fx > _TURNS_PX
+        (self._turning if turns else self._straight).append(pair)
+        self._new += 1
+
+    def _poses_around(self, tracks: Tracks) -> Array | None:
+        """(2, K, 7) at OFFSETS_S from both exposures; None where poses are missing."""
+        rows = np.array(self._poses)
+        stamps_ns = (tracks.first_ns, tracks.second_ns)
+        starts_s = [(ns - self._latency_ns - rows[0, 0]) * 1e-9 for ns in stamps_ns]
+        times_s = (rows[:, 0] - rows[0, 0]) * 1e-9
+        wanted_s = np.add.outer(starts_s, OFFSETS_S)
+        begin_s, end_s = wanted_s.min() - _MEAN_S / 2, wanted_s.max() + _MEAN_S / 2
+        used = (times_s > begin_s - _LONGEST_GAP_S) & (times_s < end_s)
+        gaps = np.diff(times_s[used])
+        if begin_s < times_s[0] or not gaps.size or gaps.max() > _LONGEST_GAP_S:
+            return None
+        signs = np.sign(np.einsum("ij,ij->i", rows[1:, 4:], rows[:-1, 4:]))
+        rows[1:, 4:] *= np.cumprod(np.where(signs < 0, -1.0, 1.0))[:, None]
+        return _means(times_s, rows[:, 1:], wanted_s)
+
+    def _above_m(self, plane: TangentPlane, pose: Array, rays: Array) -> Array:
+        """(N,) height of the camera above the ground where rays (N, 2) meet it; nan beside it."""
+        ground = self._ground
+        if ground is None:
+            return np.full(len(rays), _UNKNOWN_M)
+        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
+        if not isinstance(ground, Terrain):
+            return np.full(len(rays), float(height_m) - ground)
+        above_m = np.full(len(rays), float(height_m - ground.height_m(latitude, longitude)))
+        q = pose[3:] / np.linalg.norm(pose[3:])
+        rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ matrix_from_quat(q).T
+        flat = np.maximum(rays_n[:, 2:], _FLATTEST)  # so that a glance at the sky stays near
+        for _ in range(_STEPS):
+            hits = pose[:3] + rays_n / flat * above_m[:, None]
+            latitude, longitude, _ = plane.geodetic_from_ned(hits)
+            above_m = height_m - ground.height_m(latitude, longitude)
+        return np.asarray(above_m)
+
+    def fit(self) -> MotionFit | None:
+        """The newest fit; None before enough was seen."""
+        pairs = [*self._turning, *self._straight]
+        due = len(pairs) >= _FEWEST and self._new >= (_NEW if self._fit else 1)
+        if due and self.camera is not None:
+            self._fit = fit_motion(pairs, self.camera.fx, self._fit)
+            self._new = 0
+        return self._fit
+
+
+def _means(times_s: Array, values: Array, wanted_s: Array) -> Array:
+    """Means over _MEAN_S of columns ``values`` (N, C) about instants of any shape: (..., C)."""
+    areas = 0.5 * np.diff(times_s)[:, None] * (values[1:] + values[:-1])
+    summed = np.append(np.zeros((1, values.shape[1])), np.cumsum(areas, axis=0), axis=0)
+    ends = wanted_s + 0.5 * _MEAN_S, wanted_s - 0.5 * _MEAN_S
+    after, before = (
+        np.stack([np.interp(end, times_s, column) for column in summed.T], axis=-1) for end in ends
+    )
+    return np.asarray((after - before) / _MEAN_S)

@@ -1,0 +1,129 @@
+"""Points of the scene followed from one picture to the next, a few times a second.
+
+Small pictures serve: a shift of a quarter of a pixel in them is seen. What burns into the picture
+(a crosshair, dead pixels) stays where it is and is left out where the scene moves.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.samples import Array
+
+Grey = npt.NDArray[np.uint8]
+
+_EVERY_NS = 400_000_000
+#: Between the two pictures of a pair: enough to move, not too much to be found again.
+_SHORTEST_NS, _LONGEST_NS = 80_000_000, 350_000_000
+_WIDTH = 360  # of the small picture, at most
+_SMALLEST = 32  # px, of its height or width
+_POINTS, _FEWEST = 14, 6
+_QUALITY = 0.05
+_WINDOW = (15, 15)
+_LEVELS = 3
+_COMES_BACK = 0.3  # px of the small picture, followed there and back
+_STANDS, _MOVES = 0.25, 1.5  # px of the small picture
+_LEAST_SPAN = 16.0  # of a 16-bit picture, as for showing it
+_LEAST_CONTRAST = 2.0  # grey levels
+
+
+class Tracks(NamedTuple):
+    """Points in two pictures."""
+
+    first_ns: int
+    second_ns: int
+    first: Array  # (N, 2) column, row in the whole picture
+    second: Array  # (N, 2)
+
+
+class _Small(NamedTuple):
+    stamp_ns: int
+    grey: Grey
+    scale: int
+    ends: tuple[float, float] | None  # between which a 16-bit picture was stretched
+
+
+class PictureTracker:
+    """Frames in, tracks out where a pair is complete. ``frozen`` counts pairs that are equal."""
+
+    def __init__(self) -> None:
+        self.pairs = self.frozen = 0
+        self._first: _Small | None = None
+        self._begun_ns: int | None = None
+
+    def take(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Tracks | None:
+        """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
+        first = self._first
+        if first is not None:
+            apart_ns = stamp_ns - first.stamp_ns
+            if 0 < apart_ns < _SHORTEST_NS:
+                return None
+            self._first = None
+            if 0 < apart_ns <= _LONGEST_NS:
+                return self._tracks(first, _small(stamp_ns, pixels, first.ends))
+        if self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS:
+            self._first = _small(stamp_ns, pixels, None)
+            self._begun_ns = stamp_ns
+        return None
+
+    def _tracks(self, first: _Small, second: _Small) -> Tracks | None:
+        if first.grey.shape != second.grey.shape or min(first.grey.shape) < _SMALLEST:
+            return None
+        if first.grey.std() < _LEAST_CONTRAST:
+            return None
+        self.pairs += 1
+        if np.array_equal(first.grey, second.grey):
+            self.frozen += 1
+            return None
+        found = _followed(first.grey, second.grey)
+        if found is None:
+            return None
+        middle = 0.5 * (first.scale - 1)  # of a small pixel in the whole picture
+        start, end = (points * first.scale + middle for points in found)
+        return Tracks(first.stamp_ns, second.stamp_ns, start, end)
+
+
+def _small(stamp_ns: int, pixels: npt.NDArray[Any], ends: tuple[float, float] | None) -> _Small:
+    """The frame as a small grey picture; each of its pixels is a mean of ``scale`` squared."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., 1]
+    scale = -(-pixels.shape[1] // _WIDTH)
+    size = (max(pixels.shape[1] // scale, 1), max(pixels.shape[0] // scale, 1))
+    part = pixels[: size[1] * scale, : size[0] * scale]
+    small = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+    if small.dtype == np.uint16:
+        if ends is None:
+            low, high = np.percentile(small, (1.0, 99.0))
+            ends = float(low), float(max(high, low + _LEAST_SPAN))
+        small = np.clip((small - ends[0]) * (255.0 / (ends[1] - ends[0])), 0, 255)
+    return _Small(stamp_ns, np.asarray(small, np.uint8), scale, ends)
+
+
+def _lucas_kanade(first: Grey, second: Grey, points: Any) -> tuple[Any, Any]:
+    """Where points (N, 1, 2) have gone, and (N, 1) whether they were found."""
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        first, second, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
+    )
+    return there, found
+
+
+def _followed(first: Grey, second: Grey) -> tuple[Array, Array] | None:
+    """Points (N, 2) of two small pictures; None where too few can be followed."""
+    apart = max(first.shape) / 9
+    points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, apart)
+    if points is None or len(points) < _FEWEST:
+        return None
+    there, found = _lucas_kanade(first, second, points)
+    back, again = _lucas_kanade(second, first, there)
+    good = (found & again)[:, 0] > 0
+    good &= np.abs(back - points).max(axis=(1, 2)) < _COMES_BACK
+    way = np.linalg.norm(there - points, axis=(1, 2))
+    if good.any() and np.median(way[good]) > _MOVES:
+        good &= way > _STANDS
+    if good.sum() < _FEWEST:
+        return None
+    return points[good, 0].astype(float), there[good, 0].astype(float)

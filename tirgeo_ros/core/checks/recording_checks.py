@@ -1,0 +1,165 @@
+"""What is wrong with a recording before a message of it is read: topics, types, names, damage."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.samples import NavigationStatus
+
+_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+_GIMBAL = ("gimbal/joint_states", "gimbal/attitude")
+_CAMERA_INFO = "thermal/camera_info"
+_POSITIONS = ("rtk/fix", "gps/fix")
+_UNREADABLE_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a bag holds, beside what it should hold."""
+
+    topics: Mapping[str, str]  # of the bag: name to type
+    contract: Mapping[str, str]  # topic to type, of the inputs, without a namespace
+    namespace: str = ""
+    has_camera: bool = False  # a calibration is given in place of thermal/camera_info
+    has_map: bool = False
+    wants_pictures: bool = True  # something is to be drawn
+
+    def name(self, topic: str) -> str:
+        """Return the name of a contract topic in the bag."""
+        space = self.namespace.strip("/")
+        return f"/{space}/{topic}" if space else f"/{topic}"
+
+    @property
+    def there(self) -> set[str]:
+        """Return the contract topics that are there, each of its type."""
+        names = self.contract.items()
+        return {topic for topic, kind in names if self.topics.get(self.name(topic)) == kind}
+
+    @property
+    def elsewhere(self) -> dict[str, list[str]]:
+        """Return namespaces that are not the one asked for, each with the topics under it."""
+        found: dict[str, list[str]] = {}
+        for name, kind in self.topics.items():
+            for topic, wanted in self.contract.items():
+                space = name.removesuffix(f"/{topic}").strip("/")
+                if name.endswith(f"/{topic}") and kind == wanted and name != self.name(topic):
+                    found.setdefault(space, []).append(topic)
+        return found
+
+
+def recording_findings(recording: Recording) -> list[Finding]:
+    """Return what is wrong with a bag as a whole."""
+    namespace = _namespace(recording)
+    if namespace is not None:
+        return [namespace]  # all else follows from it
+    missed = [topics for topics in _needed(recording) if not recording.there.intersection(topics)]
+    types = _wrong_types(recording, {topic for topics in missed for topic in topics})
+    wrong = {finding.parameter for finding in types}
+    absent = [_absent(recording, topics) for topics in missed if not wrong.intersection(topics)]
+    return [*types, *absent, *_no_pictures(recording, wrong)]
+
+
+def damage_findings(damage: str | None) -> list[Finding]:
+    """Return what could not be read of a bag, where that is not None."""
+    if damage is None:
+        return []
+    mend = "record again, or use what is left: gaps in it restart the filter"
+    return [Finding("damaged_bag", Severity.CAUTION, damage, "IN.mcap", mend)]
+
+
+def _namespace(recording: Recording) -> Finding | None:
+    """Return that the flight is under another namespace; None where it is under this one."""
+    if any(recording.name(topic) in recording.topics for topic in recording.contract):
+        return None
+    spaces = recording.elsewhere
+    if not spaces:
+        return None
+    space = max(spaces, key=lambda name: len(spaces[name]))
+    where = f"under /{space} are {len(spaces[space])} of its topics"
+    here = f"no input topic under {recording.name('')}"
+    mend = f"did you mean --namespace {space or '/'}?"
+    return Finding("namespace", Severity.STOP, f"{here}; {where}", "--namespace", mend)
+
+
+def _needed(recording: Recording) -> list[tuple[str, ...]]:
+    """Return what must be there; of several topics, one is enough."""
+    needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
+    if recording.there.intersection(_PICTURES):
+        needed.append(_GIMBAL)
+        needed += [] if recording.has_camera else [(_CAMERA_INFO,)]
+    return needed
+
+
+def _wrong_types(recording: Recording, missed: Collection[str]) -> list[Finding]:
+    found = []
+    for topic, wanted in recording.contract.items():
+        name = recording.name(topic)
+        kind = recording.topics.get(name, wanted)
+        if kind != wanted:
+            severity = Severity.STOP if topic in missed else Severity.CAUTION
+            evidence = f"{name} is a {kind or 'message of no type'}, and should be a {wanted}"
+            check, mend = f"type_of_{topic.replace('/', '_')}", "convert or remap the driver's"
+            found.append(Finding(check, severity, evidence, topic, f"{mend} topic"))
+    return found
+
+
+def _absent(recording: Recording, topics: Sequence[str]) -> Finding:
+    names = " nor ".join(map(recording.name, topics))
+    near = [
+        f"/{space}/{topic}".replace("//", "/")
+        for space, found in recording.elsewhere.items()
+        for topic in found
+        if topic in topics
+    ]
+    hint = f" (there is {', '.join(near)})" if near else ""
+    mend = "record it, or give --namespace or a remapping" if near else "record it"
+    if _CAMERA_INFO in topics:
+        mend += ", or give its calibration with --camera"
+    check = f"no_{topics[0].replace('/', '_')}"
+    evidence = f"the bag has {'neither ' if len(topics) > 1 else 'no '}{names}{hint}"
+    return Finding(check, Severity.STOP, evidence, " or ".join(topics), mend)
+
+
+def _no_pictures(recording: Recording, wrong: set[str]) -> list[Finding]:
+    """Return that nothing can be drawn on: a fault with a map, odd beside a camera."""
+    seen = recording.there.intersection(_PICTURES) or wrong.intersection(_PICTURES)
+    if seen or not recording.wants_pictures:
+        return []
+    odd = recording.there.intersection((_CAMERA_INFO, *_GIMBAL))
+    severity = Severity.CAUTION if odd else Severity.NOTE
+    severity = Severity.STOP if recording.has_map else severity
+    evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
+    mend = "record the camera's topic; poses alone need no picture"
+    return [Finding("no_pictures", severity, evidence, "thermal/image_raw", mend)]
+
+
+def unreadable_findings(
+    read: Mapping[str, int], refused: Mapping[str, int], reasons: Mapping[str, str]
+) -> list[Finding]:
+    """Return the topics with messages that hold nothing usable, with the newest reason.
+
+    ``read`` and ``refused`` are numbers of messages by topic. Some few are what a link loses.
+    """
+    found = []
+    for topic, number in refused.items():
+        total = number + read.get(topic, 0)
+        if number < max(_UNREADABLE_SHARE * total, 2) and number < total:
+            continue
+        severity = Severity.CAUTION if read.get(topic) else Severity.STOP
+        evidence = f"{number} of {total} messages of {topic} cannot be used: {reasons[topic]}"
+        check = f"unreadable_{topic.replace('/', '_')}"
+        found.append(Finding(check, severity, evidence, topic, "mend what publishes it"))
+    return found
+
+
+def no_pose_findings(status: NavigationStatus) -> list[Finding]:
+    """Return that a whole flight gave no pose."""
+    why = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
+    refused = {key: n for key, n in status.counts.items() if key[1] not in ("used", "waiting")}
+    most = max(refused, key=lambda key: refused[key]) if refused else None
+    more = f"; {refused[most]} x {most[0]} {most[1]}" if most else ""
+    mend = "fly with fixes and some motion, or see the findings beside this one"
+    evidence = f"the filter made no pose: {why}{more}"
+    return [Finding("no_pose", Severity.STOP, evidence, f"ekf_node method {status.method}", mend)]

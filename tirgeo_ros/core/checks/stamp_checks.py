@@ -1,0 +1,156 @@
+"""Whether stamps are times of measurement on one clock: zero, ahead, late, jumping, drifting.
+
+The age of a sample is its arrival less its stamp. Ages of topics of one clock differ by what they
+were on the way; a topic whose stamps arrive younger than the IMU's was stamped in the future.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.streams import Stream
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.delays import Delays
+from tirgeo_ros.core.samples import Source
+
+IMU = "imu/data"
+_DELAYED = {
+    "rtk/fix": (Source.RTK_POSITION, "rtk.delay_s"),
+    "rtk/vel": (Source.RTK_VELOCITY, "rtk.delay_s"),
+    "rtk/heading": (Source.RTK_HEADING, "heading.delay_s"),
+    "gps/fix": (Source.GPS_POSITION, "gps.delay_s"),
+    "gps/vel": (Source.GPS_VELOCITY, "gps.delay_s"),
+}
+#: Seconds that must agree.
+_WINDOWS = 3
+#: Transport differs by some hundredths; at 3 m/s a tenth is 30 cm.
+_AHEAD_S = -0.1
+_STEP_S = 0.15
+_DRIFT_S = 0.1
+_LEAST_DRIFTING = 30  # seconds
+_SECOND_NS = 1_000_000_000
+#: An IMU that has been silent for longer has no age.
+_OLD_NS = 500_000_000
+
+
+class StampChecks:
+    """Compares the age of every aid with that of the IMU's newest sample, second by second."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._max_delay_s = config.max_delay_s
+        delays = Delays.from_config(config)
+        self._delay_ns = {
+            topic: delays.aid_ns[source] - delays.imu_ns for topic, (source, _) in _DELAYED.items()
+        }
+        # of each topic: when its second began, and its ages since then
+        self._second: dict[str, tuple[int, list[int]]] = {}
+        # of each topic: medians of the newest seconds, s
+        self._against: dict[str, deque[float]] = {}
+        self._first: dict[str, float] = {}
+        self._number: dict[str, int] = {}
+        self._jumped: dict[str, float] = {}
+
+    def take(self, topic: str, stream: Stream, imu: Stream) -> None:
+        """Take the newest sample of an aid, which ``stream`` has counted."""
+        if topic not in _DELAYED or stream.arrived_ns - imu.arrived_ns > _OLD_NS:
+            return
+        begin_ns, ages = self._second.setdefault(topic, (stream.arrived_ns, []))
+        if not 0 <= stream.arrived_ns - begin_ns < _SECOND_NS:
+            self._ended(topic, ages)
+            ages = []
+            self._second[topic] = stream.arrived_ns, ages
+        ages.append(stream.age_ns - imu.age_ns)
+
+    def _ended(self, topic: str, ages_ns: Sequence[int]) -> None:
+        kept = self._against.setdefault(topic, deque(maxlen=2 * _WINDOWS))
+        kept.append((statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
+        self._number[topic] = self._number.get(topic, 0) + 1
+        if len(kept) == 2 * _WINDOWS:
+            self._first.setdefault(topic, statistics.median(kept))
+            self._look_for_jump(topic, list(kept))
+
+    def _look_for_jump(self, topic: str, ages: Sequence[float]) -> None:
+        before, after = ages[:_WINDOWS], ages[_WINDOWS:]
+        apart = statistics.median(after) - statistics.median(before)
+        if max(max(a) - min(a) for a in (before, after)) < 0.3 * abs(apart) > 0.3 * _STEP_S:
+            self._jumped[topic] = apart
+            self._first[topic] = after[-1]  # a drift is counted from here
+
+    def findings(self, streams: Mapping[str, Stream]) -> list[Finding]:
+        """Return what is wrong with the stamps of ``streams``, one finding of a kind."""
+        recent = {t: list(a)[-_WINDOWS:] for t, a in self._against.items() if len(a) >= _WINDOWS}
+        ahead = {t: max(a) for t, a in recent.items() if max(a) < _AHEAD_S}
+        late = {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s}
+        changes = {
+            topic: [age - self._first[topic] for age in ages]
+            for topic, ages in recent.items()
+            if self._number[topic] >= _LEAST_DRIFTING
+        }
+        drifted = {
+            topic: statistics.median(change)
+            for topic, change in changes.items()
+            if min(change) > _DRIFT_S or max(change) < -_DRIFT_S
+        }
+        found = [*_unstamped(streams, [t for t, delay_ns in self._delay_ns.items() if delay_ns])]
+        if ahead:
+            found.append(_ahead(ahead))
+        if late:
+            found.append(_late(late, self._max_delay_s))
+        if self._jumped:
+            found.append(_apart("stamp_jump", "jumped by", self._jumped))
+        elif drifted:
+            found.append(_apart("stamp_drift", "have drifted by", drifted))
+        return found
+
+
+def _unstamped(streams: Mapping[str, Stream], delayed: Collection[str]) -> list[Finding]:
+    """Of topics whose delay is ``delayed``, it is as it should be with such a driver."""
+    counts = {t: s for t, s in streams.items() if s.unstamped >= 3}
+    if not counts:
+        return []
+    told = ", ".join(f"{t} ({s.unstamped} of {s.count})" for t, s in counts.items())
+    evidence = f"stamps are 0: {told}; the time of arrival is taken"
+    mend = "let the driver stamp with the time of measurement, or set the delay to arrival"
+    look = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
+    names = sorted({look[topic] for topic in counts if topic in look})
+    where = f"ekf_node {', '.join(names)}"
+    severity = Severity.NOTE if set(counts) <= set(delayed) else Severity.CAUTION
+    return [Finding("stamp_zero", severity, evidence, where, mend)]
+
+
+def _ahead(ages: Mapping[str, float]) -> Finding:
+    worst = min(ages, key=ages.__getitem__)
+    evidence = f"{worst} is stamped {-ages[worst]:.2f} s ahead of {IMU}{_too(ages, worst)}"
+    mend = f"stamp both with one clock, or set it to {-ages[worst]:.2f} s and more"
+    return Finding("stamp_ahead", Severity.STOP, evidence, _parameter(worst), mend)
+
+
+def _late(ages: Mapping[str, float], longest_s: float) -> Finding:
+    worst = max(ages, key=ages.__getitem__)
+    evidence = (
+        f"{worst} is stamped {ages[worst]:.2f} s behind {IMU}{_too(ages, worst)}; later than "
+        f"max_delay_s, {longest_s:g} s, is refused"
+    )
+    mend = "stamp both with one clock; where the delay is true, set max_delay_s"
+    return Finding("stamp_late", Severity.STOP, evidence, _parameter(worst), mend)
+
+
+def _apart(check: str, verb: str, changes: Mapping[str, float]) -> Finding:
+    worst = max(changes, key=lambda topic: abs(changes[topic]))
+    evidence = (
+        f"stamps of {worst} {verb} {changes[worst]:+.2f} s against {IMU}{_too(changes, worst)}"
+    )
+    mend = "stamp both with one clock, and let none be set in flight"
+    return Finding(check, Severity.CAUTION, evidence, f"{worst} header.stamp", mend)
+
+
+def _too(found: Mapping[str, float], worst: str) -> str:
+    others = [topic for topic in found if topic != worst]
+    return f" ({', '.join(others)} too)" if others else ""
+
+
+def _parameter(topic: str) -> str:
+    return f"{topic} header.stamp, ekf_node {_DELAYED[topic][1]}"

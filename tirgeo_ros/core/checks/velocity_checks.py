@@ -1,0 +1,147 @@
+"""Whether a receiver's velocity is the change of its positions: its axes, signs, unit.
+
+Ways over some seconds by positions and by velocities are compared under each exchange of axes
+that drivers make: the sums of products tell what every one of them would leave.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.samples import Array, VelocitySample
+
+_STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
+_KEPT = 1 - 1 / 60
+#: Ways that tell: of positions whose errors over a second are some decimetres at most.
+_LEAST_M_S, _LEAST_NUMBER = 1.0, 4
+#: Part of the squares that is left under a wrong and under a right explanation.
+_WRONG, _RIGHT = 0.5, 0.15
+_SCALES = {3.6: "km/h", 1.94384: "knots", 100.0: "cm/s", 3.28084: "ft/s"}
+_SCALE_ERROR = 0.15
+
+
+class _Exchange(NamedTuple):
+    name: str
+    matrix: Array  # (2, 2): north and east of the message to what they are
+    mend: str
+
+
+_NED = "send ENU: x east, y north, z up"
+_EXCHANGES = tuple(
+    _Exchange(name, np.array(matrix, float), mend)
+    for name, matrix, mend in (
+        ("as they are", ((1, 0), (0, 1)), ""),
+        ("with north and east exchanged", ((0, 1), (1, 0)), f"NED for ENU: {_NED}"),
+        ("reversed", ((-1, 0), (0, -1)), f"both horizontal signs are wrong: {_NED}"),
+        ("with east reversed", ((1, 0), (0, -1)), f"west for east: {_NED}"),
+        ("with north reversed", ((-1, 0), (0, 1)), f"south for north: {_NED}"),
+        ("turned by +90 deg", ((0, -1), (1, 0)), f"the axes are turned by 90 deg: {_NED}"),
+        ("turned by -90 deg", ((0, 1), (-1, 0)), f"the axes are turned by 90 deg: {_NED}"),
+    )
+)
+
+
+class VelocityChecks:
+    """Hears one receiver's velocities, and positions (NED m of any plane) to compare with."""
+
+    def __init__(self, topic: str, positions: str) -> None:
+        self.topic, self.positions = topic, positions
+        self._begin: tuple[int, Array] | None = None  # a position
+        self._velocities: list[tuple[int, Array]] = []  # since then
+        self._number = 0.0
+        self._across = np.zeros((2, 2))  # [by positions, by velocities], (m/s)2
+        self._squares = np.zeros(2)  # horizontal: of both
+        self._vertical = np.zeros(3)  # of positions, of velocities, of both
+
+    def velocity(self, sample: VelocitySample) -> None:
+        """Take a velocity as it came."""
+        if len(self._velocities) < 400:
+            self._velocities.append((sample.stamp_ns, sample.velocity_n))
+
+    def position(self, stamp_ns: int, position_n: Array) -> None:
+        """Take a position (3,)."""
+        if self._begin is None or not 0 < stamp_ns - self._begin[0] < _LONGEST_NS:
+            self._restart(stamp_ns, position_n)
+            return
+        begin_ns, begin_n = self._begin
+        if stamp_ns - begin_ns < _STEP_NS:
+            return
+        inside = [v for t, v in self._velocities if begin_ns <= t <= stamp_ns]
+        if len(inside) >= 2:
+            mean = np.mean(inside, axis=0)
+            self._compare((position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9), mean)
+        self._restart(stamp_ns, position_n)
+
+    def _restart(self, stamp_ns: int, position_n: Array) -> None:
+        self._begin = stamp_ns, position_n
+        self._velocities = [one for one in self._velocities if one[0] >= stamp_ns][-20:]
+
+    def _compare(self, way: Array, velocity: Array) -> None:
+        self._number = _KEPT * self._number + 1
+        self._across = _KEPT * self._across + np.outer(way[:2], velocity[:2])
+        squares = np.array((way[:2] @ way[:2], velocity[:2] @ velocity[:2]))
+        self._squares = _KEPT * self._squares + squares
+        a, b = float(way[2]), float(velocity[2])
+        self._vertical = _KEPT * self._vertical + (a * a, b * b, a * b)
+
+    def findings(self) -> list[Finding]:
+        """Return the fault of the horizontal axes, and that of the vertical one."""
+        if self._number < _LEAST_NUMBER:
+            return []
+        found = self._horizontal()
+        upside = self._upside_down()
+        if found is None:
+            return [upside] if upside else []
+        if upside:
+            evidence = f"{found.evidence}; up and down are reversed too"
+            found = Finding(found.check, found.severity, evidence, found.parameter, found.mend)
+        return [found]
+
+    def _name(self, what: str) -> str:
+        return f"{self.topic.replace('/', '_')}_{what}"
+
+    def _horizontal(self) -> Finding | None:
+        way, own = self._squares.tolist()
+        if max(way, own) < _LEAST_M_S**2 * self._number or min(way, own) <= 0:
+            return None
+        likeness = [
+            float(np.sum(self._across * e.matrix)) / math.sqrt(way * own) for e in _EXCHANGES
+        ]
+        # With the best scale a part of 1 - likeness^2 of the squares is left.
+        left = [1 - max(one, 0.0) ** 2 for one in likeness]
+        best = int(np.argmin(left))
+        speeds = [math.sqrt(one / self._number) for one in (way, own)]
+        said = f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
+        if left[0] > _WRONG and left[best] < _RIGHT:
+            told = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
+            evidence = (
+                f"{self.topic} agrees with the changes of {self.positions} "
+                f"{_EXCHANGES[best].name} ({told})"
+            )
+            mend = _EXCHANGES[best].mend
+            return Finding(self._name("axes"), Severity.STOP, evidence, self.topic, mend)
+        ratio = math.sqrt(own / way)
+        if left[0] < _RIGHT and not 1 / 1.5 < ratio < 1.5:
+            unit = [name for s, name in _SCALES.items() if abs(ratio / s - 1) < _SCALE_ERROR]
+            mend = f"it is in {unit[0]}: send m/s" if unit else "send m/s"
+            return Finding(self._name("unit"), Severity.STOP, said, self.topic, mend)
+        if left[best] > _WRONG:
+            mend = "does it come of this receiver, of now, in ENU?"
+            return Finding(self._name("value"), Severity.STOP, said, self.topic, mend)
+        return None
+
+    def _upside_down(self) -> Finding | None:
+        way, own, both = self._vertical.tolist()
+        least = (0.4 * _LEAST_M_S) ** 2 * self._number
+        if min(way, own) < least or both > -math.sqrt((1 - _RIGHT) * way * own):
+            return None
+        evidence = (
+            f"{self.topic} climbs where {self.positions} sinks "
+            f"(correlation {both / math.sqrt(way * own):+.2f})"
+        )
+        mend = "z is up: reverse its sign"
+        return Finding(self._name("up"), Severity.STOP, evidence, self.topic, mend)

@@ -1,0 +1,84 @@
+"""How strongly the airframe shakes the IMU, and whether beyond its range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.checks.imu_blocks import NO_NUMBER
+from tirgeo_ros.core.config import ImuConfig
+from tirgeo_ros.core.imu_clipping import Clipping
+from tirgeo_ros.core.samples import Array, ImuSample
+from tirgeo_ros.core.validity import fault_of
+from tirgeo_ros.core.vibration import densities, mean_powers
+
+#: One second in five is looked at.
+_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
+_LEAST_NUMBER = 3
+#: Densities over the configured ones: the filter takes such vibration in, with wider ellipses.
+_STRONG = 10.0
+#: Clipped samples that tell of more than one knock, and a part of all that spoils the filter.
+_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
+
+
+class VibrationChecks:
+    """Hears every sample of the IMU; looks at one second in five."""
+
+    def __init__(self, config: ImuConfig) -> None:
+        self._known = np.array((*config.angle_random_walk, *config.velocity_random_walk))
+        self._clipping = Clipping()
+        self._count = 0
+        self._samples: list[ImuSample] = []
+        self._begin_ns = 0
+        self._sums = np.zeros(6)  # of power densities of the seconds looked at
+        self._number = 0
+
+    def add(self, sample: ImuSample) -> None:
+        """Take the next sample, as it came."""
+        self._count += 1
+        since_ns = sample.stamp_ns - self._begin_ns
+        if not 0 <= since_ns < _EVERY_NS:
+            self._begin_ns = sample.stamp_ns
+            self._samples = [sample]
+        elif since_ns < _LOOK_NS:
+            self._samples.append(sample)
+        elif self._samples:
+            usable = [one for one in self._samples if not fault_of(one)]
+            self._samples = []
+            if len(usable) > 2:
+                self._sums += mean_powers(usable)
+                self._number += 1
+        x, y, z = sample.specific_force_b.tolist()
+        p, q, r = sample.angular_rate_b.tolist()
+        if abs(x + y + z) + abs(p + q + r) < NO_NUMBER:  # nor is a NaN
+            self._clipping.add(sample)
+
+    def findings(self) -> list[Finding]:
+        """Return the vibration, and the clipping."""
+        found = []
+        if self._number >= _LEAST_NUMBER:
+            powers = (self._sums / self._number).tolist()
+            found += _strong(np.array(densities(tuple(powers))), self._known)
+        counts = self._clipping.counts
+        total = sum(counts.values())
+        if total >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
+            told = ", ".join(f"{name} {number}" for name, number in counts.items())
+            evidence = f"imu/data is at the end of its range: {told} of {self._count} samples"
+            mend = "damp the IMU's mount or choose a larger range; balance the rotors"
+            found.append(Finding("imu_clipping", Severity.CAUTION, evidence, "imu/data", mend))
+        return found
+
+
+def _strong(measured: Array, known: Array) -> list[Finding]:
+    """Of densities (6,) of gyroscopes and accelerometers, rad/sqrt(s) and m/s/sqrt(s)."""
+    ratios = np.divide(measured, known, out=np.zeros(6), where=known > 0)
+    if ratios.max() < _STRONG:
+        return []
+    gyro, accel = float(ratios[:3].max()), float(ratios[3:].max())
+    evidence = (
+        f"vibration is {gyro:.0f} times the gyroscopes' configured noise and {accel:.0f} times "
+        "the accelerometers'; the filter takes it in"
+    )
+    where = "ekf_node imu.angle_random_walk, imu.velocity_random_walk"
+    mend = "damp the IMU's mount; measure the noise with tirgeo calibrate allan"
+    return [Finding("vibration", Severity.NOTE, evidence, where, mend)]

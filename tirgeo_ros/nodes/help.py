@@ -1,0 +1,119 @@
+"""``NODE --help``, without ROS: what a node does, its topics, its parameters, how to set them."""
+
+from __future__ import annotations
+
+import ast
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.core.parameter import Parameter, Value, parameters_of
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
+
+HELP_ALL = "--help-all"
+_WIDTH = 99
+_NONE = _UNSET, _EMPTY = "unset", "empty"
+_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
+
+#: Topics of the contract by node: those that go in and those that come out.
+TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
+    "dji_node": ((), (*SENSED_TOPICS, "/diagnostics")),
+    "ekf_node": (
+        [topic for topic, _ in NAVIGATION_INPUTS.values()],
+        ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "/diagnostics"),
+    ),
+    "gimbal_node": (
+        ("tirgeo/odometry", "gimbal/joint_states", "gimbal/attitude", "imu/data"),
+        ("tirgeo/camera_pose", "/diagnostics"),
+    ),
+    "overlay_node": (
+        (*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics", "tirgeo/locate/pixel"),
+        (
+            *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
+            *("tirgeo/locate/fix", "tirgeo/locate/point", "/diagnostics"),
+        ),
+    ),
+    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES)),
+}
+
+
+def help_text(name: str, arguments: Sequence[str] = ()) -> str:
+    """Return the help of a node; ``arguments`` are its command line."""
+    whole = HELP_ALL in arguments
+    parts = [_described(name)]
+    if name in TOPICS:
+        parts += [
+            _topics(title, ts) for title, ts in zip(("in", "out"), TOPICS[name], strict=True)
+        ]
+    if name in NODE_CONFIGS:
+        parts += [_parameters(name, whole), _usage(name)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _described(name: str) -> str:
+    """Return the name and what the node's module says of itself; reading it needs no ROS."""
+    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    told = ast.get_docstring(ast.parse(source)) or ""
+    return f"{name}: {told}".replace("``", "")
+
+
+def _topics(title: str, topics: Sequence[str]) -> str:
+    lines = [f"  {topic:<34}{TOPIC_TYPES[topic]}" for topic in topics]
+    return "\n".join([f"Topics {title}:", *lines]) if lines else ""
+
+
+def _parameters(name: str, whole: bool) -> str:
+    """Return parameters with default and meaning; those of groups by name alone if not whole."""
+    lines, groups = ["Parameters, with defaults:"], dict[str, list[str]]()
+    for one in parameters_of(NODE_CONFIGS[name]):
+        group, _, rest = one.name.rpartition(".")
+        if whole or not group:
+            lines += _parameter_lines(one)
+        else:
+            groups.setdefault(group, []).append(rest)
+    if groups:
+        lines.append(f"  groups, told of by {HELP_ALL}:")
+        lines += [line for pair in groups.items() for line in _group_lines(*pair)]
+    return "\n".join(lines)
+
+
+def _parameter_lines(one: Parameter) -> Iterator[str]:
+    value = _value(one.default)
+    yield f"  {one.name}  {value}{f' {one.unit}' if one.unit and value not in _NONE else ''}"
+    choices = f" ({', '.join(one.choices)})" if one.choices else ""
+    yield from _wrapped(one.description + choices, 6)
+
+
+def _group_lines(group: str, names: Sequence[str]) -> list[str]:
+    return _wrapped(f"{group}.*  {', '.join(names)}", 4, 8)
+
+
+def _wrapped(text: str, indent: int, more: int | None = None) -> list[str]:
+    later = " " * (indent if more is None else more)
+    return textwrap.wrap(text, _WIDTH, initial_indent=" " * indent, subsequent_indent=later)
+
+
+def _value(value: Value) -> str:
+    """Return a default as it is written in YAML; ``unset`` and ``empty`` where there is none."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_value, value))}]" if value else _EMPTY
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return _UNSET if math.isnan(value) else repr(value)
+    return str(value) or _EMPTY
+
+
+def _usage(name: str) -> str:
+    own = parameters_of(NODE_CONFIGS[name])
+    some = next((one for one in own if _value(one.default) not in _NONE), own[0])
+    value = _value(some.default)
+    return (
+        "How to set them, and to lead the topics' names with a namespace:\n"
+        f"  {name} --ros-args -p {some.name}:={value} -r __ns:=/uav1\n"
+        f"  {name} --ros-args --params-file aircraft.yaml\n"
+        "where aircraft.yaml has\n"
+        f"  /**/{name}:\n    ros__parameters: {{{some.name}: {value}}}"
+    )

@@ -1,0 +1,139 @@
+"""The checks of a recorded flight, fed with what a command reads and makes anyway.
+
+They change nothing of it: what goes in is looked at, and nothing comes back but findings.
+"""
+
+from __future__ import annotations
+
+import functools
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from tirgeo_ros.core.arrival import Arrivals
+from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.checks.recording_checks import unreadable_findings
+from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.map_drawing import LaidMap
+from tirgeo_ros.core.samples import CameraAttitudeSample, ImuSample, JointSample
+from tirgeo_ros.tools.checks.groups import groups_of
+from tirgeo_ros.tools.checks.seen import Seen
+from tirgeo_ros.tools.checks.setting import CheckSetting
+from tirgeo_ros.tools.registration import Registered, Sample
+
+F = TypeVar("F", bound=Callable[..., None])
+
+
+def _guarded(method: F) -> F:
+    """Return a method whose faults are found instead of raised: the work goes on without it."""
+
+    @functools.wraps(method)
+    def call(self: FlightChecks, *arguments: Any) -> None:
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
+            self.failed(error)
+
+    return cast("F", call)
+
+
+class FlightChecks:
+    """Feeds all groups of checks. Take a sample, then what it made possible."""
+
+    def __init__(self, setting: CheckSetting) -> None:
+        self.seen = Seen()
+        self._setting = setting
+        self._groups = groups_of(setting)
+        self._arrivals = Arrivals()
+        self._camera: Camera | None = None
+        self._plane: TangentPlane | None = None
+        self._refused: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+        self._failed: Counter[str] = Counter()
+        if setting.camera is not None:
+            self.camera(setting.camera)
+
+    @_guarded
+    def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
+        """Take a sample of a contract topic, its stamp as its message has it."""
+        self.seen.message(topic, arrival_ns)
+        if not isinstance(sample, JointSample | CameraAttitudeSample):
+            self._groups.navigation.take(topic, sample, arrival_ns)
+        self._gimbal(self._arrivals.stamped(topic, sample, arrival_ns))
+
+    def _gimbal(self, sample: Sample) -> None:
+        if isinstance(sample, ImuSample):
+            if sample.autopilot_q_nb is not None:
+                self._groups.gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+        elif isinstance(sample, JointSample):
+            self._groups.gimbal.joints(sample)
+        elif isinstance(sample, CameraAttitudeSample):
+            self._groups.gimbal.reported(sample)
+
+    @_guarded
+    def registered(self, found: Registered, plane: TangentPlane | None) -> None:
+        """Take what filter and gimbal made of a sample, and the plane of the poses."""
+        if found.solution is not None:
+            self._groups.navigation.solution(found.solution)
+        if plane is not None and plane is not self._plane:
+            self._plane = plane
+            self._groups.pictures.plane(plane)
+            self._groups.map.plane(plane)
+        if found.body is not None:
+            self._groups.gimbal.body(found.body)
+            self._groups.pictures.body(found.body)
+        for pose in found.cameras:
+            self._groups.pictures.pose(pose)
+
+    @_guarded
+    def map(self, laid: LaidMap) -> None:
+        """Take the map as it lies in the plane that was taken before."""
+        self._groups.map.map(laid)
+
+    @_guarded
+    def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
+        """Take a calibration; without a time of arrival, one from a file."""
+        if arrival_ns is not None:
+            self.seen.message("thermal/camera_info", arrival_ns)
+        if camera != self._camera:
+            self._camera = camera
+            self._groups.pictures.camera(camera)
+
+    @_guarded
+    def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
+        """Take a picture with the stamp of its message."""
+        self.seen.message(topic, arrival_ns)
+        self.seen.size = (pixels.shape[1], pixels.shape[0])
+        self._groups.pictures.frame(stamp_ns, pixels, arrival_ns)
+
+    def refused(self, topic: str, reason: str) -> None:
+        """Take that a message of a topic could not be used, and why."""
+        self._refused[topic] += 1
+        self._reasons[topic] = reason
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong, the worst first."""
+        found = [*self._setting.found]
+        found += unreadable_findings(self.seen.counts, self._refused, self._reasons)
+        try:
+            found += self._groups.findings()
+        except Exception as error:  # noqa: BLE001 as above
+            self.failed(error)
+        return sorted_findings([*found, *self._failures()])
+
+    def failed(self, error: Exception) -> None:
+        """Take a fault of a check."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        self._failed[f"{type(error).__name__}: {error} ({where})"] += 1
+
+    def _failures(self) -> list[Finding]:
+        if not self._failed:
+            return []
+        told, number = self._failed.most_common(1)[0]
+        evidence = f"a check failed {number} times: {told}"
+        mend = "report it with this flight; other findings stand"
+        return [Finding("check_failed", Severity.CAUTION, evidence, "tirgeo itself", mend)]

@@ -1,0 +1,87 @@
+"""The verb ``tirgeo check``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros.tools.cli._arguments import (
+    add_flight,
+    add_ground,
+    add_parameters,
+    check_ground,
+)
+from tirgeo_ros.tools.cli._verb import Subparsers
+from tirgeo_ros.tools.progress import Progress
+
+
+def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        "check",
+        help="what is wrong with a flight's set-up and sensors",
+        description="Looks for faults of set-up and sensors in a recorded flight: signs, units, "
+        "axes, stamps, lever arms, lens, ground and map. Tells each with its evidence, the "
+        "parameter or topic to look at and how to mend it, the worst first, then what was "
+        "checked. Exit code 1 where a flight must not begin so.",
+        epilog="example:\n  tirgeo check bags/sample/flight.mcap "
+        "--params bags/sample/params.yaml --map bags/sample/map.geojson",
+    )
+    add_flight(parser)
+    add_parameters(parser)
+    add_ground(parser)
+    parser.add_argument("--map", type=Path, metavar="MAP", help="the map that is to be drawn")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Check the flight."""
+    from tirgeo_ros.tools.check import check  # noqa: PLC0415 heavy
+
+    check_ground(args)
+    with Progress("checking", unit="s") as bar:
+        return check(
+            args.bag,
+            params=args.params,
+            map=args.map,
+            dem=args.dem,
+            ground_height=args.ground_height,
+            camera=args.camera,
+            namespace=args.namespace,
+            progress=bar,
+        )
+
+
+def finding_lines(_result: Mapping[str, object]) -> list[str]:
+    """Return nothing: ``describe`` has told of the findings."""
+    return []
+
+
+def describe(result: Mapping[str, Any]) -> str:
+    """The findings, three lines each, then what was checked."""
+    from tirgeo_ros.tools.checks.words import report  # noqa: PLC0415 heavy
+
+    parts = [result["verdict"], report(result["findings"]), "\n".join(_checked(result))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _checked(result: Mapping[str, Any]) -> Iterator[str]:
+    """A line for each thing that was looked at."""
+    checked = result["checked"]
+    yield f"checked over {checked['duration_s']:.1f} s:"
+    for topic, one in checked["topics"].items():
+        rate = f"{one['rate_hz']:.1f} Hz" if one["rate_hz"] else f"{one['messages']} message"
+        yield f"  {topic:<30} {rate}, longest gap {one['longest_gap_s']:.2f} s"
+    sigma = f", heading to {checked['heading_sigma_deg']:.2f} deg"
+    has_sigma = checked["heading_sigma_deg"] == checked["heading_sigma_deg"]  # not nan
+    yield f"  {'filter':<30} {checked['method']}: {checked['state']}{sigma if has_sigma else ''}"
+    if checked["picture_size"]:
+        yield f"  {'pictures':<30} {'x'.join(map(str, checked['picture_size']))} pixels"
+    if "height_above_ground_m" in checked:
+        low, high = checked["height_above_ground_m"]
+        yield f"  {'height above ground':<30} {low:.1f} to {high:.1f} m"
+    if "map_layers" in checked:
+        yield f"  {'map':<30} {checked['map_layers']} layers"
+    yield from (f"  note: {note}" for note in result["notes"])
