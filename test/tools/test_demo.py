@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import xml.etree.ElementTree as ET
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -30,6 +31,7 @@ from tirgeo_ros.tools.demo import (
     summary,
     with_sample,
 )
+from tirgeo_ros.tools.found_targets import FoundTarget
 from tirgeo_ros.tools.graph import GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.localhost import PROFILES
 from tirgeo_ros.tools.outputs import Outputs, read_outputs
@@ -124,10 +126,7 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     assert [found["latitude_deg"], found["longitude_deg"]] == pytest.approx(where, abs=1e-9)
     assert found["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
     assert found["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
-    (line,) = demo._found({"found": [found]})
-    assert line == (
-        f"person 1: {where[0]:.6f}, {where[1]:.6f}, 0.5 m from where it is (ellipse of 95 % 0.5 m)"
-    )
+    assert found["target"] == "person 1"
     assert against_targets(read_outputs(path), tmp_path / "none.geojson") == []
 
 
@@ -255,11 +254,13 @@ def test_the_command_ends_with_where_to_look():
         "overlay": {"drawn": 255, "notices": 14},
         "cores": {"ekf_node": 0.2, "total": 0.4567},
         "camera_against_truth": {"position_rms_m": 0.0312, "attitude_rms_deg": 0.151},
+        "found": [asdict(FoundTarget("person 1", 39.8501234, 116.7, 0.1512, 0.52))],
     }
     *lines, seen = demo.describe(result).splitlines()
     assert lines == [
         "270 frames in, 269 out, 13.3 ms later; 0.46 cores",
         "running by ekf_heading, heading to 0.12 deg; the camera is 0.03 m and 0.15 deg off (rms)",
+        "person 1: 39.850123, 116.700000, 0.2 m from where it is (ellipse of 95 % 0.5 m)",
         "all numbers: /tmp/demo/summary.json",
         "",
         "look at  /tmp/demo/overlay.mp4",
