@@ -219,7 +219,7 @@ def test_a_fault_of_a_check_is_told_and_changes_nothing(
     assert "times: BagError: no plane (test_check.py:" in finding["evidence"]
 
 
-@pytest.mark.parametrize("verb", ["locate", "evaluate"])
+@pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
     stand_ins["Gimbal"].found = [CAUTION, NOTE]
     seen = sample / "observations.csv"

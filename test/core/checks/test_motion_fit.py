@@ -105,6 +105,7 @@ def test_a_boresight_comes_back():
     check(fitted(100.0, 100.0, aside=aside), np.array([0.0, 0.0, 0.0, *aside]))
 
 
+@pytest.mark.slow
 def test_a_slope_is_looked_up_in_its_model():
     ground = slope(10.0)
     check(fitted(ground, ground), np.zeros(6))

@@ -46,6 +46,7 @@ def test_a_crosshair_stays_and_is_left_out():
     assert (np.linalg.norm(tracks.second - tracks.first, axis=1) > 5.0).all()
 
 
+@pytest.mark.slow
 def test_pairs_are_taken_a_few_times_a_second():
     pictures = [cut(0, k) for k in range(60)]
     tracker, found = taken(*pictures, step_ns=33_000_000)
