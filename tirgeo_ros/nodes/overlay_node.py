@@ -201,6 +201,7 @@ class OverlayNode(Node):
             self._tell_notes()
         elif self.resources.error:
             self._overlay.map_failed()
+            self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():

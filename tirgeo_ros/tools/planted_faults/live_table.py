@@ -20,8 +20,7 @@ def live_table(found: Sequence[Outcome]) -> str:
     lines += [
         "",
         f"{named} of {len(faulty)} named within {WITHIN_S:g} s of when the data show them",
-        f"later than that without a notice and beyond {MOST_TIMES:g} times the ellipse: "
-        f"{', '.join(lying) or 'none'}",
+        f"green later than that, and beyond {MOST_TIMES:g} ellipses: {', '.join(lying) or 'none'}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -32,7 +31,7 @@ def _row(one: Outcome) -> Iterable[str]:
     named = one.named
     words = named.text if named else ""
     others = f" (also {', '.join(one.others)})" if one.others else ""
-    until = f" until {one.wrong_until_s:.1f} s" if one.lies else ""
+    until = f" to {one.wrong_until_s:.1f} s" if one.lies else ""
     return (
         one.fault.name,
         _seconds(one.shown_s),
