@@ -15,8 +15,8 @@ pytestmark = pytest.mark.graph
 
 #: Of one node each; what needs motion, and the rest, takes twenty minutes.
 QUICK = ("gimbal of another type", "fixes above sea level")
-#: Its evidence are turns over five windows of 4 s: see docs/checks.md.
-LATE = ("lever arm sign",)
+#: Their evidence are turns over five windows of 4 s: see docs/checks.md.
+LATE = ("lever arm sign", "RTK 0.6 s late")
 
 
 def outcome(fault, sample, folder):
@@ -41,6 +41,9 @@ def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, t
     if fault.name.startswith("DEM"):
         pytest.importorskip("rasterio", reason="elevation models need rasterio")
     found = outcome(fault, sample, tmp_path)
+    if found.refused:
+        assert found.in_time, found
+        return
     assert found.named is not None, found
     assert found.named.at_s <= found.notice_s <= found.named.at_s + 1.5  # a report and a picture
     if fault.name not in LATE:

@@ -300,6 +300,7 @@ FAULTS: tuple[Fault, ...] = (
         "RTK arrives 0.6 s later and is stamped so",
         ("rtk", "delay_s"),
         rewritten(_late, *_RTK),
+        Shown.TURNS,
     ),
     Fault("no camera_info", "camera_info not recorded", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(
