@@ -75,7 +75,11 @@ def test_the_item_has_the_worst_level_and_every_finding():
     assert item.name == "/uav1/ekf_node: set-up"
     assert item.level == ERROR
     assert item.message == "NO GO: 1.00 m/s2 at rest: imu/data (and 1 more)"
-    assert item.values == {"g": STOP.line, "late": CAUTION.line, "levers": NOTE.line}
+    assert item.values == {
+        "g": f"STOP: {STOP.line}",
+        "late": f"CAUTION: {CAUTION.line}",
+        "levers": f"NOTE: {NOTE.line}",
+    }
     for found, level in ((NOTE, OK), (CAUTION, WARN)):
         assert setup_of(FakeChecks(found))[0].item().level == level
 
@@ -86,7 +90,7 @@ def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest()
     setup.item()
     newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
     checks.found = [newer]
-    assert setup.item().values == {"g": newer.line}
+    assert setup.item().values == {"g": f"STOP: {newer.line}"}
     checks.found = []
     levels = [setup.item().level for _ in range(12)]
     assert levels[:10] == [ERROR] * 10

@@ -27,6 +27,7 @@ from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.inbox import Inbox
+from tirgeo_ros.nodes.input_checks import InputChecks
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
@@ -36,6 +37,8 @@ from tirgeo_ros.nodes.state_log import StateLog
 from tirgeo_ros.nodes.topics import advertise, message_class
 
 Decode = Callable[[Any], NavigationInput]
+_IMU = NAVIGATION_INPUTS[Source.IMU][0]
+_POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 
 
@@ -49,7 +52,10 @@ class EkfNode(Node):
         self._messages = Messages(message_class)
         self._monitor = Monitor()
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
-        self._setup = SetupChecks(self, self._monitor, self._checks)
+        sources = METHOD_SOURCES[config.method]
+        positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
+        inputs = InputChecks(self, self._monitor, (_IMU,), positions)
+        self._setup = SetupChecks(self, self._monitor, inputs, self._checks)
         self._arrivals = Arrivals()
         self._inbox = Inbox(self, self._monitor)
         self._state_log = StateLog(self.get_logger())
@@ -60,11 +66,11 @@ class EkfNode(Node):
         self._origin = advertise(self, "tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
         # Of what the method takes alone: an idle subscription would cost time at every message.
-        for source in METHOD_SOURCES[config.method]:
+        for source in sources:
             topic, decode = NAVIGATION_INPUTS[source]
             self._inbox.subscribe(topic, partial(self._take, topic, decode), sensor_input())
         # The absence of others is the filter's to tell: it knows which of them it misses.
-        self._monitor.expects(NAVIGATION_INPUTS[Source.IMU][0])
+        self._monitor.expects(_IMU)
         self._restart = guarded(self, self._monitor, "reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)

@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
+from tirgeo_ros.core.checks.parameter_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal import GimbalComposer
 from tirgeo_ros.core.samples import CameraPose
@@ -20,6 +21,7 @@ from tirgeo_ros.io.messages import (
     joint_sample,
 )
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
+from tirgeo_ros.nodes.input_checks import InputChecks, Known
 from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
@@ -37,8 +39,16 @@ class GimbalNode(Node):
         self._composer = GimbalComposer(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
-        self._checks = GimbalChecks(config, given_names(self, GimbalConfig))
-        self._setup = SetupChecks(self, self._monitor, self._checks)
+        given = given_names(self, GimbalConfig)
+        self._checks = GimbalChecks(config, given)
+        none = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        self._setup = SetupChecks(
+            self,
+            self._monitor,
+            InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude")),
+            Known(self._monitor, none),
+            self._checks,
+        )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = advertise(self, "tirgeo/camera_pose", stream)

@@ -48,6 +48,11 @@ class Monitor:
         with self._lock:
             return bool(self._last_s)
 
+    def heard_of(self) -> frozenset[str]:
+        """Return the topics of which anything has come."""
+        with self._lock:
+            return frozenset(self._last_s)
+
     def forget(self, topic: str) -> None:
         """An input is no longer listened to; what of it is still queued does not count.
 

@@ -37,6 +37,7 @@ from tirgeo_ros.io.messages import (
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.frame_times import FrameTimes
+from tirgeo_ros.nodes.input_checks import InputChecks
 from tirgeo_ros.nodes.locate_topics import LocateTopics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
@@ -53,6 +54,7 @@ _RELEASE_PERIOD_S = 0.02
 #: Of what comes while a frame is drawn the newest alone is wanted.
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
+_INFO = "thermal/camera_info"
 
 
 class OverlayNode(Node):
@@ -73,7 +75,12 @@ class OverlayNode(Node):
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
         )
-        self._setup = SetupChecks(self, self._monitor, self._map_checks, self._picture_checks)
+        inputs = InputChecks(
+            self, self._monitor, (_RAW, _COMPRESSED), *([] if self._config.camera else [(_INFO,)])
+        )
+        self._setup = SetupChecks(
+            self, self._monitor, inputs, self._map_checks, self._picture_checks
+        )
         self._verdicts: dict[str, Verdict] = {}  # of the nodes, by their items' names
         self._camera = given_camera(self._config)
         if self._camera is not None:
@@ -116,8 +123,8 @@ class OverlayNode(Node):
             subscribe(self, topic, take, qos, self._monitor)
         self._monitor.expects("tirgeo/camera_pose")
         if self._camera is None:
-            subscribe(self, "thermal/camera_info", self._take_camera_info, info, self._monitor)
-            self._monitor.expects("thermal/camera_info")
+            subscribe(self, _INFO, self._take_camera_info, info, self._monitor)
+            self._monitor.expects(_INFO)
 
     def _take_frame(self, topic: str, pixels_of: Any, message: Any) -> None:
         now_ns = self._now_ns()
@@ -194,6 +201,7 @@ class OverlayNode(Node):
             self._tell_notes()
         elif self.resources.error:
             self._overlay.map_failed()
+            self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():

@@ -33,7 +33,7 @@ class SetupChecks:
     """Asks a node's checks once a report; a fault in one of them leaves the node as it is.
 
     The item ``NODE: set-up`` has the worst finding's level and the verdict; its values are all
-    findings, each under its check's name.
+    findings, each under its check's name, its severity before it.
     """
 
     def __init__(self, node: Node, monitor: Monitor, *checks: Checks) -> None:
@@ -56,7 +56,10 @@ class SetupChecks:
         verdict = shown(verdict_line(found))
         self._tell(worst, verdict)
         return DiagnosticItem(
-            self._name, LEVELS[worst], verdict, {one.check: shown(one.line) for one in found}
+            self._name,
+            LEVELS[worst],
+            verdict,
+            {one.check: shown(f"{one.severity.name}: {one.line}") for one in found},
         )
 
     def _ask(self) -> None:

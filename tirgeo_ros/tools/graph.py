@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -53,6 +53,7 @@ class GraphSetup:
     rate: float = 1.0
     serial: bool = False  # the aircraft as bytes on a port, through dji_node; rate 1
     topics: Sequence[str] = RECORDED
+    more_params: Sequence[Path] = ()  # each stands before those ahead of it
     environment: dict[str, str] = field(default_factory=dict)  # beside that of this process
 
 
@@ -104,10 +105,12 @@ def graph_environment(setup: GraphSetup) -> dict[str, str]:
     return environment
 
 
-def free_domain() -> int:
+def free_domain(but: Collection[int] = ()) -> int:
     """A DDS domain whose first participant's port is free (RTPS 2.2, section 9.6.1.1)."""
     for step in range(100):
         domain = 1 + (os.getpid() + step) % 100
+        if domain in but:
+            continue
         probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with probe, contextlib.suppress(OSError):
             probe.bind(("", 7410 + 250 * domain))
@@ -146,12 +149,13 @@ def _player(setup: GraphSetup) -> list[str]:
 def _awaited(setup: GraphSetup) -> list[str]:
     """What the player waits to be listened to: else the first pictures may find nobody."""
     played = BagReader(setup.bag).topics()
-    names = [*AWAITED, *(name for name in PICTURES if f"/{name}" in played)]
+    names = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     return [name for name in names if not (setup.serial and name in SENSED_TOPICS)]
 
 
 def _params(setup: GraphSetup) -> list[str]:
-    return [] if setup.params is None else ["--params-file", str(setup.params)]
+    files = [path for path in (setup.params, *setup.more_params) if path is not None]
+    return [word for path in files for word in ("--params-file", str(path))]
 
 
 def _port(setup: GraphSetup) -> Path:

@@ -50,6 +50,15 @@ def test_poses_that_end_are_no_matter_of_the_pictures():
     assert stamps.findings() == []
 
 
+def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
+    """As where a bag is played and the first /clock is late: 3 of 10 would."""
+    stamps = FrameStamps()
+    for k in range(100):
+        stamp_ns = START_NS + k * STEP_NS
+        stamps.frame(stamp_ns, SIZE, stamp_ns if k >= 30 else 0)
+    assert stamps.findings() == []
+
+
 def test_one_picture_late_among_many_is_nothing():
     assert checked(lambda k: START_NS + (k - 15 * (k == 50)) * STEP_NS) == []
 

@@ -149,3 +149,15 @@ def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
     unknown.plane(PLANE)
     unknown.map(laid(geo(SQUARE_N)))
     assert unknown.findings() == []
+
+
+def test_a_map_that_cannot_be_read_stops_where_there_is_none_and_is_forgotten_once_it_is_right():
+    checks, whole = MapChecks(GROUND_M), laid(geo(SQUARE_N))
+    checks.failed("park.geojson: not JSON")
+    (found,) = checks.findings()
+    assert (found.severity, found.parameter) == (Severity.STOP, "overlay_node map")
+    checks.map(whole)
+    assert checks.findings() == []
+    checks.failed("park.geojson: not JSON")
+    (found,) = checks.findings()
+    assert found.severity is Severity.CAUTION

@@ -33,14 +33,18 @@ class FrameStamps:
         self._pose_ns = stamp_ns
 
     def frame(self, stamp_ns: int, size: tuple[int, int], arrival_ns: int) -> None:
-        """Take a frame's stamp, its size (width, height) and when it arrived."""
+        """Take a frame's stamp, its size (width, height) and when it arrived; 0: nobody knows.
+
+        A clock that is played with a bag stands at 0 until it is heard.
+        """
         self._frames += 1
         self._sizes[size] += 1
         if stamp_ns == 0:
             self._counts["zero"] += 1
             return
-        self._add("ahead", stamp_ns - arrival_ns, _AHEAD_NS)
-        self._add("late", arrival_ns - stamp_ns, _LATE_NS)
+        if arrival_ns:
+            self._add("ahead", stamp_ns - arrival_ns, _AHEAD_NS)
+            self._add("late", arrival_ns - stamp_ns, _LATE_NS)
         if self._pose_ns is not None:  # where poses have ended they say nothing
             off_ns, self._pose_ns = stamp_ns - self._pose_ns, None
             self._add("apart", abs(off_ns), _APART_NS, off_ns)

@@ -33,6 +33,8 @@ class MapChecks:
     def __init__(self, ground: Ground | None) -> None:
         self._ground = math.nan if ground is None else ground
         self._found: list[Finding] = []
+        self._laid = False
+        self._unread: list[Finding] = []
 
     def plane(self, plane: TangentPlane) -> None:
         """Take the plane of the flight; a map comes after it."""
@@ -40,11 +42,17 @@ class MapChecks:
 
     def map(self, laid: LaidMap) -> None:
         """Take a map that is laid in the plane."""
-        self._found = map_findings(laid, self._ground)
+        self._found, self._unread, self._laid = map_findings(laid, self._ground), [], True
+
+    def failed(self, why: str) -> None:
+        """Take why the newest map could not be read or laid; the one before stays."""
+        severity = Severity.CAUTION if self._laid else Severity.STOP
+        mend = "mend the file: it is read again when it changes"
+        self._unread = [Finding("map_unreadable", severity, why, _MAP, mend)]
 
     def findings(self) -> list[Finding]:
         """Return what is wrong, the worst first."""
-        return self._found
+        return sorted_findings([*self._found, *self._unread])
 
 
 def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:

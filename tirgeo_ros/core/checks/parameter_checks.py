@@ -12,11 +12,16 @@ _GROUND = ("ground_height_m", "dem")
 
 
 def parameter_findings(
-    given: Collection[str], unused: Sequence[str], namespace: str, *, pictures: bool
+    given: Collection[str],
+    unused: Sequence[str],
+    namespace: str,
+    *,
+    pictures: bool,
+    option: str = "--params",
 ) -> list[Finding]:
     """Return what is wrong with parameters: names of those ``given``, sections of no node here.
 
-    ``pictures``: the flight has some, or a gimbal.
+    ``pictures``: the flight has some, or a gimbal. ``option`` gives files of parameters.
     """
     found = []
     if unused:
@@ -27,7 +32,7 @@ def parameter_findings(
             "parameters_elsewhere",
             Severity.CAUTION,
             evidence + ", ".join(unused),
-            "--params",
+            option,
             mend,
         )
         found.append(finding)
@@ -38,7 +43,7 @@ def parameter_findings(
             "no_parameters",
             Severity.CAUTION,
             f"no parameter is given: all lever arms and the boresight are 0{ground}",
-            "--params",
+            option,
             "give the aircraft's parameters (config/m600_xt2.yaml is one to begin with)",
         )
         found.append(finding)

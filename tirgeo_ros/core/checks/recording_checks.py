@@ -1,4 +1,7 @@
-"""What is wrong with a recording before a message of it is read: topics, types, names, damage."""
+"""What is wrong with topics before a message of them is read: absent, of another type or name.
+
+Of a recording, or of a running graph.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,15 @@ _UNREADABLE_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Recording:
-    """What a bag holds, beside what it should hold."""
+    """What a bag or a graph holds, beside what it should hold."""
 
-    topics: Mapping[str, str]  # of the bag: name to type
+    topics: Mapping[str, str]  # of the bag or the graph: name to type
     contract: Mapping[str, str]  # topic to type, of the inputs, without a namespace
     namespace: str = ""
     has_camera: bool = False  # a calibration is given in place of thermal/camera_info
     has_map: bool = False
     wants_pictures: bool = True  # something is to be drawn
+    live: bool = False  # a graph and not a bag
 
     def name(self, topic: str) -> str:
         """Return the name of a contract topic in the bag."""
@@ -54,11 +58,17 @@ def recording_findings(recording: Recording) -> list[Finding]:
     namespace = _namespace(recording)
     if namespace is not None:
         return [namespace]  # all else follows from it
-    missed = [topics for topics in _needed(recording) if not recording.there.intersection(topics)]
+    found = needed_findings(recording, _needed(recording))
+    return [*found, *_no_pictures(recording, {finding.parameter for finding in found})]
+
+
+def needed_findings(recording: Recording, needed: Sequence[Sequence[str]]) -> list[Finding]:
+    """Return topics of another type, and those absent that are needed; of several, one will do."""
+    missed = [topics for topics in needed if not recording.there.intersection(topics)]
     types = _wrong_types(recording, {topic for topics in missed for topic in topics})
     wrong = {finding.parameter for finding in types}
     absent = [_absent(recording, topics) for topics in missed if not wrong.intersection(topics)]
-    return [*types, *absent, *_no_pictures(recording, wrong)]
+    return [*types, *absent]
 
 
 def damage_findings(damage: str | None) -> list[Finding]:
@@ -114,11 +124,15 @@ def _absent(recording: Recording, topics: Sequence[str]) -> Finding:
         if topic in topics
     ]
     hint = f" (there is {', '.join(near)})" if near else ""
-    mend = "record it, or give --namespace or a remapping" if near else "record it"
+    mend = "publish it" if recording.live else "record it"
+    if near:
+        mend += ", or remap it" if recording.live else ", or give --namespace or a remapping"
     if _CAMERA_INFO in topics:
-        mend += ", or give its calibration with --camera"
+        option = "the parameter camera" if recording.live else "--camera"
+        mend += f", or give its calibration with {option}"
     check = f"no_{topics[0].replace('/', '_')}"
-    evidence = f"the bag has {'neither ' if len(topics) > 1 else 'no '}{names}{hint}"
+    place = "graph" if recording.live else "bag"
+    evidence = f"the {place} has {'neither ' if len(topics) > 1 else 'no '}{names}{hint}"
     return Finding(check, Severity.STOP, evidence, " or ".join(topics), mend)
 
 

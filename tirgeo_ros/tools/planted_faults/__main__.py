@@ -12,8 +12,12 @@ from typing import Any
 from tirgeo_ros.core.errors import TirgeoError
 from tirgeo_ros.tools.check import check
 from tirgeo_ros.tools.planted_faults.faults import FAULTS, Fault
+from tirgeo_ros.tools.planted_faults.live import CLEAN, Live, outcomes
+from tirgeo_ros.tools.planted_faults.live_table import live_table
 from tirgeo_ros.tools.planted_faults.planting import Flight
+from tirgeo_ros.tools.progress import Progress
 
+_JOBS = 2  # graphs at a time: each takes most of a core
 _ROW = "| {:<31} | {:<5} | {}"
 
 
@@ -36,9 +40,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tirgeo_ros.tools.planted_faults")
     parser.add_argument("folder", type=Path, help="of a flight that tirgeo simulate wrote")
     parser.add_argument("--only", default="", metavar="WORDS", help="faults with these words")
+    parser.add_argument("--live", nargs="*", metavar="NAME", help="through the node graph: these")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="recordings and logs, live")
     args = parser.parse_args(argv)
     good = Flight.in_folder(args.folder)
     faults = [one for one in FAULTS if args.only in one.name]
+    if args.live is not None:
+        return _live(
+            good,
+            [one for one in (CLEAN, *faults) if one.name in args.live or not args.live],
+            args.keep,
+        )
     sys.stdout.write(_ROW.format("fault", "named", "by, and what else is said\n"))
     named = 0
     for fault in faults:
@@ -54,6 +66,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     sys.stdout.write(f"{named} of {len(faults)} named\n")
     return 0 if len(faults) - named <= 2 else 1
+
+
+def _live(good: Flight, faults: Sequence[Fault], keep: Path | None) -> int:
+    """Print the table of the graph; 0 where it is as it must be."""
+    with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
+        found = outcomes(Live(good, keep or Path(folder)), faults, _JOBS, bar)
+    sys.stdout.write(live_table(found))
+    return 0 if all(one.is_good for one in found) else 1
 
 
 if __name__ == "__main__":

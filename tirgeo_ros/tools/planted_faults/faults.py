@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,14 @@ _PICTURES = "thermal/image_raw/compressed"
 _RTK = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 
+class Shown(Enum):
+    """From when on data can show a fault; the value is for a person to read."""
+
+    AT_ONCE = "the first samples"
+    MOVING_PICTURES = "the first camera pose: it takes pictures that move"
+    TURNS = "40 deg of turns"
+
+
 @dataclass(frozen=True)
 class Fault:
     """One fault; ``names``: one of these must be in the parameter that a finding names."""
@@ -44,6 +53,7 @@ class Fault:
     planted: str  # what a person would have done
     names: tuple[str, ...]
     plant: Planter
+    shown: Shown = Shown.AT_ONCE  # from when on, at the earliest
 
 
 def _scaled(field: str, factor: float) -> Callable[[Any], None]:
@@ -171,20 +181,29 @@ FAULTS: tuple[Fault, ...] = (
         "boresight_rpy_deg 5 deg of pitch that is not there",
         ("boresight_rpy_deg",),
         parameters("gimbal_node", boresight_rpy_deg=[0.0, 5.0, 0.0]),
+        Shown.MOVING_PICTURES,
     ),
     Fault(
         "latency",
         "video_latency_s 0.35, and it is 0.05",
         ("video_latency_s",),
         parameters("overlay_node", video_latency_s=0.35),
+        Shown.MOVING_PICTURES,
     ),
     Fault(
         "ground above sea level",
         f"ground_height_m less by {GEOID_M:g} m",
         ("ground_height_m",),
         parameters("overlay_node", ground_height_m=_GROUND_M - GEOID_M),
+        Shown.MOVING_PICTURES,
     ),
-    Fault("DEM above sea level", f"a DEM less by {GEOID_M:g} m", ("dem",), _dem),
+    Fault(
+        "DEM above sea level",
+        f"a DEM less by {GEOID_M:g} m",
+        ("dem",),
+        _dem,
+        Shown.MOVING_PICTURES,
+    ),
     Fault(
         "fixes above sea level",
         f"rtk/fix lower by {GEOID_M:g} m",
@@ -196,6 +215,7 @@ FAULTS: tuple[Fault, ...] = (
         "focal lengths of camera_info times 1.5",
         (_CAMERA_INFO,),
         altered(_longer_lens, _CAMERA_INFO),
+        Shown.MOVING_PICTURES,
     ),
     Fault(
         "wrong size",
@@ -232,6 +252,7 @@ FAULTS: tuple[Fault, ...] = (
         "both antennas with the other sign",
         ("rtk_antenna_m",),
         parameters("", **_ANTENNAS),
+        Shown.TURNS,
     ),
     Fault(
         "gyroscopes in deg/s",
@@ -259,6 +280,7 @@ FAULTS: tuple[Fault, ...] = (
         "rtk/heading counted clockwise",
         ("rtk/heading",),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: -yaw), "rtk/heading"),
+        Shown.TURNS,
     ),
     Fault("NED velocity", "rtk/vel in NED", ("rtk/vel",), altered(_ned_velocity, "rtk/vel")),
     Fault(
@@ -278,6 +300,7 @@ FAULTS: tuple[Fault, ...] = (
         "RTK arrives 0.6 s later and is stamped so",
         ("rtk", "delay_s"),
         rewritten(_late, *_RTK),
+        Shown.TURNS,
     ),
     Fault("no camera_info", "camera_info not recorded", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(
