@@ -133,6 +133,7 @@ def newest(stranger, name: str):
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.graph
 def test_gravity_in_g_is_an_error_of_the_filters_set_up(spawn, meet):
     ekf, observer = spawn("ekf_node"), meet(**{"/diagnostics": DiagnosticArray})
