@@ -48,6 +48,14 @@ def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
     }.get(name, [])
 
 
+@pytest.fixture
+def hangs_up():
+    """As in a terminal: under nohup SIGHUP is ignored, by what is started here as well."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 def ended_cleanly(process, within_s: float = STOP_S) -> None:
     ended = process.wait(within_s)
     assert ended is not None, f"{process.name} runs on for {within_s:g} s"
@@ -67,7 +75,7 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
         ("recorder", signal.SIGHUP),
     ],
 )
-def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, name, number):
+def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, name, number):
     process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
     await_words(process, "ready")
     process.signal(number)
