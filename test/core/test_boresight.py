@@ -221,6 +221,7 @@ def test_points_never_in_view_are_refused():
         fit(flight_of(Path()), seen, USUAL)
 
 
+@pytest.mark.slow
 def test_the_estimate_without_a_point_is_the_fit_without_it():
     rng = np.random.default_rng(7)
     flight, seen = flight_of(Path()), seen_by(Path(rpy_deg=(1, -1, 2)), rng, latency_s=0.07)
@@ -252,6 +253,7 @@ def doubt_of(path, seen, names):
     return doubt(flight, seen, names, foreseen(flight, seen, names))
 
 
+@pytest.mark.slow
 def test_norths_at_one_tilt_are_refused_and_told_at_two():
     rng = np.random.default_rng(9)
     names = (*USUAL, "gimbal_north")

@@ -217,6 +217,7 @@ def test_covariance_of_reported_against_differences(body_euler, camera, autopilo
     np.testing.assert_array_equal(found, found.T)
 
 
+@pytest.mark.slow
 def test_covariance_covers_a_north_that_is_not_known():
     """Monte Carlo: the normalised squared error of six states is 6 on average."""
     rng = np.random.default_rng(11)

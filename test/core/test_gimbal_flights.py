@@ -131,6 +131,7 @@ def origin(flight):
     return math.degrees(plane.latitude_rad), math.degrees(plane.longitude_rad), plane.height_m
 
 
+@pytest.mark.slow
 def test_a_bias_that_nothing_shows_is_in_the_covariance():
     flight = flown(bias_deg=3.0)
     composer, poses = camera_poses(flight, gimbal_config(flight))

@@ -197,6 +197,7 @@ def test_error_over_sigma_of_the_position_in_an_outage():
     assert max(worst) < 4.0
 
 
+@pytest.mark.slow
 def test_no_step_when_rtk_goes_or_comes():
     """From one solution to the next the position's error moves by centimetres."""
     flown = flight(41, 50.0)

@@ -41,6 +41,7 @@ def test_exact_corners_give_the_exact_lens():
     assert fit.camera.distortion == tuple(fit.values[4:])
 
 
+@pytest.mark.slow
 def test_errors_over_sigmas_are_those_of_a_normal_distribution():
     fits = [fit_lens(views_of(15, seed), BOARD, SIZE) for seed in range(20)]
     z = np.array([(fit.values - TRUTH) / fit.sigma for fit in fits])

@@ -247,6 +247,7 @@ def test_each_method_uses_its_sources(method, unused):
     assert {source for source, outcome in counts if outcome == "unused"} == unused
 
 
+@pytest.mark.slow
 def test_methods_rank_in_position_and_heading():
     """raw has GPS's errors; rtk the RTK's; the autopilot's heading stays in both."""
     flown = flight(duration_s=60.0)

@@ -108,6 +108,7 @@ def assert_drawn_as_sampled(camera, pose, vector_map):
     return lines, truth, drawn
 
 
+@pytest.mark.slow
 @EACH
 @given(
     seed=st.integers(0, 2**31),

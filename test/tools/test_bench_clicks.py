@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tirgeo_ros.tools import bench, bench_clicks
 
 
+@pytest.mark.slow
 def test_a_thousand_whole_clicks_a_second_on_both_grounds(monkeypatch):
     monkeypatch.setattr(bench_clicks, "_CLICKS", 20)  # short rounds find a quiet moment
     monkeypatch.setattr(bench_clicks, "_ROUNDS", 40)

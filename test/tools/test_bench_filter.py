@@ -24,6 +24,7 @@ def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
     assert 0 < own.position_m < 0.05
 
 
+@pytest.mark.slow
 def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
     monkeypatch.setattr(bench_filter, "_HOUR_MINUTES", 3)
     monkeypatch.setattr(bench_filter, "_COMPARED_MINUTES", 1)

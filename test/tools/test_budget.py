@@ -85,6 +85,7 @@ def test_files(tmp_path, capsys):
         assert cv2.imread(str(out / f"{name}.png")).shape[2] == 3
 
 
+@pytest.mark.slow
 def test_the_horizon_in_the_picture(tmp_path):
     result = make_budget({"depression_deg": 5.0}, output=tmp_path)
     assert row(result["rows"], "height")["mean_m"] > 20  # far ground, and no nan
@@ -134,6 +135,7 @@ def test_of_a_flight(sample, tmp_path):
     assert row(result["rows"], "pose")["mean_m"] > 3.0
 
 
+@pytest.mark.slow
 def test_a_flight_without_gps_says_whose_errors_it_takes(sample, tmp_path, capsys):
     reader = BagReader(sample / "flight.mcap")
     with BagWriter(tmp_path / "nogps.mcap") as writer:
@@ -147,6 +149,7 @@ def test_a_flight_without_gps_says_whose_errors_it_takes(sample, tmp_path, capsy
     assert told.count("not recorded; that of the paper is taken") == 3  # east, north, height
 
 
+@pytest.mark.slow
 def test_a_flight_over_unknown_ground(sample):
     with pytest.raises(CalibrationError, match=r"flight\.mcap: height of the ground not known"):
         make_budget({}, bag=sample / "flight.mcap")

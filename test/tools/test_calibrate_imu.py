@@ -149,6 +149,7 @@ def test_the_noise_at_rest_is_not_gone_below(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_table_or_json(flight, tmp_path, capsys):
     words = ["calibrate", "imu", str(flight)]
     assert command.main(words) == 0

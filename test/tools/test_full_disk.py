@@ -56,6 +56,7 @@ def test_a_flight_that_does_not_fit(sample, tmp_path):
     assert sorted(one.name for one in tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_simulation_that_does_not_fit(tmp_path):
     (tmp_path / "hover.yaml").write_text(SCENARIO)
     words = ["simulate", str(tmp_path / "hover.yaml"), "-o", str(tmp_path / "out"), "--no-images"]
@@ -126,6 +127,7 @@ def test_a_name_that_is_no_utf8(tmp_path, capsys):
     assert "no picture of 1 can be used: 1 x not readable" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_result_with_a_name_that_is_no_utf8(sample, tmp_path):
     folder = os.fsencode(tmp_path)
     Path(os.fsdecode(folder + b"/\xff.mcap")).symlink_to(sample / "flight.mcap")

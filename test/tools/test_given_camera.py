@@ -89,7 +89,9 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
     assert share == pytest.approx(0.5, abs=0.02)  # the lens bends the far one a little more
 
 
-@pytest.mark.parametrize("verb", ["locate", "evaluate", "budget"])
+@pytest.mark.parametrize(
+    "verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow), "budget"]
+)
 def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys):
     """It would put each pixel elsewhere, and say so with a small ellipse."""
     half = replace(XT2, width=320, height=256)

@@ -138,6 +138,7 @@ def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
 def test_each_refusal_is_written_with_its_reason(sample, tmp_path):
     seen = load_observations(sample / "observations.csv")[-1]
     asked = [
@@ -160,6 +161,7 @@ def test_each_refusal_is_written_with_its_reason(sample, tmp_path):
     assert (summary["located"], summary["pixels"]) == (1, 4)
 
 
+@pytest.mark.slow
 def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
     save_observations(tmp_path / "asked.csv", [Observation("x", 5, 3.0, 4.0)])
     words = ["locate", sample / "flight.mcap", "--pixels", tmp_path / "asked.csv"]
@@ -271,6 +273,7 @@ def test_two_grounds_are_wrong_use(inputs, tmp_path, capsys):
     assert "give one" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_headings_the_method_is_ekf_and_said(sample, tmp_path):
     bag = tmp_path / "in.mcap"
     with BagWriter(bag) as writer:

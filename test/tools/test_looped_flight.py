@@ -52,6 +52,7 @@ def test_the_aircraft_stands_as_it_stood_a_minute_ago(looped):
     assert (np.abs(rpy[0] - rpy[-1]) <= steps + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_the_filter_sees_no_seam(looped):
     navigation = Navigation(looped.config)
     for minute in first_minutes(looped, 3):

@@ -140,6 +140,7 @@ def kml(path, sample):
     return path
 
 
+@pytest.mark.slow
 def test_what_of_the_map_is_left_out_is_in_the_summary(clicked, sample, tmp_path, capsys):
     path = kml(tmp_path / "map.kml", sample)
     words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap"), "--map", str(path)]

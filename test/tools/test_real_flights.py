@@ -70,6 +70,7 @@ def test_a_simulated_flight_is_as_good_as_it_is(flown):
     assert np.degrees(np.abs(flown.tilt)).max() < 3
 
 
+@pytest.mark.slow
 def test_hidden_rtk_is_not_seen(config, samples):
     """One cut at the first phase, 14 s to 19 s; what RTK says in it does not matter."""
     begin_ns = samples[0].stamp_ns

@@ -116,6 +116,7 @@ def askew(joints):
     return replace(joints, pitch_rad=pitch_rad, yaw_rad=joints.yaw_rad - math.radians(3.0))
 
 
+@pytest.mark.slow
 def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
     faulty = recomposed(flight, askew)
     [finding] = picture_findings(faulty)
@@ -125,6 +126,7 @@ def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
     assert picture_findings(recomposed(flight, askew, boresight)) == []
 
 
+@pytest.mark.slow
 def test_pictures_without_a_scene_say_nothing(flight):
     """Noise alone, over a wrong ground: there is nothing that moves."""
     rng = np.random.default_rng(5)
@@ -148,6 +150,7 @@ def test_a_video_that_stands_is_told(flight):
     assert finding.check == "pictures_frozen"
 
 
+@pytest.mark.slow
 def test_sixteen_bits_and_colours_are_followed_too(flight):
     for change in (
         lambda grey: grey.astype(np.uint16) * 20 + 7000,
@@ -172,6 +175,7 @@ def test_a_latency_that_nobody_gave_is_a_note(flight):
     assert finding.severity is Severity.NOTE
 
 
+@pytest.mark.slow
 def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
     nowhere = replace(flight.configs.overlay, ground_height_m=math.nan)
     assert picture_findings(flight, overlay=nowhere) == []

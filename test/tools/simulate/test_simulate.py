@@ -165,6 +165,7 @@ def test_observations_are_the_true_pixels_of_surveyed_points(whole):
         assert 38 < click.u < 602
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(whole, scenario_path, tmp_path):
     simulate(scenario_path, tmp_path)
     for name in NAMES:
@@ -232,6 +233,7 @@ def test_an_imu_that_averages_has_its_delay_in_the_parameters_and_means_in_its_s
     assert off < 0.1 * as_stamped
 
 
+@pytest.mark.slow
 def test_the_paper_flight_sees_twenty_points_three_times_each():
     flight = fly(scenario_from({}))
     points, clicks = surveyed(flight, XT2, lay_out(flight.scenario.park, flight.seed))
