@@ -75,7 +75,7 @@ class VideoFile:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second in the middle; NaN of fewer than two."""
+        """Return the mean rate of the frames, 1/s; NaN for fewer than two."""
         return (self.frames - 1) / (self._time_ns * 1e-9) if self._time_ns else float("nan")
 
     def add(self, stamp_ns: int, pixels: Pixels) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from tirgeo_ros.tools.cli._verb import UsageError
@@ -76,3 +77,19 @@ def check_ground(args: argparse.Namespace) -> None:
     """Raise UsageError for two grounds."""
     if args.dem is not None and args.ground_height is not None:
         raise UsageError("--dem and --ground-height are two grounds: give one")
+
+
+def add_window(parser: argparse.ArgumentParser) -> None:
+    """The part of a record that is measured."""
+    parser.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="since the first"
+    )
+    parser.add_argument(
+        "--to", dest="to_s", type=float, default=math.inf, metavar="S", help="message, s"
+    )
+
+
+def check_window(args: argparse.Namespace) -> None:
+    """Raise UsageError for a part that ends before it begins."""
+    if not 0 <= args.from_s < args.to_s:
+        raise UsageError("--from must be 0 or more, and less than --to")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
+from tirgeo_ros.tools.cli._arguments import add_window, check_window
+from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.progress import Progress
 
 
@@ -29,12 +29,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "--topic", default="imu/data", help="of sensor_msgs/Imu (default: %(default)s)"
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the bag's topics")
-    parser.add_argument(
-        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="since the first"
-    )
-    parser.add_argument(
-        "--to", dest="to_s", type=float, default=math.inf, metavar="S", help="message, s"
-    )
+    add_window(parser)
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="the plot's place (default: beside the YAML)"
     )
@@ -49,8 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Find the noise."""
     from tirgeo_ros.tools.calibrate_allan import calibrate_allan  # noqa: PLC0415 heavy
 
-    if not 0 <= args.from_s < args.to_s:
-        raise UsageError("--from must be 0 or more, and less than --to")
+    check_window(args)
     with Progress("reading", unit="s") as bar:
         return calibrate_allan(
             args.bag,
