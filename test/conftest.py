@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-
-PROJECT = Path(__file__).resolve().parents[1]
+from project import PROJECT
 
 # A test says the same thing twice: no random seed, no stored examples, no clock.
 settings.register_profile(

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
+from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
 from tirgeo_ros.core.parameter import parameters_of, values_of
 from tirgeo_ros.io.parameter_file import load_config
 
-AIRCRAFT = Path(__file__).resolve().parents[1] / "config" / "m600_xt2.yaml"
+AIRCRAFT = PROJECT / "config" / "m600_xt2.yaml"
 NODES = ("bag_player", "dji_node", "ekf_node", "gimbal_node", "overlay_node")
 TREE = yaml.safe_load(AIRCRAFT.read_text())
 PLACES = load_config(AIRCRAFT, "dji_node", DjiConfig).aircraft

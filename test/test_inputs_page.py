@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+
+from project import PROJECT
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.parameter import parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 
-PAGE = (Path(__file__).resolve().parents[1] / "docs" / "inputs.md").read_text()
+PAGE = (PROJECT / "docs" / "inputs.md").read_text()
 OTHERS = {
     "gimbal/joint_states",
     "gimbal/attitude",

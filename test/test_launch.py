@@ -6,12 +6,11 @@ import os
 import runpy
 import sys
 import xml.etree.ElementTree as ET
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from project import PROJECT
 
-ROOT = Path(__file__).resolve().parents[1]
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
@@ -51,7 +50,7 @@ def launch_file(monkeypatch):
     sys.modules["launch.substitutions"].LaunchConfiguration = Argument
     for name in [name for name in os.environ if name.startswith(("ROS_", "RMW_", "FAST"))]:
         monkeypatch.delenv(name)
-    return runpy.run_path(str(ROOT / "launch" / "tirgeo.launch.py"))
+    return runpy.run_path(str(PROJECT / "launch" / "tirgeo.launch.py"))
 
 
 def actions_of(launch_file, **given):
@@ -84,7 +83,7 @@ def test_launch_without_arguments_starts_the_live_graph(launch_file):
     assert set(nodes) == NODES - {"bag_player"}
     for name, node in nodes.items():
         assert (node.package, node.executable, node.namespace) == ("tirgeo", name, "")
-        assert node.parameters == [str(ROOT / "config" / "m600_xt2.yaml")]
+        assert node.parameters == [str(PROJECT / "config" / "m600_xt2.yaml")]
 
 
 def test_launch_on_a_bag_runs_in_sim_time_and_ends_with_it(launch_file, monkeypatch, tmp_path):
@@ -113,7 +112,7 @@ def test_launch_asks_for_true_or_false(launch_file):
 
 @pytest.mark.parametrize("given", [{}, {"bag": "flight.mcap"}])
 def test_each_node_has_the_enclave_of_the_policy(launch_file, given):
-    policy = ET.parse(ROOT / "config" / "sros2_policy.xml").getroot()
+    policy = ET.parse(PROJECT / "config" / "sros2_policy.xml").getroot()
     enclaves = {item.get("path") for item in policy.iter("enclave")}
     for name, node in launched(launch_file, **given).items():
         assert node.ros_arguments == ["--enclave", f"/tirgeo/{name}"]
@@ -125,7 +124,7 @@ def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch):
     assert environment_of(launch_file, bag="flight.mcap") == {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
         "ROS_STATIC_PEERS": None,
-        PROFILE: str(ROOT / "config" / "fastdds_localhost.xml"),
+        PROFILE: str(PROJECT / "config" / "fastdds_localhost.xml"),
         "SKIP_DEFAULT_XML_FILE": "1",
     }
 
@@ -134,9 +133,9 @@ def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch):
 def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
     """Where the launch file is told to, and on an aircraft, whose ground station looks on."""
     monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
-    expected = {PROFILE: str(ROOT / "config" / "fastdds.xml")}
+    expected = {PROFILE: str(PROJECT / "config" / "fastdds.xml")}
     assert environment_of(launch_file, **given) == expected
-    assert (ROOT / "config" / "fastdds.xml").is_file()
+    assert (PROJECT / "config" / "fastdds.xml").is_file()
 
 
 def test_launch_of_a_live_graph_can_be_for_this_machine_alone(launch_file):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "tirgeo_ros"
+PACKAGE = PROJECT / "tirgeo_ros"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 #: What each layer may import of the others.
@@ -54,7 +53,7 @@ def layer_of(path):
 
 
 def dotted(path):
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    return ".".join(path.relative_to(PROJECT).with_suffix("").parts).removesuffix(".__init__")
 
 
 def imported(path):
@@ -96,7 +95,7 @@ def test_all_but_the_nodes_import_without_ros():
     assert len(names) > 30
     run = subprocess.run(
         [sys.executable, "-c", WITHOUT_ROS, *names],
-        cwd=ROOT,
+        cwd=PROJECT,
         capture_output=True,
         text=True,
         check=False,
@@ -105,7 +104,7 @@ def test_all_but_the_nodes_import_without_ros():
 
 
 def test_the_check_sees_an_import_however_it_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    monkeypatch.setattr(sys.modules[__name__], "PROJECT", tmp_path)
     path = tmp_path / "tirgeo_ros" / "core" / "sub" / "x.py"
     path.parent.mkdir(parents=True)
     path.write_text(

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 import setuptools
+from project import PROJECT
 
 import tirgeo_ros
 
-ROOT = Path(__file__).resolve().parents[1]
 NAME = "tirgeo"
 NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
@@ -55,7 +55,7 @@ LAUNCH = {"launch", "launch_ros", "ros2launch"}
 
 @pytest.fixture(scope="module")
 def package_xml():
-    return ET.parse(ROOT / "package.xml").getroot()
+    return ET.parse(PROJECT / "package.xml").getroot()
 
 
 def setup_arguments(monkeypatch, *argv):
@@ -63,13 +63,13 @@ def setup_arguments(monkeypatch, *argv):
     given = {}
     monkeypatch.setattr(setuptools, "setup", lambda **arguments: given.update(arguments))
     monkeypatch.setattr(sys, "argv", ["setup.py", *argv])
-    runpy.run_path(str(ROOT / "setup.py"))
+    runpy.run_path(str(PROJECT / "setup.py"))
     return given
 
 
 @pytest.fixture
 def arguments(monkeypatch):
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(PROJECT)
     return setup_arguments(monkeypatch, "install")
 
 
@@ -108,7 +108,7 @@ def test_package_xml_is_of_format_3_for_ament_python(package_xml):
     assert package_xml.findtext("export/build_type") == "ament_python"
     for tag in ("name", "version", "description", "maintainer", "license"):
         assert package_xml.findtext(tag).strip(), tag
-    assert (ROOT / package_xml.find("license").get("file")).is_file()
+    assert (PROJECT / package_xml.find("license").get("file")).is_file()
     # The schema's order: these come before all dependencies, and export is last.
     tags = [item.tag for item in package_xml]
     assert tags[:3] == ["name", "version", "description"]
@@ -117,12 +117,12 @@ def test_package_xml_is_of_format_3_for_ament_python(package_xml):
 
 def test_names_agree(package_xml, arguments):
     config = configparser.ConfigParser()
-    config.read(ROOT / "setup.cfg")
+    config.read(PROJECT / "setup.cfg")
     assert package_xml.findtext("name") == NAME
     assert arguments["name"] == NAME
     assert config["develop"]["script_dir"] == f"$base/lib/{NAME}"
     assert config["install"]["install_scripts"] == f"$base/lib/{NAME}"
-    assert (ROOT / "resource" / NAME).is_file()
+    assert (PROJECT / "resource" / NAME).is_file()
 
 
 def test_versions_agree(package_xml, arguments):
@@ -134,26 +134,26 @@ def test_versions_agree(package_xml, arguments):
 
 
 def changelog():
-    return (ROOT / "CHANGELOG.rst").read_text()
+    return (PROJECT / "CHANGELOG.rst").read_text()
 
 
 def test_pyproject_has_no_project_table():
     # colcon reads such a table and then ignores setup.py.
-    assert not re.search(r"^\[project", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert not re.search(r"^\[project", (PROJECT / "pyproject.toml").read_text(), re.MULTILINE)
 
 
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
-    code = imported_modules(ROOT / "tirgeo_ros") | message_packages(ROOT / "tirgeo_ros")
+    code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
     keys = {
         KEYS.get(name, name)
         for name in code - BY_PIP_ALONE - FROM_SOURCE - IN_BAGS - OPTIONAL.keys()
     }
     assert dependencies(package_xml, "depend", "exec_depend") == keys | LAUNCH
-    assert imported_modules(ROOT / "launch") <= LAUNCH
+    assert imported_modules(PROJECT / "launch") <= LAUNCH
 
 
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
-    code = imported_modules(ROOT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
+    code = imported_modules(PROJECT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
     needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
     assert needed == {WHEELS.get(name, name) for name in code}
 
@@ -166,9 +166,9 @@ def test_optional_libraries_are_extras(arguments):
 
 
 def test_what_the_tests_import_is_told(package_xml, arguments):
-    tests = imported_modules(ROOT / "test") - imported_modules(ROOT / "tirgeo_ros") - LAUNCH
-    tests -= message_packages(ROOT / "tirgeo_ros") | OPTIONAL.keys()
-    for path in (ROOT / "test").rglob("*.py"):
+    tests = imported_modules(PROJECT / "test") - imported_modules(PROJECT / "tirgeo_ros") - LAUNCH
+    tests -= message_packages(PROJECT / "tirgeo_ros") | OPTIONAL.keys()
+    for path in (PROJECT / "test").rglob("*.py"):
         tests -= {path.stem, path.parent.name}
     assert tests == {"pytest", "hypothesis", "setuptools"}
     assert dependencies(package_xml, "test_depend") == {f"python3-{name}" for name in tests}
@@ -186,13 +186,13 @@ def test_every_executable_is_there_and_resolves(arguments):
 
 def test_nodes_of_the_executables_exist():
     for name in NODES:
-        assert (ROOT / "tirgeo_ros" / "nodes" / f"{name}.py").is_file()
+        assert (PROJECT / "tirgeo_ros" / "nodes" / f"{name}.py").is_file()
 
 
 def test_every_module_is_installed(arguments):
-    folders = {path.parent for path in (ROOT / "tirgeo_ros").rglob("*.py")}
+    folders = {path.parent for path in (PROJECT / "tirgeo_ros").rglob("*.py")}
     assert set(arguments["packages"]) == {
-        ".".join(folder.relative_to(ROOT).parts) for folder in folders
+        ".".join(folder.relative_to(PROJECT).parts) for folder in folders
     }
 
 
@@ -202,13 +202,13 @@ def test_share_holds_what_the_tools_look_for(arguments):
     assert files[f"share/{NAME}"] == ["package.xml"]
     assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
     assert "config/m600_xt2.yaml" in files[f"share/{NAME}/config"]
-    assert all((ROOT / path).is_file() for paths in files.values() for path in paths)
+    assert all((PROJECT / path).is_file() for paths in files.values() for path in paths)
 
 
 def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
     assert not any(folder.startswith("lib") for folder, _ in arguments["data_files"])
     for name in ("tirgeo_ros", "resource", "package.xml", "config", "launch"):
-        (tmp_path / name).symlink_to(ROOT / name)
+        (tmp_path / name).symlink_to(PROJECT / name)
     monkeypatch.chdir(tmp_path)
     files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
     assert {Path(path).name for path in files[f"lib/{NAME}"]} == NODES

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from project import PROJECT
 
-SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+SCRIPTS = PROJECT / "scripts"
 #: Makes an "environment" of itself, whose pip finds no network.
 STUB = f"""#!/bin/sh
 case "$2" in

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 from sros2_policy import allowed, breaches
 from test_packaging import NODES
 
-POLICY = Path(__file__).resolve().parents[1] / "config" / "sros2_policy.xml"
+POLICY = PROJECT / "config" / "sros2_policy.xml"
 
 
 def test_the_policy_keeps_the_rules_of_its_schema():

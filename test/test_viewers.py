@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import yaml
+from project import PROJECT
 
 from tirgeo_ros.io.messages import TOPIC_TYPES
 
-CONFIG = Path(__file__).resolve().parents[1] / "config"
+CONFIG = PROJECT / "config"
 TOPICS = {f"/{topic.lstrip('/')}" for topic in TOPIC_TYPES}
 
 

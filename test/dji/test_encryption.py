@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from project import PROJECT
 
 from tirgeo_ros.core.errors import DjiError
 from tirgeo_ros.dji.crc import crc16, crc32
 from tirgeo_ros.dji.encryption import Aes256, parse_key
 from tirgeo_ros.dji.framing import FrameReader, encode_frame
 
-ROOT = Path(__file__).resolve().parents[2]
 KEY = bytes(range(32))
 
 #: NIST SP 800-38A, F.1.5 and F.1.6: ECB-AES256, four blocks.
@@ -174,5 +173,5 @@ def test_the_library_is_not_imported_without_a_key():
         "assert FrameReader().feed(encode_frame(b'ab'))\n"
         "sys.exit(any(name.startswith('cryptography') for name in sys.modules))"
     )
-    run = subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False)
+    run = subprocess.run([sys.executable, "-c", program], cwd=PROJECT, check=False)
     assert run.returncode == 0

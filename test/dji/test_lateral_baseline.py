@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from project import PROJECT
 from serial_flight import heard
 
 from tirgeo_ros.core.attitude import euler_from_quat, wrap_pi
@@ -24,7 +24,7 @@ from tirgeo_ros.tools.flight_errors import NAVIGATION_SAMPLES, solutions
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
-SHIPPED = ParameterFile(Path(__file__).resolve().parents[2] / "config" / "m600_xt2.yaml")
+SHIPPED = ParameterFile(PROJECT / "config" / "m600_xt2.yaml")
 EKF = SHIPPED.config("ekf_node", EkfConfig)
 DJI = SHIPPED.config("dji_node", DjiConfig)
 #: 12 m/s on circles of 40 m: 20 deg of bank in a wind of 2 m/s; DJI's headings are whole degrees

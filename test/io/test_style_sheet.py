@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from map_files import UTM33_PRJ
+from project import PROJECT
 
 from tirgeo_ros.core.errors import ConfigError
 from tirgeo_ros.core.map_layers import LayerStyle
@@ -133,7 +134,7 @@ def test_an_absent_sheet(tmp_path):
 
 def test_the_example_sheet_draws_the_sample_map():
     """Each layer has features, each feature is in one, and nothing is remarked upon."""
-    root = Path(__file__).parents[2]
+    root = PROJECT
     sheet, path = root / "config/styles/rescue.yaml", root / "bags/sample/map.geojson"
     layers = load_layers(str(path), str(sheet))
     groups = [{f.group for f in layer.features} for layer in layers]

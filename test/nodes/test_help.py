@@ -6,9 +6,9 @@ import ast
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.parameter import parameters_of
@@ -16,7 +16,6 @@ from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.nodes.__main__ import NAMES
 from tirgeo_ros.nodes.help import TOPICS, help_text
 
-ROOT = Path(__file__).resolve().parents[2]
 BLOCKED = """
 import sys
 sys.modules["rclpy"] = None
@@ -37,7 +36,7 @@ WRITTEN = {
 def test_help_needs_no_ros_and_ends_well(name, option):
     run = subprocess.run(
         [sys.executable, "-c", BLOCKED, name, option],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": str(PROJECT)},
         check=False,
         capture_output=True,
         text=True,
@@ -79,7 +78,7 @@ def test_topics_are_those_that_the_node_has(name):
     modules, elsewhere = WRITTEN[name]
     found = set(elsewhere)
     for module in modules:
-        tree = ast.parse((ROOT / "tirgeo_ros" / "nodes" / f"{module}.py").read_text())
+        tree = ast.parse((PROJECT / "tirgeo_ros" / "nodes" / f"{module}.py").read_text())
         found |= {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)} & set(
             TOPIC_TYPES
         )

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
@@ -185,7 +186,7 @@ def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
 
 @pytest.mark.parametrize("name", NODE_CONFIGS)
 def test_every_node_reads_the_shipped_file_as_the_commands_do(make_node, name):
-    path = Path(__file__).resolve().parents[2] / "config" / "m600_xt2.yaml"
+    path = PROJECT / "config" / "m600_xt2.yaml"
     config = declare(make_node(name, [path]), NODE_CONFIGS[name])
     assert repr(config) == repr(ParameterFile(path).config(name, NODE_CONFIGS[name]))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts Linux faults")
 
@@ -36,7 +36,7 @@ thread.join()
 
 
 def faults_a_round(*words: str) -> float:
-    project = str(Path(__file__).resolve().parents[2])
+    project = str(PROJECT)
     return float(
         subprocess.run(
             [sys.executable, "-c", PICTURES, *words],

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from project import PROJECT
 
 from tirgeo_ros.core.boresight import PARAMETERS
 from tirgeo_ros.core.config import DjiConfig, GimbalConfig, OverlayConfig
@@ -30,7 +30,7 @@ from tirgeo_ros.tools.simulate.files import simulate
 
 pytestmark = pytest.mark.slow
 
-SCENARIO = Path(__file__).resolve().parents[2] / "config" / "scenarios" / "paper_flight.yaml"
+SCENARIO = PROJECT / "config" / "scenarios" / "paper_flight.yaml"
 PLANTED = {"roll": 1.0, "pitch": -0.8, "yaw": 1.5, "latency": 70.0}
 OVERLAY = "/**/overlay_node:\n  ros__parameters: "
 GIMBAL = "/**/gimbal_node:\n  ros__parameters: "

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.config.pictures import PALETTES
 from tirgeo_ros.tools.contact_sheet import PHONE_PX, contact_sheet, main
@@ -73,7 +74,7 @@ def test_a_broken_picture_is_named(tmp_path, capsys):
 
 
 def test_real_frames(tmp_path):
-    folder = Path(__file__).parents[3] / SAMPLES
+    folder = PROJECT.parent / SAMPLES
     if not folder.is_dir():
         pytest.skip(f"no {SAMPLES} beside the project")
     sheet = contact_sheet(folder, 60.0, 40.0)

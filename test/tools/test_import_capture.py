@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.errors import ConfigError, DjiError
@@ -353,7 +353,7 @@ def test_bytes_without_a_frame(tmp_path):
 
 
 def test_frames_of_djis_own_encoder(tmp_path):
-    path = Path(__file__).parents[3] / "shared" / "dji" / "frames.bin"
+    path = PROJECT.parent / "shared" / "dji" / "frames.bin"
     if not path.exists():
         pytest.skip("no ../shared/dji/frames.bin beside the project")
     summary = import_flight(path, tmp_path / "out.mcap")

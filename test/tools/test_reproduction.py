@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.errors import BagError, CalibrationError
 from tirgeo_ros.tools.paper_tables import (
@@ -23,7 +23,6 @@ from tirgeo_ros.tools.reproduction.page import HEAD, PARTS
 from tirgeo_ros.tools.reproduction.script import ForSeeds, Put, Run, carry_out, parsed, shell
 from tirgeo_ros.tools.reproduction.sections import QUICK, Amounts
 
-PROJECT = Path(__file__).resolve().parents[2]
 TABLES = (1, 2, 5, 6, 7, 8, 9)
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.errors import BagError
 from tirgeo_ros.tools.states import COLUMNS, HEADER, changes, main, states_text
 
-TABLE = Path(__file__).parents[1] / "data" / "sample_states.csv"
+TABLE = PROJECT / "test" / "data" / "sample_states.csv"
 RENEW = "If the change is meant: 'make states' writes the table anew, and git diff shows it."
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.errors import BagError, CalibrationError, ConfigError, SurveyError
@@ -412,7 +413,7 @@ def test_wrong_use(sample, tmp_path, capsys):
 @pytest.mark.slow
 def test_methods_over_the_papers_flight(tmp_path):
     """The order of Table 6, and the figures that this filter is to reach on the paper's flight."""
-    scenario = Path(__file__).parents[3] / "config" / "scenarios" / "paper_flight.yaml"
+    scenario = PROJECT / "config" / "scenarios" / "paper_flight.yaml"
     simulate(scenario, tmp_path, images=False)
     for composition, limit_m in (("paper", 0.8), ("encoders", 0.3)):
         chosen = tmp_path / f"{composition}.yaml"

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core.errors import ScenarioError
 from tirgeo_ros.core.parameter import parameters_of
 from tirgeo_ros.io.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
 
-PAPER = Path(__file__).resolve().parents[3] / "config" / "scenarios" / "paper_flight.yaml"
+PAPER = PROJECT / "config" / "scenarios" / "paper_flight.yaml"
 
 
 def leaves(tree, prefix=""):
