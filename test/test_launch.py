@@ -9,10 +9,9 @@ import xml.etree.ElementTree as ET
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from project import PROJECT
+from project import NODES, PROJECT
 
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
 
 class Recorded(SimpleNamespace):

@@ -15,12 +15,11 @@ from pathlib import Path
 
 import pytest
 import setuptools
-from project import PROJECT
+from project import NODES, PROJECT
 
 import tirgeo_ros
 
 NAME = "tirgeo"
-NODES = {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"}
 
 #: What the modules that the code imports are called in package.xml, where not the same.
 KEYS = {

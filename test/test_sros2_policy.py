@@ -6,9 +6,8 @@ import fnmatch
 import re
 
 import pytest
-from project import PROJECT
+from project import NODES, PROJECT
 from sros2_policy import allowed, breaches
-from test_packaging import NODES
 
 POLICY = PROJECT / "config" / "sros2_policy.xml"
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flights import errors
+from scenario.complaints import complaints
 from scenario.runs import Run, calm, faulty, run
 from scenario.table import DEGRADED, GOOD, RUNNING, Row
-from scenario.test_table import complaints
 from scenario.time_faults import nothing
 
 from tirgeo_ros.core.samples import FilterState, NavSolution
