@@ -28,7 +28,7 @@ _PATHS, _AIDS = 15, 1400
 #: Equations are linear in a delay only near the one that they are made for, and not beyond these.
 _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _SIGMAS, _LEAST_M = 5.0, 0.15
-#: The sigmas of few windows vary themselves: any 12 to 28 s of recorded flights err by up to 7.4.
+#: Of few windows they vary themselves: in 14 to 30 s of recorded flights, places err by up to 7.4.
 _MANY, _SIGMAS_OF_FEW = 15, 8.0
 #: Delays: told; 0.15 s are 45 cm at 3 m/s.
 _LEAST_S, _WRONG_S = 0.05, 0.15
@@ -112,7 +112,7 @@ class LeverChecks:
         self._fresh = False
 
     def _window(self, stretch: _Stretch, delay_s: float) -> Window:
-        """Return a window's equations for what is left of a delay."""
+        """Return a window's equations for what stamps are later than by a delay."""
         begin_ns = stretch.start_ns + round(delay_s * 1e9)
         end_ns = stretch.end_ns + round(delay_s * 1e9)
         normals = []
