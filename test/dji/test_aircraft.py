@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.composition import chain
 from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.gimbal_joints import chain
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,

@@ -25,12 +25,12 @@ from tirgeo_ros.core.attitude import quat_multiply, slerp
 from tirgeo_ros.core.composition import (
     Mount,
     NorthBias,
-    chain,
     from_computed,
     from_joints,
     from_reported,
 )
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal_joints import chain
 from tirgeo_ros.core.gimbal_north import GimbalNorth
 from tirgeo_ros.core.north_readings import NorthReadings
 from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory
@@ -176,7 +176,9 @@ class GimbalComposer:
         self._counts["joints_computed"] += sample.computed
         if self._choice == "auto":
             if not sample.computed:
-                self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
+                self._joints.put(
+                    sample.stamp_ns, np.array(chain(sample, self._mount.joint_order)[0])
+                )
             if self._presence.heard(sample.stamp_ns):
                 self._drive_by(joints=True)
         return self._take(sample, drives=self._by_joints)
