@@ -31,16 +31,31 @@ def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Ar
 
     The columns (3, 3) are those of yaw, roll, pitch.
     """
-    angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
-    q_bg: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    axes_b = np.empty((3, 3))
-    for joint in _CHAINS[order]:
-        axis, half = _axis(joint), angles[joint] / 2
-        axes_b[:, joint] = rotation_of(q_bg)[axis::3]
-        turn = [cos(half), 0.0, 0.0, 0.0]
-        turn[axis + 1] = sin(half)
-        q_bg = hamilton(q_bg, tuple(turn))
+    first, middle, last = _CHAINS[order]
+    q_first, q_both, q_bg = _turns(joints, order)
+    axes_b = np.zeros((3, 3))
+    axes_b[_axis(first), first] = 1.0
+    axes_b[:, middle] = rotation_of(q_first)[_axis(middle) :: 3]
+    axes_b[:, last] = rotation_of(q_both)[_axis(last) :: 3]
     return q_bg, axes_b
+
+
+def camera_turn(joints: JointSample, order: str = USUAL_ORDER) -> Array:
+    """``q_bg`` (4,) of the three turns in their order."""
+    return np.array(_turns(joints, order)[2])
+
+
+def _turns(joints: JointSample, order: str) -> tuple[Quaternion, Quaternion, Quaternion]:
+    """The rotations by the first joint, by the first two and by all."""
+    angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
+    first, middle, last = (_turn(joint, angles[joint]) for joint in _CHAINS[order])
+    both = hamilton(first, middle)
+    return first, both, hamilton(both, last)
+
+
+def _turn(joint: int, angle_rad: float) -> Quaternion:
+    c, s = cos(angle_rad / 2), sin(angle_rad / 2)
+    return ((c, 0.0, 0.0, s), (c, s, 0.0, 0.0), (c, 0.0, s, 0.0))[joint]
 
 
 def joint_angles(rotation_bg: Array, order: str = USUAL_ORDER) -> Array:

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from checked_flights import checked_flight
 
@@ -11,7 +10,7 @@ from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.gimbal_joints import chain, joint_angles
+from tirgeo_ros.core.gimbal_joints import camera_turn, joint_angles
 from tirgeo_ros.core.samples import JointSample
 
 
@@ -92,7 +91,7 @@ def of_order(order):
     """A fault: the same camera on a gimbal with another order of its joints."""
 
     def change(joints):
-        rotation = matrix_from_quat(np.array(chain(joints)[0]))
+        rotation = matrix_from_quat(camera_turn(joints))
         return JointSample(joints.stamp_ns, *joint_angles(rotation, order).tolist())
 
     return change

@@ -17,7 +17,7 @@ from tirgeo_ros.core.attitude import (
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.joint_findings import joint_findings
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.gimbal_joints import chain
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.pose_history import Miss, StampedHistory
 from tirgeo_ros.core.samples import Array, BodyPose, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.validity import joints_fault, usable_attitude
@@ -101,7 +101,7 @@ class GimbalChecks:
         self._sizes.append(max(abs(roll), abs(pitch)))
         q_nb = self._attitude(before[0])
         if q_nb is not None:
-            q_bg = np.array(chain(JointSample(0, yaw, roll, pitch), self._order)[0])
+            q_bg = camera_turn(JointSample(0, yaw, roll, pitch), self._order)
             self._add_look(topic, quat_multiply(q_nb, q_bg))
 
     def _attitude(self, stamp_ns: int) -> Array | None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.attitude import euler_from_quat, quat_multiply, slerp
-from tirgeo_ros.core.gimbal_joints import chain
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.pose_history import Miss, StampedHistory
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.validity import usable_attitude
@@ -36,7 +36,7 @@ class GimbalAngles:
             return sound
         sound = math.isfinite(sample.yaw_rad + sample.roll_rad + sample.pitch_rad)
         if sound:
-            self._joints.put(sample.stamp_ns, np.array(chain(sample, self._order)[0]))
+            self._joints.put(sample.stamp_ns, camera_turn(sample, self._order))
         return sound
 
     def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:
