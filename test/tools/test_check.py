@@ -242,4 +242,6 @@ def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, cap
     assert "it shakes" not in err
     navigation, gimbal, pictures = stand_ins.values()
     assert 0 < navigation.calls["solution"] == gimbal.calls["body"]
-    assert pictures.calls["frame"] == (270 if verb == "evaluate" else 0)
+    # The stand-in follows none.
+    assert pictures.calls["passed"] == (270 if verb == "evaluate" else 0)
+    assert pictures.calls["frame"] == 0

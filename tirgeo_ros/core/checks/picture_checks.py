@@ -86,6 +86,14 @@ class PictureChecks:
             self._heights.pose(pose)
         self._motion.pose(pose)
 
+    def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Whether a frame is followed; of the others ``passed`` suffices."""
+        return self._tracker.wants(stamp_ns or arrival_ns)
+
+    def passed(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Take a frame of which nothing but the stamp is known."""
+        self._stamps.frame(stamp_ns, None, arrival_ns)
+
     def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
         height, width = pixels.shape[:2]
