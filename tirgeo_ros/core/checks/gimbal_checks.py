@@ -82,6 +82,9 @@ class GimbalChecks:
 
     def body(self, pose: BodyPose) -> None:
         """Take a pose of the body, which serves where the autopilot's attitude is not there."""
+        heard_ns = self._autopilot.newest_ns
+        if heard_ns is not None and abs(pose.stamp_ns - heard_ns) < _HISTORY_S * 1e9:
+            return
         if _due(self._bodies, pose.stamp_ns) and usable_attitude(pose.q_nb):
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
