@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from arrived_flights import Arrived, changed, checked, simulated
+from checked_flights import Arrived, changed, checked, simulated
 from flights import flight
 
 from tirgeo_ros.core.attitude import quat_from_euler
