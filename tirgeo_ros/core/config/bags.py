@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.core.parameter import group, param
 
 
@@ -25,6 +26,11 @@ class SimulatedAircraftConfig:
         "the gimbal's angles: joints (its own attitude with the recorded encoder angles, where "
         "there are some) or reported (the recorded gimbal/attitude)",
         choices=("joints", "reported"),
+    )
+    joint_order: str = param(
+        USUAL_ORDER,
+        "the joints of those angles from the aircraft to the camera",
+        choices=JOINT_ORDERS,
     )
     layout: str = param(
         "modern",
