@@ -1,0 +1,66 @@
+"""README.md, CONTRIBUTING.md and docs/*.md: links lead somewhere, and what they name exists."""
+
+from __future__ import annotations
+
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+from project import PROJECT
+
+from tirgeo_ros.tools.cli import _calibrations
+from tirgeo_ros.tools.cli.main import verbs
+
+PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted(PROJECT.glob("docs/*.md"))]
+LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
+FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"`[^`]+`|^(?: {4,}|\t).*$", re.MULTILINE)
+
+
+def ids(path: Path) -> str:
+    return str(path.relative_to(PROJECT))
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that GitHub makes of a page's headings."""
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text()), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def code(page: Path) -> str:
+    """Return a page's code: what stands between backticks, in fences, or indented."""
+    text = page.read_text()
+    return "\n".join([*FENCE.findall(text), *CODE.findall(FENCE.sub("", text))])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_links_lead_somewhere(page):
+    for link in LINK.findall(FENCE.sub("", page.read_text())):
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_make_targets_exist(page):
+    targets = set(re.findall(r"^([a-z-]+):.*##", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+    assert set(re.findall(r"\bmake ([a-z][a-z-]*)", code(page))) <= targets
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_verbs_exist(page):
+    known = {verb.__name__.rpartition(".")[2].rstrip("_") for verb in verbs()}
+    calibrations = {found.name for found in pkgutil.iter_modules(_calibrations.__path__)}
+    text = code(page).replace("ros2 run tirgeo tirgeo", "tirgeo")
+    command = re.compile(r"(?:^\s*|`|/)tirgeo ([a-z]+)(?: ([a-z]+)\b)?", re.MULTILINE)
+    named = command.findall(text)
+    assert {verb for verb, _ in named} <= known
+    assert {what for verb, what in named if verb == "calibrate" and what} <= calibrations
+
+
+def test_headings_become_anchors(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# SROS 2: names, keys\n\n```\n# no heading\n```\n## The IMU's `level`\n")
+    assert anchors(page) == {"sros-2-names-keys", "the-imus-level"}
