@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,8 @@ from tirgeo_ros.core.attitude import quat_from_euler
 from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.checks.lever_checks import LeverChecks
-from tirgeo_ros.core.checks.lever_fit import by_positions, by_velocities, integrated
-from tirgeo_ros.core.checks.lever_solution import solved
+from tirgeo_ros.core.checks.lever_fit import Normal, by_positions, by_velocities, integrated
+from tirgeo_ros.core.checks.lever_solution import Windows, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames import flu_from_frd
 from tirgeo_ros.tools.flight_errors import fitting_config
@@ -86,13 +87,21 @@ def test_late_stamps_are_found_and_taken_off(late_s, flown, arrived):
     assert (np.abs(known.delays_s) < np.maximum(4 * known.delay_sigmas_s, 0.01)).all()
 
 
+def windows_of(*normals, most=150):
+    """Windows (positions, velocities) in the order in which they came."""
+    windows = Windows(most)
+    for positions, velocities in normals:
+        windows.add(positions, velocities)
+    return windows
+
+
 def test_a_flight_without_turns_or_tilts_says_nothing():
     still = ImuBlock(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
     path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
     times_s = np.arange(0.2, 3.9, 0.2)
     fixes = np.random.default_rng(1).normal(0, 0.01, (len(times_s), 3))
     normal = by_positions(path, times_s, fixes)
-    found = solved([(normal, by_velocities(path, times_s, fixes))] * 6)
+    found = solved(windows_of(*[(normal, by_velocities(path, times_s, fixes))] * 6))
     assert found is not None
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
 
@@ -101,7 +110,31 @@ def test_too_few_windows_or_fixes_are_none():
     still = ImuBlock(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
     path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
     assert by_positions(path, np.array((1.0, 2.0)), np.zeros((2, 3))) is None
-    assert solved([(None, None)] * 9) is None
+    assert solved(windows_of(*[(None, None)] * 9)) is None
+
+
+def test_the_newest_windows_count_alone_and_take_no_more_memory():
+    rng = np.random.default_rng(3)
+
+    def normal():
+        rows, off = rng.normal(size=(20, 4)), rng.normal(0, 0.01, 20)
+        return Normal(rows.T @ rows, rows.T @ off, float(off @ off), 20)
+
+    came = [(normal(), normal() if k % 3 else None) for k in range(20)]
+    windows = windows_of(*came[:1], most=8)
+    tracemalloc.start()
+    for one in came[1:]:
+        windows.add(*one)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # Of the numbers that say where the next one goes; each window as objects took 1000 and more.
+    assert grown < 500
+    newest, alone = solved(windows), solved(windows_of(*came[-8:], most=8))
+    assert newest is not None
+    assert alone is not None
+    assert newest.windows == 8
+    for one, other in zip(newest, alone, strict=True):  # their order differs: rounding
+        assert one == pytest.approx(other, rel=1e-9)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.checks.lever_fit import Normal, by_positions, by_velocities, integrated
-from tirgeo_ros.core.checks.lever_solution import Lever, solved
+from tirgeo_ros.core.checks.lever_solution import Lever, Windows, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.delays import Delays
 from tirgeo_ros.core.frames import flu_from_frd
@@ -45,7 +45,7 @@ class LeverChecks:
         ]
         self._blocks: list[ImuBlock] = []
         self._aids: tuple[deque[tuple[int, Array]], ...] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
-        self._windows: deque[tuple[Normal | None, Normal | None]] = deque(maxlen=_KEPT)
+        self._windows = Windows(_KEPT)
         self._solution: NavSolution | None = None
         self._found: Lever | None = None
         self._fresh = True
@@ -97,7 +97,7 @@ class LeverChecks:
             normals.append(
                 fit(path, times_s, np.array([v for _, v in inside])) if rising else None
             )
-        self._windows.append((normals[0], normals[1]))
+        self._windows.add(*normals)
         self._fresh = False
 
     @property
