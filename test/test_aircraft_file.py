@@ -10,8 +10,8 @@ import yaml
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
-from tirgeo_ros.core.parameter import parameters_of, values_of
-from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.core.config.schema import parameters_of, values_of
+from tirgeo_ros.io.parameters.parameter_file import load_config
 
 AIRCRAFT = PROJECT / "config" / "m600_xt2.yaml"
 NODES = ("bag_player", "dji_node", "ekf_node", "gimbal_node", "overlay_node")

@@ -108,7 +108,7 @@ def test_the_check_sees_an_import_however_it_is_written(tmp_path, monkeypatch):
     path = tmp_path / "tirgeo_ros" / "core" / "sub" / "x.py"
     path.parent.mkdir(parents=True)
     path.write_text(
-        "import tirgeo_ros.tools.process\n"
+        "import tirgeo_ros.tools.replay.process\n"
         "def f():\n"
         "    from tirgeo_ros import nodes\n"
         "    from ...io import bag\n"
@@ -116,9 +116,9 @@ def test_the_check_sees_an_import_however_it_is_written(tmp_path, monkeypatch):
     )
     assert sorted(imported(path)) == [
         "tirgeo_ros.core.sub.y",
-        "tirgeo_ros.io.bag",
+        "tirgeo_ros.io.bags.bag",
         "tirgeo_ros.nodes",
-        "tirgeo_ros.tools.process",
+        "tirgeo_ros.tools.replay.process",
     ]
     assert layers_imported(path) == {"core", "io", "nodes", "tools"}
 

@@ -20,20 +20,20 @@ from graph_helpers import Stranger
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
 from sensor_msgs.msg import Image
 
-from tirgeo_ros.core.attitude import quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.errors import GraphError
-from tirgeo_ros.core.pose_history import PoseHistory
-from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
-from tirgeo_ros.io.parameter_file import load_config
-from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
-from tirgeo_ros.tools.outputs import Outputs, read_outputs
-from tirgeo_ros.tools.pose_comparison import differences
-from tirgeo_ros.tools.process import process
+from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
+from tirgeo_ros.tools.replay.pose_comparison import differences
+from tirgeo_ros.tools.replay.process import process
 
 pytestmark = pytest.mark.graph
 

@@ -11,7 +11,7 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.nodes.__main__ import NAMES
 from tirgeo_ros.nodes.help import TOPICS, help_text

@@ -14,7 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Imu, NavSatFix
 
-from tirgeo_ros.core.errors import MessageError
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.inbox import Inbox

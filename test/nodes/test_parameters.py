@@ -21,9 +21,9 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.core.parameter import parameters_of
-from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.nodes.arguments import check_arguments, parameter_files
 from tirgeo_ros.nodes.parameters import declare, given_names
 

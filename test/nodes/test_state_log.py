@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.samples import FilterState, FixStatus, NavigationStatus
 from tirgeo_ros.nodes.state_log import StateLog
 
 

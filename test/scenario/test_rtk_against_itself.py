@@ -11,7 +11,7 @@ from scenario.runs import calm, faulty, run, sizes
 from scenario.table import LACKING
 from scenario.value_faults import faster, shifted
 
-from tirgeo_ros.core.samples import FilterState, Outcome, Source
+from tirgeo_ros.core.types.samples import FilterState, Outcome, Source
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,8 @@ from scenario.deliveries import RTK
 from scenario.runs import Run, faulty, run, sizes
 from scenario.time_faults import drop
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array, FilterState
+from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.types.samples import Array, FilterState
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -9,13 +9,13 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
-from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.types.samples import (
     NavigationInput,
     NavigationStatus,
     NavSolution,

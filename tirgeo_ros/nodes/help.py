@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.parameter import Parameter, Value, parameters_of
+from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 HELP_ALL = "--help-all"

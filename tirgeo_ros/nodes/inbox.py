@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tirgeo_ros.core.arrival_order import ArrivalOrder
+from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
 from tirgeo_ros.nodes.callbacks import told
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.topics import subscribe

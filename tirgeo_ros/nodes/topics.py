@@ -15,7 +15,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from tirgeo_ros.core.errors import ConfigError, MessageError
+from tirgeo_ros.core.types.errors import ConfigError, MessageError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.monitor import Monitor

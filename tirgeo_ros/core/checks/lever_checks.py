@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.checks.lever_fit import Path, by_positions, by_velocities, integrated
 from tirgeo_ros.core.checks.lever_solution import Lever, Window, solved
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.delays import Delays
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.samples import Array, NavSolution, Source
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.samples import Array, NavSolution, Source
 
 #: Blocks of a window, 4 s: in 2 s the antenna shows in half the time, but delays look like it.
 _BLOCKS = 80

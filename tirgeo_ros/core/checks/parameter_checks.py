@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Without any of these, nobody has told what the aircraft looks like.
 _GROUND = ("ground_height_m", "dem")

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.samples import Array
 
 Grey = npt.NDArray[np.uint8]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.parameter import param
+from tirgeo_ros.core.config.schema import param
 
 _LONGEST_DELAY_S = 2.0
 

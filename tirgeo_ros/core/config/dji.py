@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 #: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
 RATE_CODES = 8

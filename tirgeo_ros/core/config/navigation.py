@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
 

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.errors import MessageError
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.streams.sanity_checks import place_fault
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.samples import (
     Array,
     BodyPose,
     CameraAttitudeSample,
@@ -29,7 +30,6 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.validity import place_fault
 from tirgeo_ros.io.messages.axes import (
     covariance_turned_world,
     quat_turned_both,

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import rotation_of
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.navigation.strapdown import Vector, cross
+from tirgeo_ros.core.types.samples import (
     Array,
     BodyPose,
     CameraAttitudeSample,
@@ -26,7 +27,6 @@ from tirgeo_ros.core.samples import (
     PositionSample,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import Vector, cross
 from tirgeo_ros.io.messages.axes import (
     Quaternion,
     covariance_turned_world,

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.errors import CameraError, MessageError
-from tirgeo_ros.io.encoded_picture import MOST_OF_VIDEO, unpacked
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.errors import CameraError, MessageError
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 
 Pixels = npt.NDArray[Any]  # uint8 or uint16
 

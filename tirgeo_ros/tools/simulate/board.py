@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_euler, rotation_z
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checkerboard import Checkerboard
-from tirgeo_ros.core.frames import BODY_OPTICAL
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, rotation_z
+from tirgeo_ros.core.types.samples import Array
 
 Picture = npt.NDArray[Any]  # uint8 or uint16
 Floats = npt.NDArray[np.float32]

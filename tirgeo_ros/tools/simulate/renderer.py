@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.geodesy import gravity_down
-from tirgeo_ros.core.sample_grid import Stamps
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.tools.progress import Progress, Report, silent
+from tirgeo_ros.core.calibration.allan.sample_grid import Stamps
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 
