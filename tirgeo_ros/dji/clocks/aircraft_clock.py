@@ -3,8 +3,8 @@
 The aircraft counts milliseconds from power-up. A message arrives later than it was sent by the
 smallest latency of the link and by whatever queues, bursts and scheduling add: never earlier. So
 ``arrival - aircraft time`` lies above a line, the offset of the two clocks with their drift, and
-the line below all points (``dji.clocks.lower_envelope``) is that offset plus the smallest latency. The latency
-itself cannot be seen from one side; the delay of each source is a parameter.
+the line below all points (``dji.clocks.lower_envelope``) is that offset plus the smallest
+latency. The latency itself cannot be seen from one side; the delay of each source is a parameter.
 
 A counter that truncates to its tick, fed from a clock that is not in step with it, makes stamps
 early by 0 to 1 tick, half a tick in the mean; the line is not biased by it, since the smallest

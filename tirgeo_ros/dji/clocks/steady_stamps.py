@@ -1,8 +1,8 @@
 """Stamps for periodic messages that tell no time of their own.
 
 They come in bursts, late by whatever held them up, but the aircraft sends them at a steady rate.
-Counted, they are a clock: so many periods since the first. ``dji.clocks.aircraft_clock`` puts that clock on the
-line below the arrivals, as it does with the aircraft's own.
+Counted, they are a clock: so many periods since the first. ``dji.clocks.aircraft_clock`` puts
+that clock on the line below the arrivals, as it does with the aircraft's own.
 """
 
 from __future__ import annotations

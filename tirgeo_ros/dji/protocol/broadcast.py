@@ -45,7 +45,7 @@ class Layout(Enum):
 
 
 class Broadcast(NamedTuple):
-    """One broadcast in the aircraft's own units (``dji.protocol.broadcast_parts``); an absent part is None.
+    """One broadcast in the aircraft's own units (``broadcast_parts``); an absent part is None.
 
     Axes: ``quaternion_wxyz`` turns body FRD into ground NED; ``acceleration_as_packed`` is in g or
     m/s2, of the axes that DJI Assistant is set to (raw: g, FRD).

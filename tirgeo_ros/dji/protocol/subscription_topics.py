@@ -1,6 +1,7 @@
 """The topics that an aircraft can be subscribed to: number, rate, bytes and meaning of each.
 
-Names, numbers and structures are those of DJI's Onboard SDK 3.9; the values are of ``dji.protocol.broadcast_parts``.
+Names, numbers and structures are those of DJI's Onboard SDK 3.9; the values are of
+``dji.protocol.broadcast_parts``.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ _RAW_DEG = math.radians(1e-7)
 
 
 class StampSource(Protocol):
-    """From a counter of the aircraft to stamps: ``dji.clocks.aircraft_clock``'s for live use or for captures."""
+    """Give stamps for a counter of the aircraft: live ones or those of captures."""
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
         """The time of a counter's value that came in at ``arrival_ns``."""

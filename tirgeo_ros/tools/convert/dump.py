@@ -38,8 +38,8 @@ _CONTROL_LOST = (0x02, 0x01)
 class CaptureDump:
     """Reads a capture of any size; ``records`` tells its frames one after the other.
 
-    ``packages``: a YAML file as ``dji.protocol.package_table`` has it, instead of the usual packages;
-    ``key``: 64 hexadecimal digits, for encrypted frames.
+    ``packages``: a YAML file as ``dji.protocol.package_table`` has it, instead of the usual
+    packages; ``key``: 64 hexadecimal digits, for encrypted frames.
 
     Raises
     ------
