@@ -19,12 +19,13 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.clicks import Clicks
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
 GROUND_M = 25.0

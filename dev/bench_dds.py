@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dev.bench_overlay import ABOVE_M, PITCH_DEG, PLANE, beds
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,

@@ -23,7 +23,8 @@ from dev.flight_errors import (
 )
 from dev.looped_flight import LoopedFlight
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import NavigationInput, NavSolution
+from tirgeo_ros.core.types.measurements import NavigationInput
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

@@ -9,23 +9,21 @@ from statistics import median
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from dev.bench_town import town
 from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotation_y
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.types.samples import CameraPose
-
-Pixels = npt.NDArray[np.uint8]
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 _CORNERS = 10  # vertices of an outline
 _IN_VIEW, _OUT_OF_VIEW, _LABELS = 1000, 9500, 20

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Six tenths of the vertices are of buildings of 4, 6 or 12 corners and 8 to 20 m, anyhow placed
 #: and turned; the rest are of winding roads right across the town, a vertex each 4 m.

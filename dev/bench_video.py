@@ -20,8 +20,8 @@ from rclpy.node import Node
 from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output
 from tirgeo_ros.nodes.runner import run

@@ -24,21 +24,16 @@ from tirgeo_ros.core.camera.model import XT2, Camera
 from tirgeo_ros.core.config.pictures import PALETTES, OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y, rotation_z
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import TirgeoError, VideoError
-from tirgeo_ros.core.types.samples import (
-    Array,
-    CameraPose,
-    FilterState,
-    FixStatus,
-    NavigationStatus,
-)
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
-
-Pixels = npt.NDArray[np.uint8]
 
 PHONE_PX = 360
 _PLANE = TangentPlane(0.6955, 2.0368, 11.5)

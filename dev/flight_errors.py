@@ -19,15 +19,15 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     NavigationInput,
-    NavSolution,
     PositionSample,
     VelocitySample,
 )
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import Flight, Truth
 
 NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample)

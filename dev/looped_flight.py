@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from dev.flight_errors import NAVIGATION_SAMPLES, fitting_config
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.types.samples import NavigationInput
+from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario, scenario_from
 

@@ -30,16 +30,11 @@ from dev.flight_errors import errors, fitting_config, navigation_samples
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.samples import (
-    Array,
-    HeadingSample,
-    NavigationInput,
-    NavSolution,
-    Outcome,
-    Source,
-    Verdict,
-)
+from tirgeo_ros.core.types.measurements import HeadingSample, NavigationInput, Source
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 from tirgeo_ros.io.files.child_python import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import fly

@@ -17,21 +17,20 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    Array,
-    FilterState,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
     NavigationInput,
-    NavSolution,
     PositionSample,
     Source,
     VelocitySample,
-    Verdict,
 )
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, Verdict
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS
 

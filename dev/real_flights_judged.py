@@ -29,9 +29,9 @@ from dev.real_flights import (
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     NavigationInput,
     Source,

@@ -36,7 +36,7 @@ from dev.real_flights_judged import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.presentation.progress import Progress
 

@@ -23,7 +23,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.streams.rate_limit import RateLimit
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
-from tirgeo_ros.core.types.samples import NavSolution
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.replay.recorded_flight import load_recording

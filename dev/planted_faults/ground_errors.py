@@ -11,11 +11,11 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Located, place
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs

@@ -11,7 +11,8 @@ import numpy as np
 
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import status_box
-from tirgeo_ros.core.overlay.text_rendering import Pixels, line_px, text_px
+from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr

@@ -16,7 +16,8 @@ from dev.soak.run import WITNESS
 from dev.soak.schedule import GUEST
 from dev.soak.truth import deviations, has_lines, lines_without_pose, witnessed
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: What is asked, at the most.
 GROWTH, SIGMAS = 0.02, 4.0

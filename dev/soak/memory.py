@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dev.soak.lives import Life
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 SETTLED_S = 60.0

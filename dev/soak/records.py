@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _MS = 1_000_000
 #: Each player that is started has so many numbers of epochs for itself.

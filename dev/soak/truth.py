@@ -11,7 +11,8 @@ import numpy as np
 
 from dev.soak.records import Picture, Poses, epoch_of
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Colour on so few pixels is no line.
 _LEAST_INK = 20

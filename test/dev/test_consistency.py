@@ -28,7 +28,7 @@ from dev.monte_carlo import (
     pooled,
     pooled_nis,
 )
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ import pytest
 
 from dev import fuzz
 from dev.dji_damage import KEY, damaged_stream
-from tirgeo_ros.core.types.samples import CameraAttitudeSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
 from tirgeo_ros.tools.presentation.progress import silent

@@ -13,7 +13,8 @@ import pytest
 from dev.looped_flight import PERIOD_S, LoopedFlight
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample, Outcome, PositionSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome
 
 RATE_HZ = 50.0
 

@@ -22,12 +22,7 @@ from dev.real_flights import (
 from dev.real_flights_judged import Judged, config_of, groups, judge, median
 from dev.real_flights_table import ASKED, main, report, values_from
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.samples import (
-    HeadingSample,
-    ImuSample,
-    PositionSample,
-    Source,
-)
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
 
 DURATION_S = 30.0
 

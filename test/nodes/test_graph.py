@@ -25,7 +25,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns

@@ -16,7 +16,7 @@ pytest.importorskip("serial", reason="needs pyserial")
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose, stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile

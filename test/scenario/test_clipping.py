@@ -8,7 +8,7 @@ from scenario.table import TABLE
 
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 
 @pytest.mark.slow

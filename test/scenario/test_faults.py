@@ -13,8 +13,8 @@ from scenario.runs import SHEAR_DEG, SHEAR_S, calm, faulty, sheared
 from scenario.table import TABLE
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import FixStatus, Source
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 POSITION, VELOCITY, HEADING = RTK
 START_S, END_S = 20.0, 25.0

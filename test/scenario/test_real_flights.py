@@ -28,7 +28,7 @@ from dev.real_flights_table import (
     ASKED_USED_EACH,
     bags_in,
 )
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from dev.flight_errors import navigation_samples
 from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded
 from tirgeo_ros.core.aircraft_calibration.parameters import DELAYS
 from tirgeo_ros.core.navigation.aiding.filter_state import source_of
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.simulate.flight import fly

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

@@ -6,9 +6,9 @@ import numpy as np
 from flights import navigation_samples
 
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 #: The sources of the RTK receiver.
 RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)

@@ -22,7 +22,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.types.finding import Finding
-from tirgeo_ros.core.types.samples import JointSample
+from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import sensed

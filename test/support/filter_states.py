@@ -10,7 +10,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
 from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import FixStatus, Source
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 NOW_NS = 5_000_000_000
 

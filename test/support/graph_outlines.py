@@ -9,8 +9,8 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import CameraPose
 
 _STEP_M = 0.25  # lines are cut so fine that the lens cannot bend a piece visibly
 _NEAREST_M = 1.0

@@ -9,22 +9,19 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.rotations import canonical
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import (
-    BodyPose,
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    CameraPose,
-    FilterState,
     FixStatus,
     HeadingSample,
     ImuSample,
     JointSample,
-    NavigationStatus,
-    NavSolution,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages import Messages
 
 STAMP_NS = 1_700_000_000_123_456_789

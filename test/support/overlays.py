@@ -10,11 +10,13 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.text_boxes import status_box
-from tirgeo_ros.core.types.samples import CameraPose, FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
 MS = 1_000_000

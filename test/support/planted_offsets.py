@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_y,
     rotation_z,
 )
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.tools.evaluate.systematic import pixel_moves
 
 CLICK_PX = 0.5

@@ -11,7 +11,7 @@ from tirgeo_ros.core.checks.parameter_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
     Messages,

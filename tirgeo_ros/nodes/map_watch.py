@@ -13,7 +13,7 @@ from typing import final
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import LaidMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.core.types.quoted_text import shown

@@ -24,7 +24,7 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
 from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 SETTLED = 4.0  # sigma: one in 16 000 by chance
 

@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     rotation_z,
 )
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 PLANTED_RAD = np.radians((2.0, -3.0))
 

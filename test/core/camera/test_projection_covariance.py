@@ -30,7 +30,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     quat_multiply,
 )
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PINHOLE = Camera(640, 512, 880.0, 880.0, 319.5, 255.5)
 BARREL = Camera(640, 512, 420.0, 425.0, 318.0, 250.0, (-0.28, 0.09, 0.001, -0.0005))

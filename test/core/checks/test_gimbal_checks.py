@@ -11,7 +11,7 @@ from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import JointSample
+from tirgeo_ros.core.types.measurements import JointSample
 
 
 def right(joints):

@@ -16,10 +16,10 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_rotvec,
     quat_multiply,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.dem import Terrain, graticule
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 PLANE = TangentPlane(math.radians(48.0), math.radians(11.0), 100.0)

@@ -15,7 +15,8 @@ from tirgeo_ros.core.checks.recording_checks import (
     unreadable_findings,
 )
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 CONTRACT = {
     "imu/data": "Imu",

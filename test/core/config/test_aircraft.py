@@ -20,7 +20,7 @@ from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.frames.rotations import matrix_from_euler
 from tirgeo_ros.core.navigation.imu_axes import ImuAxes
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import ImuSample, Source
+from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

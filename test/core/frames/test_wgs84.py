@@ -12,8 +12,8 @@ from pyproj import Transformer
 
 from tirgeo_ros.core.frames import wgs84 as geodesy
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import NavSolution
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import NavSolution
 
 #: Earth-fixed coordinates of 6.4e6 m hold 1e-9 m (half a unit in the last place is 4.7e-10).
 ECEF_M = 5e-9

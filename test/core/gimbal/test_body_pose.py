@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
-from tirgeo_ros.core.frames.wgs84 import TangentPlane, quat_ecef_from_ned, rotation_ecef_from_ned
-from tirgeo_ros.core.types.samples import NavSolution
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import quat_ecef_from_ned, rotation_ecef_from_ned
+from tirgeo_ros.core.types.poses import NavSolution
 
 latitudes, longitudes = st.floats(-1.5, 1.5), st.floats(-3.2, 3.2)
 

@@ -34,7 +34,8 @@ from tirgeo_ros.core.gimbal.camera_pose import (
     heading_row,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
-from tirgeo_ros.core.types.samples import BodyPose, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose
 
 PLAIN = Mount.from_config(GimbalConfig())
 CONFIG = GimbalConfig(

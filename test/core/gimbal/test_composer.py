@@ -17,7 +17,8 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.types.samples import BodyPose, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose
 
 MS = 1_000_000
 YAW_RATE = 0.8  # rad/s, of the body

@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory, StampedHistory
-from tirgeo_ros.core.types.samples import BodyPose, CameraPose
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 STEP_NS = 10_000_000
 

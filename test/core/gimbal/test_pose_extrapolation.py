@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.gimbal.pose_extrapolation import predicted
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 STEP_S = 0.02
 GAP_S = 0.25

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
-from tirgeo_ros.core.types.samples import Outcome
+from tirgeo_ros.core.types.verdicts import Outcome
 
 S = 1_000_000_000
 NOISE = math.radians(0.2) ** 2

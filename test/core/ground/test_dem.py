@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
 from tirgeo_ros.core.ground.dem import Terrain, graticule
 from tirgeo_ros.core.ground.dem_intersection import Stop, first_hit
 from tirgeo_ros.core.ground.dem_slopes import Slopes
 from tirgeo_ros.core.types.errors import ElevationError
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
 SIZE = 801  # nodes a side

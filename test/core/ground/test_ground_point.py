@@ -15,7 +15,7 @@ from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, p
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
 from tirgeo_ros.core.ground.dem import Terrain, graticule
 from tirgeo_ros.core.ground.ground_point import (
@@ -26,7 +26,7 @@ from tirgeo_ros.core.ground.ground_point import (
     place,
 )
 from tirgeo_ros.core.ground.ground_point_covariance import point_covariance
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
 COVARIANCE = np.diag([0.03, 0.02, 0.05, 0.004, 0.003, 0.006]) ** 2

@@ -7,11 +7,11 @@ import pytest
 from tirgeo_ros.core.camera.model import XT2, Camera
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 FOLDING = Camera(640, 512, 400.0, 400.0, 319.5, 255.5, (-0.30, 0.0, 0.0, 0.0))

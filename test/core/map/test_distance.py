@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from overlays import PLANE, geo
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
     Whereabouts,
     compass_word,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map import draping
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.errors import ConfigError

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.camera.model import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import CHORD_PX, FAR_M, View
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 PINHOLE = Camera(640, 512, 500.0, 500.0, 319.5, 255.5)

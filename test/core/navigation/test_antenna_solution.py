@@ -17,11 +17,12 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane, radii_of_curvature
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.antenna_solution import at_antenna
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, GYRO_BIAS, feedback, states_of
-from tirgeo_ros.core.types.samples import NavSolution
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat, quat_from_euler
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.autopilot_baseline import Passthrough
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.verdicts import Outcome
 
 SECOND_NS = 1_000_000_000
 NOW_NS = 100 * SECOND_NS

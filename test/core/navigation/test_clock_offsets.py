@@ -8,12 +8,8 @@ import pytest
 from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    FilterState,
-    HeadingSample,
-    ImuSample,
-    Source,
-)
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.verdicts import FilterState
 
 RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY)
 

@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.sensors import Epochs, imu_bias

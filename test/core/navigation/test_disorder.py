@@ -9,13 +9,8 @@ import pytest
 from flights import config_for, errors, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    FilterState,
-    FixStatus,
-    HeadingSample,
-    ImuSample,
-    PositionSample,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.verdicts import FilterState
 
 pytestmark = pytest.mark.slow
 

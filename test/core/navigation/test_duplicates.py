@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.navigation.duplicates import Repeats, Same
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

@@ -17,11 +17,7 @@ from flights import (
 )
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    HeadingSample,
-    ImuSample,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, VelocitySample
 from tirgeo_ros.tools.simulate.flight import fly
 
 

@@ -14,16 +14,15 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import (
-    FilterState,
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 
 DURATION_S = 8.0
 

@@ -11,7 +11,8 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
 from tirgeo_ros.core.navigation.filter_status import Health, unused
-from tirgeo_ros.core.types.samples import FilterState, FixStatus, Outcome, Source, Verdict
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
 SECOND_NS = 1_000_000_000
 NOW_NS = 1000 * SECOND_NS

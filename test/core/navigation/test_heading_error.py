@@ -11,7 +11,7 @@ import pytest
 from flights import config_for, errors, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import HeadingSample
+from tirgeo_ros.core.types.measurements import HeadingSample
 
 pytestmark = pytest.mark.slow
 

@@ -22,7 +22,8 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Headings, interval_measurement
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.types.samples import HeadingSample, Outcome, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.navigation.imu_checks import ImuClock
-from tirgeo_ros.core.types.samples import ImuSample, Outcome
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import Outcome
 
 SECOND_NS = 1_000_000_000
 RNG = np.random.default_rng(3)

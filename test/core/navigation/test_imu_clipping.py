@@ -10,7 +10,8 @@ from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.types.samples import FilterState, ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages.imu_block import imu_block
 

@@ -11,14 +11,14 @@ from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
 from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
-    Outcome,
     PositionSample,
     Source,
 )
+from tirgeo_ros.core.types.verdicts import Outcome
 
 
 def started(flown, samples, **values):

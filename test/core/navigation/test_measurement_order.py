@@ -11,14 +11,14 @@ from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.measurement_order import StampOrder
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.verdicts import Outcome
 
 S = 10**9
 

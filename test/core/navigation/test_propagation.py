@@ -23,7 +23,7 @@ from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
 from tirgeo_ros.core.navigation.propagation import Mechanisation
 from tirgeo_ros.core.navigation.strapdown import NavState, propagate
 from tirgeo_ros.core.navigation.vibration_meter import VibrationMeter
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 START = NavState(

@@ -12,12 +12,8 @@ from motions import ZERO, angle_between, state_at, steady_readings
 
 from tirgeo_ros.core.frames import rotations as att
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.frames.wgs84 import (
-    EARTH_RATE_RAD_S,
-    TangentPlane,
-    gravity_down,
-    radii_of_curvature,
-)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, radii_of_curvature
 from tirgeo_ros.core.navigation import strapdown
 from tirgeo_ros.core.navigation.strapdown import propagate
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from motions import angle_between, state_at, steady_readings
 
-from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, TangentPlane, radii_of_curvature
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, radii_of_curvature
 from tirgeo_ros.core.navigation.strapdown import propagate
 
 STEP_S = 0.01

@@ -12,7 +12,8 @@ from flights import config_for, errors, flight
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.turn_on_bias import surprise
-from tirgeo_ros.core.types.samples import FilterState, ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

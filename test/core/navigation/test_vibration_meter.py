@@ -14,7 +14,7 @@ from tirgeo_ros.core.navigation.vibration_meter import (
     densities,
     mean_powers,
 )
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 RATE_HZ = 100.0
 GYRO, ACCEL = np.array([1e-3, 3e-3, 5e-4]), np.array([0.1, 0.05, 0.4])

@@ -20,16 +20,15 @@ from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.reported_accuracy import Admitted
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
-    FilterState,
     FixStatus,
     HeadingSample,
     ImuSample,
-    Outcome,
     PositionSample,
     Source,
 )
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

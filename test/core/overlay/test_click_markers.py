@@ -9,7 +9,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.line_renderer import Painter
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 HEIGHT_M = 20.0  # 40 px to a metre, straight down

@@ -13,11 +13,11 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.core.overlay.clicks import MARKER_S, MARKERS, REMEMBERED_S, Clicks
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 S = 1_000_000_000

@@ -15,13 +15,13 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_y,
     rotation_z,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.label_placement import MOST, Labels
 from tirgeo_ros.core.overlay.text_rendering import Box, text_px
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 CAMERA = Camera(640, 512, 640.0, 640.0, 319.5, 255.5)

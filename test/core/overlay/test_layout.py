@@ -16,7 +16,7 @@ from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import MapDrawing, Verdict
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 POSES = 40
 WORDS = "NO GO: height above ground at rest 47.3 m, should be 1 m: overlay_node ground_height_m"

@@ -19,7 +19,7 @@ from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.map_renderer import Verdict, lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 
 def notice(features, pose=None, style=None):

@@ -28,12 +28,13 @@ from overlays import (
 from tirgeo_ros.core.camera.model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import CameraPose, FilterState
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState
 
 
 def test_the_lines_lie_on_the_truth_at_the_exposure():

@@ -16,7 +16,7 @@ from overlays import (
     true_outline,
 )
 
-from tirgeo_ros.core.types.samples import FilterState
+from tirgeo_ros.core.types.verdicts import FilterState
 
 
 def test_a_frame_waits_for_the_pose_after_its_exposure():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.camera.model import XT2, Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
@@ -21,7 +21,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
 )
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.overlay.text_rendering import text_px
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 GREY = 128

@@ -12,7 +12,8 @@ from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
 from tirgeo_ros.core.overlay.text_boxes import fitted, paint_notice, paint_status
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, text_px
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 
 def status(state=FilterState.RUNNING, reason="", state_s=0.0, sigma_rad=0.002):

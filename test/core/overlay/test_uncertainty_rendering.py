@@ -12,7 +12,7 @@ from tirgeo_ros.core.camera.projection_covariance import rays_to
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
@@ -27,7 +27,7 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
     layer_sigmas,
     with_marks,
 )
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)

@@ -18,7 +18,7 @@ from tirgeo_ros.core.streams.sanity_checks import (
     pose_fault,
     usable_attitude,
 )
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,

@@ -21,7 +21,7 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import Field, paint_notice, paint_status, place_notice
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 STAMP_NS = 1_700_000_000 * 10**9
 FAULT = Fault("late", "RTK late", ("rtk.delay_s",), lambda good, _: good)

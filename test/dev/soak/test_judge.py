@@ -32,7 +32,7 @@ from dev.soak.records import (
     read_record,
 )
 from dev.soak.schedule import GUEST, NODES, Kind, repeated, schedule
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 MB = 1 << 20
 

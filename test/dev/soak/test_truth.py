@@ -10,7 +10,7 @@ import pytest
 from dev.soak.records import Picture, poses_of
 from dev.soak.truth import deviations, lines_without_pose, witnessed
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 START, PERIOD = 1_634_731_206_000_000_000, 1_000_000_000
 STEP = 20_000_000

@@ -9,9 +9,7 @@ from aircraft_readings import KIT, attitude, epoch, imu, of, rtk, wxyz
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import wrap_pi
-from tirgeo_ros.core.types.samples import (
-    HeadingSample,
-)
+from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.dji.interpret import Interpreter
 
 

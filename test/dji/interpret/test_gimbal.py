@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     wrap_pi,
 )
-from tirgeo_ros.core.types.samples import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import ImuOrigin
 

@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.aiding import GpsConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of
-from tirgeo_ros.core.types.samples import FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Place
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.samples import JointSample
+from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,

@@ -14,7 +14,7 @@ from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.frames.rotations import wrap_pi
 from tirgeo_ros.core.streams.sanity_checks import fault_of
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

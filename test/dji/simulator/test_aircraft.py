@@ -12,7 +12,7 @@ import pytest
 from tirgeo_ros.core.config import SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply, rotvec_from_quat
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

@@ -21,7 +21,7 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.simulator import Aircraft
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.samples import FixStatus, HeadingSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import PsdkRoad
 from tirgeo_ros.dji.sources.readings import AttitudeReading, GimbalReading, GpsReading, ImuReading

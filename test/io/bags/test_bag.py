@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages, imu_sample
 

@@ -7,7 +7,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.cdr import Cdr, header_stamp_ns
 from tirgeo_ros.io.messages import Messages
 

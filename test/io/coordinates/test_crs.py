@@ -8,7 +8,7 @@ import pyproj
 import pytest
 from map_files import UTM33_PRJ
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import checked_system, to_wgs84
 from tirgeo_ros.io.maps import load_layers

@@ -16,7 +16,7 @@ import pytest
 from map_readers import reader_of
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers

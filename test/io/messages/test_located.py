@@ -8,7 +8,7 @@ import message_samples as given
 import numpy as np
 
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages

@@ -22,18 +22,16 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
 )
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.core.types.samples import (
-    BodyPose,
-    CameraPose,
-    FilterState,
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
     JointSample,
-    NavigationStatus,
     PositionSample,
     Source,
 )
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml

@@ -6,7 +6,7 @@ import numpy as np
 from scenario.runs import Run, sizes
 from scenario.table import Row
 
-from tirgeo_ros.core.types.samples import FilterState
+from tirgeo_ros.core.types.verdicts import FilterState
 
 #: What good data give, and a fault must leave behind.
 GOOD_DEG, GOOD_M, RECOVERY_S = 0.3, 0.05, 5.0

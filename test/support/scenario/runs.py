@@ -12,13 +12,9 @@ from flights import Errors, config_for, errors
 from scenario.deliveries import Deliveries, Fault, Interval, deliveries
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.samples import (
-    FilterState,
-    ImuSample,
-    NavigationStatus,
-    NavSolution,
-    PositionSample,
-)
+from tirgeo_ros.core.types.measurements import ImuSample, PositionSample
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.tools.simulate import flight as simulated
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario

@@ -41,7 +41,8 @@ from scenario.value_faults import (
     wandering,
 )
 
-from tirgeo_ros.core.types.samples import FilterState, FixStatus, Source
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+from tirgeo_ros.core.types.verdicts import FilterState
 
 States = tuple[FilterState, ...]
 RUNNING = (FilterState.RUNNING,)

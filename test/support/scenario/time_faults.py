@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scenario.deliveries import Deliveries, Delivery, Fault, Interval, each, in_order
 
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 _SEED = 41
 

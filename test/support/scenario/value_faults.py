@@ -11,7 +11,7 @@ from scenario.deliveries import RTK, Deliveries, Delivery, Fault, Interval, each
 from scenario.time_faults import both, drop
 
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,

@@ -8,8 +8,9 @@ import pytest
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotation_z
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import CameraPose, FixStatus, ImuSample, PositionSample, Source
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.tools.budget.sensor_errors import camera_track, gps_less_rtk_n
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)

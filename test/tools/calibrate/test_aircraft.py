@@ -21,7 +21,7 @@ from aircraft_flights import (
 from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS, calibrate_aircraft
 from tirgeo_ros.tools.cli._calibrations import aircraft as verb

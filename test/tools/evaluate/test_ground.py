@@ -12,10 +12,10 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, save_observations, save_survey
 from tirgeo_ros.tools.evaluate.ground import (
     Experiment,

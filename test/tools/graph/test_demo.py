@@ -13,10 +13,12 @@ import pytest
 from domain_ports import taken_port
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import BagError, GraphError
-from tirgeo_ros.core.types.samples import CameraPose, FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, LocatedMessages, Messages
 from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey

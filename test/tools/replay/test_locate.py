@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import BagError, ConfigError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.surveys.survey import (

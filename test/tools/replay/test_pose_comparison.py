@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.frames.rotations import canonical, quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
 
 MS = 1_000_000

@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

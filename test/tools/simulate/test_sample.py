@@ -7,7 +7,7 @@ import pytest
 
 from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.frames.rotations import canonical
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey

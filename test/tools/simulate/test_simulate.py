@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import (
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.errors import ScenarioError
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES

@@ -22,7 +22,7 @@ from tirgeo_ros.core.frames.wgs84 import (
     gravity_down,
     rotation_ecef_from_ned,
 )
-from tirgeo_ros.core.types.samples import HeadingSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.trajectory import Trajectory

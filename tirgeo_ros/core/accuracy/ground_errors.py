@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: The circular error that maps are judged by holds so many of the errors.
 CIRCULAR_SHARE = 0.9

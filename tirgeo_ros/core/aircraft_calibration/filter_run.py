@@ -30,8 +30,9 @@ from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.imu_axes import ImuAxes
 from tirgeo_ros.core.navigation.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array, ImuSample, Source
+from tirgeo_ros.core.types.measurements import ImuSample, Source
 
 #: Readings of the IMU are averaged over so long about a measurement, for its slope by a delay.
 _AVERAGED_S = 0.1

@@ -15,7 +15,8 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
     reported_direction_rad,
 )
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.types.samples import Array, HeadingSample, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
 _FLOORS = Floors(0.5, 0.5, math.radians(5))
 _DELAYS_S = np.arange(-0.5, 0.501, 0.02)

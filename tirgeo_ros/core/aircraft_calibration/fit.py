@@ -27,8 +27,9 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
     values_of_config,
 )
 from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight, squared
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array, Source
+from tirgeo_ros.core.types.measurements import Source
 
 PARTS = 6  # of a flight: each is left out in turn
 #: Floors of the steps that only come near, and how many there are.

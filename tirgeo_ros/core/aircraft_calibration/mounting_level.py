@@ -16,7 +16,8 @@ import numpy as np
 from tirgeo_ros.core.aircraft_calibration.filter_run import Run
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 
 LEVEL = ("level_roll", "level_pitch")
 LEVEL_LIMIT_RAD = math.radians(0.3)

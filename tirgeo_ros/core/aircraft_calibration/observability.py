@@ -13,7 +13,7 @@ import numpy as np
 from tirgeo_ros.core.aircraft_calibration.filter_run import Run
 from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _TURNS = "turns of the nose through 180 deg or more, right and left"
 _SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"

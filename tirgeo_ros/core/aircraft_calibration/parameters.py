@@ -19,7 +19,8 @@ from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import Array, HeadingSample, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
 PARAMETERS = (
     "antenna_forward",

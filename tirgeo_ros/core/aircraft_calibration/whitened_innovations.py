@@ -37,7 +37,9 @@ from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
 from tirgeo_ros.core.navigation.kalman import update
 from tirgeo_ros.core.navigation.propagation import Mechanisation
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import Array, Outcome, Source, Verdict
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _NO_GATE = 1e6
 _STEP_RAD = 1e-5  # of differences of closed forms

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Lines reach this far beyond the image, so that their cut ends are not seen.
 _BORDER_PX = 8.0

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import polynomial as poly
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError
-from tirgeo_ros.core.types.samples import Array
 
 T = TypeVar("T", Array, float)
 

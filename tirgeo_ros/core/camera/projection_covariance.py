@@ -37,8 +37,8 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.map.polylines import BoolArray
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Squared radius, in standard deviations, that holds 95 % of a plane's normal distribution:
 #: 5.991, chi-square with two degrees of freedom.

@@ -13,8 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tirgeo_ros.core.frames.rotations import skew
-from tirgeo_ros.core.map.polylines import IntArray
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 
 #: By position and phi, (3, 6), times x, y, 1 and 1/z.
 MOVES = np.zeros((4, 3, 6))

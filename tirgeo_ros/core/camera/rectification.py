@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera.model import Camera
-from tirgeo_ros.core.map.polylines import BoolArray
-from tirgeo_ros.core.overlay.text_rendering import Pixels
+from tirgeo_ros.core.types.arrays import BoolArray, Pixels
 from tirgeo_ros.core.types.errors import CameraError
 
 Places = npt.NDArray[np.float32]

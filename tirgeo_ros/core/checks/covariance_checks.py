@@ -6,7 +6,7 @@ import math
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

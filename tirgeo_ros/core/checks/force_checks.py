@@ -16,8 +16,8 @@ from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Array
 
 _GRAVITY = 9.81
 _BLOCKS = 20  # blocks of a second

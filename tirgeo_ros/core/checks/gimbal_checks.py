@@ -19,8 +19,10 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Array, BodyPose, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000
 _ATTITUDES_NS = 15_000_000  # of the body are taken no more often

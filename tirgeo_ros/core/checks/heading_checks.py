@@ -18,7 +18,7 @@ from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrap
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import HeadingSample, VelocitySample
+from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 #: Blocks that are kept: as long as a heading may be on its way.
 _KEPT = 60

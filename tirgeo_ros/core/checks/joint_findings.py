@@ -14,8 +14,8 @@ from tirgeo_ros.core.checks.joint_hypotheses import (
     other_order,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Array
 
 #: A constant difference counts beyond this: yaw with the gimbal's north (3 deg) in it.
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))

@@ -15,8 +15,10 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Array, NavSolution, Source
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.poses import NavSolution
 
 #: Blocks of a window, 4 s: in 2 s the antenna shows in half the time, but delays look like it.
 _BLOCKS = 80

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,

@@ -15,11 +15,11 @@ from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import BodyPose, CameraPose
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 _FEWEST = 20  # pairs of pictures, eight seconds
 _FROZEN = 0.9  # of them

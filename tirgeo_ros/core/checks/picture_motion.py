@@ -16,10 +16,11 @@ from tirgeo_ros.core.checks.motion_fit import (
 )
 from tirgeo_ros.core.checks.picture_tracks import Tracks
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
 _KEPT = 48

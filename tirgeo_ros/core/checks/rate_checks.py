@@ -8,7 +8,7 @@ from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 #: How long a topic may be waited for.
 _PATIENCE_NS = 8_000_000_000

@@ -14,7 +14,7 @@ from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 IMU = "imu/data"
 _DELAYED = {

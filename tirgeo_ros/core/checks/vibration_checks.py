@@ -9,8 +9,9 @@ from tirgeo_ros.core.config import ImuConfig
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.navigation.vibration_meter import densities, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 #: One second in five is looked at.
 _LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: ENU from NED and back: rows are E, N, U.
 ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

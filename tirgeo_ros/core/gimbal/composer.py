@@ -34,13 +34,9 @@ from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import NorthReadings
 from tirgeo_ros.core.streams.presence import Presence
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
-from tirgeo_ros.core.types.samples import (
-    Array,
-    BodyPose,
-    CameraAttitudeSample,
-    CameraPose,
-    JointSample,
-)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 _HISTORY_S = 3.0
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)

@@ -13,7 +13,8 @@ from typing import Generic, TypeVar
 
 from tirgeo_ros.core.frames.rotations import slerp
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
-from tirgeo_ros.core.types.samples import Array, BodyPose, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 T = TypeVar("T")
 P = TypeVar("P", BodyPose, CameraPose)

@@ -18,8 +18,8 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: The line's length, and the least that a line needs. On simulated flights a shorter one hands on
 #: the poses' noise (a predicted attitude is twice as wrong with 20 ms as with 100 ms), a longer

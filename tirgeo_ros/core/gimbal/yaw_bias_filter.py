@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import NorthConfig
-from tirgeo_ros.core.types.samples import Outcome
+from tirgeo_ros.core.types.verdicts import Outcome
 
 #: A heading of which nothing is known: uniform over the circle.
 _UNKNOWN_RAD2 = math.pi**2 / 3

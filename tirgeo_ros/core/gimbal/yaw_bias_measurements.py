@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_conjugate, quat_multiply
 from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: The nose keeps still while its heading stays within this. A steady turn of so much in the time
 #: to settle, six time constants, leaves the camera a sixth of it behind.

@@ -14,11 +14,12 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.dem_intersection import Stop, first_hit
 from tirgeo_ros.core.ground.level_intersection import level_hits
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: What lies under the map: one ellipsoidal height (m) everywhere, or an elevation model.
 Ground: TypeAlias = float | Terrain

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError
-from tirgeo_ros.core.types.samples import Array
 
 #: Latitude and longitude (rad, any shape) to column and row of the grid, in nodes, from 0.
 GridOf = Callable[[Array, Array], tuple[Array, Array]]

@@ -16,9 +16,9 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
 _PIECE_CELLS = 2048.0

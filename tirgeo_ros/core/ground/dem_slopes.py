@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import earth_at
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _PROBE_M = 1.0
 

@@ -11,10 +11,11 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, timed_covariance
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, locate
 from tirgeo_ros.core.ground.ground_point_covariance import point_covariance
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: A point whose ellipse of 95 % is longer than this share of its distance is refused: beyond,
 #: the ellipse of first order says less than the truth, which has a long tail away from the camera.

@@ -19,11 +19,12 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.dem_slopes import Slopes
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 _NO_COVARIANCE = np.full((3, 3), np.nan)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.dem_intersection import Stop
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _MOST_STEPS = 6
 #: Of a height. Earth-fixed coordinates are rounded by 1e-9 m, some times over.

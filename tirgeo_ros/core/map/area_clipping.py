@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 _DISC_SIDES = 64
 

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, TangentPlane, ecef_from_geodetic
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, ecef_from_geodetic
 from tirgeo_ros.core.map.level_of_detail import Boxes
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: A map so far away is not that of the flight.
 ELSEWHERE_M = 20_000.0

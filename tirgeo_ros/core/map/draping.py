@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import Array
 
 #: One ellipsoidal height (m) for all, nan for the map's own heights, or an elevation model.
 Ground = float | Terrain

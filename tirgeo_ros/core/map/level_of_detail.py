@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, runs
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: Metres in space. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
 TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))

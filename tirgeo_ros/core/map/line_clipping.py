@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import IntArray, Polylines
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array, IntArray
 
 _FAR_APART_PX = 1e6  # wider than any picture
 

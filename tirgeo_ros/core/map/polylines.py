@@ -13,10 +13,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 
 _OFTEN = 64  # so many lines of one length are handed out together

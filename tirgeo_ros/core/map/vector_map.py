@@ -9,12 +9,12 @@ from itertools import chain
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground, check_heights, lay
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.level_of_detail import Boxes, Details
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, joined, runs
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

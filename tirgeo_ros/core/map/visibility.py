@@ -20,10 +20,10 @@ from tirgeo_ros.core.map.area_clipping import closed, cut_rings_to_disc, cut_rin
 from tirgeo_ros.core.map.level_of_detail import Boxes, Details, levels_at
 from tirgeo_ros.core.map.line_clipping import clip_to_disc, clip_to_planes
 from tirgeo_ros.core.map.line_thinning import ends, merged
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.overlay.text_rendering import Pixels
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: How far a drawn chord may leave the curve into which the lens bends a straight line.
 CHORD_PX = 0.1

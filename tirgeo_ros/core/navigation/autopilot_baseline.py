@@ -13,17 +13,16 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
-    NavSolution,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
-    Verdict,
 )
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _LARGEST_AGE_S = 1.0
 #: The rate at which one gyroscope reading's white noise is reckoned.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
-from tirgeo_ros.core.types.samples import Outcome, Source, Verdict
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: What was heard longer ago is not told any more.
 _AGE_NS = 2_000_000_000

@@ -9,7 +9,9 @@ from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
 from tirgeo_ros.core.navigation.aiding.filter_state import Aidlike, Belief, source_of
 from tirgeo_ros.core.navigation.strapdown import NavState, Rates, Vector
 from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers, VibrationMeter
-from tirgeo_ros.core.types.samples import Array, ImuSample, Outcome, Source, Verdict
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 
 class Carried(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 #: Measurements may be ahead of the IMU by this, however little delay is allowed for.
 _LEAST_HOLD_S = 0.2

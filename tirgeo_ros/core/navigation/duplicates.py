@@ -7,7 +7,7 @@ from enum import Enum
 from itertools import pairwise
 
 from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

@@ -34,7 +34,10 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 from tirgeo_ros.core.navigation.propagation import Mechanisation
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.navigation.vibration_meter import Powers, VibrationMeter, clipped_powers
-from tirgeo_ros.core.types.samples import Array, ImuSample, NavSolution, Outcome, Source, Verdict
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
 _NONE: list[Verdict] = []

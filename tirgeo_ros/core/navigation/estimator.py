@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
 from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
@@ -33,18 +33,15 @@ from tirgeo_ros.core.navigation.verdict_log import VerdictLog
 from tirgeo_ros.core.navigation.vibration_meter import densities
 from tirgeo_ros.core.streams.rate_limit import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
-from tirgeo_ros.core.types.samples import (
-    FilterState,
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
     NavigationInput,
-    NavigationStatus,
-    NavSolution,
-    Outcome,
     PositionSample,
     Source,
-    Verdict,
 )
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 
 #: A receiver that has been silent for longer has no status.
 _STATUS_AGE_NS = 2_000_000_000

@@ -11,15 +11,9 @@ from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, Control
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
 from tirgeo_ros.core.navigation.reported_accuracy import Admitted
-from tirgeo_ros.core.types.samples import (
-    Array,
-    FilterState,
-    FixStatus,
-    Outcome,
-    PositionSample,
-    Source,
-    Verdict,
-)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
 #: The autopilot's heading is taken again at three of its sigmas; the rest is for the way there.
 _SHARE = 3.5

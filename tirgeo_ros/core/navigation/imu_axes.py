@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 
 class ImuAxes:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from tirgeo_ros.core.types.samples import ImuSample, Outcome
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import Outcome
 
 #: A stamp that goes back further is another clock or another run of a bag, not disorder.
 _CLOCK_JUMP_NS = 1_000_000_000

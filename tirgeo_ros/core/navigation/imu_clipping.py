@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("accelerometer", "gyroscope") for axis in "xyz")
 _UNITS = ("m/s2",) * 3 + ("rad/s",) * 3

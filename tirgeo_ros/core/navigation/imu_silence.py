@@ -5,7 +5,7 @@ An aid's clock may be off from the IMU's: what counts is by how much its stamps 
 
 from __future__ import annotations
 
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 
 #: So many aiding samples without one of the IMU: what is fewer came in one burst.
 _LEAST_AIDS = 5

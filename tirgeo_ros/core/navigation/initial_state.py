@@ -21,7 +21,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     states_of,
 )
 from tirgeo_ros.core.navigation.strapdown import Vector, matrix, rotate
-from tirgeo_ros.core.types.samples import Array, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
 
 
 def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:

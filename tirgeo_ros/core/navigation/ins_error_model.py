@@ -38,7 +38,7 @@ from tirgeo_ros.core.navigation.strapdown import (
     quaternion_of,
 )
 from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 STATES = 15  # of the navigation itself
 ATTITUDE = slice(0, 3)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Up to here a float holds the probability of an excess to all its digits.
 _RAREST_SIGMA = 30.0

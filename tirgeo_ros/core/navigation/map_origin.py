@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.filter_state import Aiding
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import FixStatus, Outcome, PositionSample, Source, Verdict
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 
 class MapOrigin:

@@ -12,7 +12,8 @@ from collections import defaultdict
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
 from tirgeo_ros.core.navigation.aiding.filter_state import source_of
-from tirgeo_ros.core.types.samples import ImuSample, NavigationInput, Outcome, Source, Verdict
+from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Samples of a source that are held for each second, by which a flood of them is bounded.
 _MOST_HZ = {Source.IMU: 1000}

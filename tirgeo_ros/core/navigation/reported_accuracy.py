@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.types.samples import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 #: A state that has a position of some sigma may drift by about as much.
 _SHARE = 1.5

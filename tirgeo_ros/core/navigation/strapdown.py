@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, earth_at
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

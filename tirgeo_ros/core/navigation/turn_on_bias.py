@@ -23,7 +23,7 @@ from tirgeo_ros.core.navigation.alignment.consistency_checks import (
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Of the variance of a direction, what the window must show of it.
 _LEAST_SHOWN = 0.1

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator
 
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.filter_status import Unused, unused
-from tirgeo_ros.core.types.samples import Outcome, Source, Verdict
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _WINDOW_NS = 30_000_000_000
 #: One measurement that is refused says no more than this.

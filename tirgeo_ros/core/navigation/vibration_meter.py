@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 
 #: Power densities: gyroscopes x, y, z in rad2/s, accelerometers x, y, z in m2/s3.
 Powers = tuple[float, float, float, float, float, float]

@@ -10,13 +10,14 @@ from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import ellipse_95, pixel_jacobian
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.layers import LayerStyle
-from tirgeo_ros.core.map.polylines import BoolArray, Polylines
+from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.label_placement import Room, wish_beside
 from tirgeo_ros.core.overlay.line_renderer import Painter, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.text_rendering import Box, Colour, Pixels, Stamp, stamp, text_px
+from tirgeo_ros.core.overlay.text_rendering import Box, Colour, Stamp, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, BoolArray, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)

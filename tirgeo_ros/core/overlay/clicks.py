@@ -25,11 +25,12 @@ from typing import NamedTuple
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Pictures are remembered so long: a person looks, thinks and clicks on a paused picture.
 REMEMBERED_S = 60.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.overlay.tone_mapping import Raw
+from tirgeo_ros.core.types.arrays import RawPixels
 
 #: A stamp that goes back by more than this is a clock that was set, not a late frame.
 _JUMP_NS = 1_000_000_000
@@ -24,7 +24,7 @@ class Frame:
     """A picture of the video."""
 
     stamp_ns: int
-    pixels: Raw  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
+    pixels: RawPixels  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
     arrival_ns: int  # by the caller's clock
 
 
@@ -94,6 +94,6 @@ class FrameQueue:
         return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])
 
 
-def _is_picture(pixels: Raw) -> bool:
+def _is_picture(pixels: RawPixels) -> bool:
     right = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
     return right and (pixels.ndim == 2 or pixels.shape[2] == 3)

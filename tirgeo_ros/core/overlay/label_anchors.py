@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, runs
+from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import Seen
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: what is seen of a line may have no length
 

@@ -11,9 +11,9 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import Seen
 from tirgeo_ros.core.overlay.label_anchors import AnchorFinder, Features
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, Pixels, stamp, text_px
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, Pixels
 
 #: No more are drawn: what cannot be read does not help.
 MOST = 40

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import IntArray, Polylines, joined
+from tirgeo_ros.core.map.polylines import Polylines, joined
 from tirgeo_ros.core.map.visibility import Seen
 from tirgeo_ros.core.overlay.line_sampling import STEP_PX, Samples, cut, picked, sampled, short
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 
 
 class _Along(NamedTuple):

@@ -17,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.map.layers import Colour, LayerStyle
-from tirgeo_ros.core.map.polylines import IntArray, Polylines
-from tirgeo_ros.core.overlay.text_rendering import Pixels
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array, IntArray, Pixels
 
 #: Lines fade in so many steps.
 FADES = 4

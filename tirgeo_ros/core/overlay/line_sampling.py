@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, runs
+from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import Seen
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: Uncertainty changes little over so many pixels of a line.
 STEP_PX = 48.0

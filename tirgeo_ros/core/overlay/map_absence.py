@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
     Whereabouts,
@@ -20,7 +20,8 @@ from tirgeo_ros.core.map.distance import (
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import HORIZON_ROWS
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 _MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map
 _TURNED = math.cos(math.radians(2.0))  # of the optical axis

@@ -17,7 +17,7 @@ from tirgeo_ros.core.map.visibility import Seen, View
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Label, Labels
 from tirgeo_ros.core.overlay.line_renderer import Painter, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.line_sampling import each, picked
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Pixels, stamp, text_px
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     ELLIPSE_BGR,
     Confidence,
@@ -25,7 +25,8 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
     layer_sigmas,
     with_marks,
 )
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 
 class SeenMap(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
@@ -34,9 +34,10 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
 )
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import PlacedNotice, place_notice, status_box
-from tirgeo_ros.core.overlay.text_rendering import Box, Pixels
+from tirgeo_ros.core.overlay.text_rendering import Box
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory
 from tirgeo_ros.core.gimbal.pose_extrapolation import FIT_S, TRIAL_S, predicted
 from tirgeo_ros.core.ground.dem import Terrain
@@ -25,9 +25,10 @@ from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.overlay.map_renderer import LaidMap, MapDrawing, Verdict
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line, words_of
 from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
-from tirgeo_ros.core.overlay.text_rendering import Pixels
-from tirgeo_ros.core.overlay.tone_mapping import Raw, Toner
-from tirgeo_ros.core.types.samples import CameraPose, NavigationStatus
+from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
 _READING, _FAILED = "reading", "its reading failed"
@@ -174,7 +175,7 @@ class Overlay:
         """A pose of the camera, in order of time; one that is not finite is counted."""
         self._poses.add(pose)
 
-    def add_frame(self, stamp_ns: int, pixels: Raw, now_ns: int) -> None:
+    def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
         """A frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` as in ``take``."""
         self._frames.put(Frame(stamp_ns, pixels, now_ns))
 
@@ -200,7 +201,7 @@ class Overlay:
         # A clock that went back would keep the frame for ever.
         return 0 <= now_ns - frame.arrival_ns < self._wait_ns
 
-    def _obstacle(self, pixels: Raw) -> str:
+    def _obstacle(self, pixels: RawPixels) -> str:
         """Why no pose could help, else empty."""
         if self._drawing.empty and not self._lacking:
             return self._no_map

@@ -16,10 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config.pictures import PALETTES
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import Array
-
-Table = npt.NDArray[np.uint8]
 
 #: Red, green, blue of the colours at equal distances, coldest first.
 _STOPS: dict[str, tuple[str, ...]] = {
@@ -35,7 +33,7 @@ _GREYS = {"white_hot": _GREY, "black_hot": _GREY[::-1]}
 
 
 @lru_cache(maxsize=8)
-def palette_table(name: str) -> Table:
+def palette_table(name: str) -> Pixels:
     """(256, 1, 3) BGR for grey levels 0 to 255; raises ConfigError for a name it does not know."""
     if name not in PALETTES:
         raise ConfigError(f"palette: {name!r} is not one of {', '.join(PALETTES)}")
@@ -44,7 +42,7 @@ def palette_table(name: str) -> Table:
     return table
 
 
-def _mixed(name: str) -> Table:
+def _mixed(name: str) -> Pixels:
     stops = _lab(np.array([[int(code, 16) for code in _bytes(stop)] for stop in _STOPS[name]]))
     place = np.linspace(0, len(stops) - 1, _LEVELS)
     lab = np.stack([np.interp(place, range(len(stops)), row) for row in stops.T], axis=1)
@@ -62,7 +60,7 @@ def _lab(bgr: npt.NDArray[np.int64]) -> Array:
     return np.asarray(cv2.cvtColor(unit, cv2.COLOR_BGR2LAB), float)[:, 0]
 
 
-def _bgr(lab: Array) -> Table:
+def _bgr(lab: Array) -> Pixels:
     """(256, 1, 3). A colour that no screen has is brought to grey until one has it.
 
     Cut off channel by channel instead, it would be brighter or darker than it should be.

@@ -11,21 +11,22 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,
-    Pixels,
     Stamp,
     composed,
     passing_stamp,
     stamp,
     text_px,
 )
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
 _SAMPLES = 33

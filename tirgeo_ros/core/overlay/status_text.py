@@ -10,7 +10,8 @@ import math
 from tirgeo_ros.core.overlay.text_boxes import NOTICE_BGR, Field
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Colour
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 _RTK_NAMES = {
     FixStatus.NONE: "none",

@@ -14,12 +14,12 @@ from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,
     Colour,
-    Pixels,
     Stamp,
     line_px,
     passing_stamp,
     text_px,
 )
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.quoted_text import cut
 
 NOTICE_BGR: Colour = (80, 200, 255)

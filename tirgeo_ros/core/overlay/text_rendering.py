@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.quoted_text import cut
 
-Pixels = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 TEXT_BGR: Colour = (255, 255, 255)

@@ -7,7 +7,6 @@ else at once. Here it stays as long as it fits, and when it no longer does it mo
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +14,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.config.pictures import PictureConfig
 from tirgeo_ros.core.overlay.palettes import palette_table
-from tirgeo_ros.core.overlay.text_rendering import Pixels
-
-Raw = npt.NDArray[Any]  # uint8 or uint16
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 
 #: Time constants that go into stretch_time_s: 95 % of a change are followed within it.
 _CONSTANTS = 3.0
@@ -36,7 +33,7 @@ _TILES = (8, 8)
 
 
 class Toner:
-    """Raw thermal frames to BGR. Raises ConfigError for a palette that is not known."""
+    """RawPixels thermal frames to BGR. Raises ConfigError for a palette that is not known."""
 
     def __init__(self, config: PictureConfig, palette: str) -> None:
         self._table = None if palette == "white_hot" else palette_table(palette)
@@ -45,7 +42,7 @@ class Toner:
         if config.local_contrast > 0:
             self._local = cv2.createCLAHE(config.local_contrast, _TILES)
 
-    def tone(self, raw: Raw, stamp_ns: int) -> Pixels:
+    def tone(self, raw: RawPixels, stamp_ns: int) -> Pixels:
         """A new picture (h, w, 3) BGR uint8 of one (h, w) uint8 or uint16, or (h, w, 3) BGR uint8.
 
         What comes in colour stays as it is: palette and local contrast are for temperatures.

@@ -30,13 +30,13 @@ from tirgeo_ros.core.camera.projection_covariance import (
 )
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray, Polylines, runs
+from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import Seen
 from tirgeo_ros.core.overlay.line_fading import Fading
 from tirgeo_ros.core.overlay.line_sampling import each, ribbons, sampled
-from tirgeo_ros.core.overlay.text_rendering import Pixels
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Opacity falls in so many equal steps, from 1 to the faintest, at the configured radius.
 FADE_STEPS = 3

@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import TypeVar
 
-from tirgeo_ros.core.types.samples import CameraAttitudeSample, JointSample, NavigationInput
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 
 S = TypeVar("S", bound=NavigationInput | JointSample | CameraAttitudeSample)
 

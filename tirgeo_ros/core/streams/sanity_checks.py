@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     NavigationInput,

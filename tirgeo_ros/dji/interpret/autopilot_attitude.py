@@ -10,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import hamilton, slerp
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
 from tirgeo_ros.core.navigation.strapdown import quaternion_of
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.dji.sources.readings import Quaternion, Vector
 
 _SPAN_S = 2.0

@@ -19,7 +19,8 @@ from tirgeo_ros.core.frames.rotations import canonical, hamilton, quat_conjugate
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.strapdown import matrix
-from tirgeo_ros.core.types.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion

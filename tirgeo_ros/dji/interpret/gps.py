@@ -7,7 +7,7 @@ from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.aiding import GpsConfig
-from tirgeo_ros.core.types.samples import FixStatus, PositionSample, VelocitySample
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, VelocitySample
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value
 from tirgeo_ros.dji.interpret.rtk_status import NO_FIX, UNKNOWN_SIGMA_M, Quality

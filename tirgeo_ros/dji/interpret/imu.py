@@ -7,7 +7,8 @@ from collections import Counter, deque
 import numpy as np
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
 from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, unit_quaternion
 from tirgeo_ros.dji.interpret.driving_stream import DrivingStream

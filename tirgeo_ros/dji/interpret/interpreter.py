@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.samples import CameraAttitudeSample, JointSample, NavigationInput
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.interpret.antenna_baseline import NOT_SET, BaselineCheck, baseline_deg
 from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes
 from tirgeo_ros.dji.interpret.gimbal import GimbalMeaning

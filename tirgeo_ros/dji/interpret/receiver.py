@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
-from tirgeo_ros.core.types.samples import FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret.receiver_epochs import Epochs, Value
 from tirgeo_ros.dji.interpret.rtk_status import Quality
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.samples import HeadingSample, PositionSample, VelocitySample
+from tirgeo_ros.core.types.measurements import HeadingSample, PositionSample, VelocitySample
 from tirgeo_ros.dji.interpret.antenna_baseline import BaselineCheck, baseline_deg
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value

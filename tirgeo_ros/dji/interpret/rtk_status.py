@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from tirgeo_ros.core.config.dji import DjiRtkConfig
-from tirgeo_ros.core.types.samples import FixStatus
+from tirgeo_ros.core.types.measurements import FixStatus
 
 #: Position and yaw have the same list.
 FLAG_NAMES = {

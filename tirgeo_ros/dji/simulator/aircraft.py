@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     ImuSample,

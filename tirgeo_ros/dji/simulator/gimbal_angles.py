@@ -10,7 +10,8 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_multiply, sle
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.protocol.broadcast_parts import Gimbal
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS
 from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout

@@ -8,8 +8,8 @@ from datetime import datetime, timedelta, timezone
 from typing import TypeVar
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

@@ -10,9 +10,8 @@ import pyproj
 from pyproj.crs import Datum  # type: ignore[attr-defined]
 from pyproj.exceptions import CRSError, ProjError
 
-from tirgeo_ros.core.map.polylines import BoolArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 
 _REMEDY = (
     "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pyproj
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.coordinates.crs import checked_system
 
 

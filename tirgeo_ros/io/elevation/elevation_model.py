@@ -16,14 +16,13 @@ import pyproj
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import GridOf, Terrain
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
 from tirgeo_ros.io.files.file_list import named_files
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
-
-PathLike = str | os.PathLike[str]
+from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Of what GDAL has unpacked: each pixel is read once. Else it would keep 5 % of all memory.
 _CACHE_MB = 64

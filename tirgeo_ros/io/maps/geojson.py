@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.maps.table import (
     FEWEST,

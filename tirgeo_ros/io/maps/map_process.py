@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import check_heights
 from tirgeo_ros.core.overlay.map_renderer import LaidMap, lay_layers
 from tirgeo_ros.core.types.errors import MapError, TirgeoError

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.core.map.polylines import BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.parameters.suggestions import nearest
 

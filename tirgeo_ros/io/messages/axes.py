@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.frames.axes import ENU_NED, Quaternion, quat_turned_both
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 __all__ = [
     "Quaternion",

@@ -18,9 +18,9 @@ from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import PathLike
 
 T = TypeVar("T")
-PathLike = str | os.PathLike[str]
 #: A file, several of which the later stand before the earlier, or none.
 Files = PathLike | Sequence[PathLike] | None
 

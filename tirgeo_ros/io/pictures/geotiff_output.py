@@ -20,13 +20,11 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.orthophoto.polynomial_inverse import pixels_of
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.coordinates.projected_planes import Plane
 from tirgeo_ros.io.files.offline_reading import check_closed, read_map
-from tirgeo_ros.io.files.whole_files import check_place, part_of
-
-PathLike = str | os.PathLike[str]
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _TILE = 512
 #: Places are found so far apart and interpolated: a bend of 20 px over a picture of 7000 px leaves

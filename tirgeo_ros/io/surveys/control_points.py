@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pyproj
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.coordinates.crs import to_wgs84
 from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Mark, SurveyPoint, check_rows, load_marks, load_survey
-
-PathLike = str | os.PathLike[str]
 
 _QGIS_X, _QGIS_Y = ("mapX", "mapY")
 _QGIS_PIXELS = (("sourceX", "sourceY"), ("pixelX", "pixelY"))  # of now and of QGIS before 3.26

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta, timezone
 from typing import Any, NamedTuple
@@ -12,10 +11,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-
-PathLike = str | os.PathLike[str]
 
 #: Corners of an ellipse as a polygon: it lies within 0.15 % of the curve.
 _CORNERS = 60

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.maps.table import check_count
 from tirgeo_ros.io.surveys.control_points import downward

@@ -25,8 +25,8 @@ from tirgeo_ros.core.accuracy.error_budget import (
 )
 from tirgeo_ros.core.camera.model import XT2, Camera
 from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 STEP_PX = 4
 

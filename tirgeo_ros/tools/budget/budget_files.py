@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera

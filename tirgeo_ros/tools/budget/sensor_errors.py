@@ -23,17 +23,11 @@ from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     wrap_pi,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.core.types.samples import (
-    Array,
-    BodyPose,
-    CameraPose,
-    FixStatus,
-    ImuSample,
-    PositionSample,
-    Source,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.recorded_flight import load_recording

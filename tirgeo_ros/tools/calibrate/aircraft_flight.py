@@ -11,7 +11,7 @@ from tirgeo_ros.core.navigation.duplicates import Repeats, Same
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, MessageError
-from tirgeo_ros.core.types.samples import ImuSample, NavigationInput, Source
+from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report

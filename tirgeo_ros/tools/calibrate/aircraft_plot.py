@@ -9,7 +9,7 @@ import numpy as np
 from tirgeo_ros.core.aircraft_calibration.filter_run import Run
 from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.types.samples import Source
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 _FAR = 15.0

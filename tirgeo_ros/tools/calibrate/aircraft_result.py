@@ -27,7 +27,7 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 

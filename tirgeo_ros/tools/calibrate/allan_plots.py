@@ -13,7 +13,7 @@ from tirgeo_ros.core.calibration.allan.noise_fit import (
     NoiseFit,
     deviation_band,
 )
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.tools.calibrate.allan_table import UNITS
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.detection import Picture, grey_of
+from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
 from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
@@ -30,7 +31,7 @@ class Taken(NamedTuple):
 
     name: str
     stamp_ns: int | None  # of a bag's picture
-    pixels: Picture | None
+    pixels: RawPixels | None
 
 
 def is_bag(paths: Sequence[Path]) -> bool:
@@ -74,7 +75,7 @@ def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken
         yield Taken(path.name if short else str(path), None, _read(path))
 
 
-def _read(path: Path) -> Picture | None:
+def _read(path: Path) -> RawPixels | None:
     """(h, w) uint8 or uint16, or (h, w, 3) uint8. Raises CalibrationError for one too large."""
     try:
         pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
@@ -131,7 +132,7 @@ class BoardVideo:
         return convert.camera(self._decoded(message), self._info)
 
     def _picture(self, message: BagMessage) -> Taken:
-        decode: Callable[[Any], Picture] = (
+        decode: Callable[[Any], RawPixels] = (
             convert.compressed_pixels
             if self._contract.endswith("/compressed")
             else convert.image_pixels
@@ -168,7 +169,7 @@ def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
         yield best[1]
 
 
-def _sharpness(pixels: Picture) -> float:
+def _sharpness(pixels: RawPixels) -> float:
     """Mean square of the slopes of the slightly calmed picture: noise counts little."""
     calm = cv2.GaussianBlur(grey_of(pixels).astype(np.float32), (0, 0), 1.0)
     return float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))

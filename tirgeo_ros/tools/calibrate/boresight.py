@@ -13,8 +13,8 @@ from tirgeo_ros.core.calibration.boresight.observability import (
     check_numbers,
     doubt,
 )
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of

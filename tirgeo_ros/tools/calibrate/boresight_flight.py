@@ -14,7 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, Stepped
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import BoolArray, Fit
+from tirgeo_ros.core.calibration.boresight.fit import Fit
 from tirgeo_ros.core.calibration.boresight.model import Sighting
 from tirgeo_ros.core.camera.model import Camera
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 #: The longest arrow of a panel is so long, px of the picture.

@@ -16,7 +16,7 @@ from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Sighting
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight

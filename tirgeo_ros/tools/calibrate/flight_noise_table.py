@@ -10,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.allan.flight_noise import Pieces
 from tirgeo_ros.core.config.navigation import ImuConfig
 from tirgeo_ros.core.navigation.imu_clipping import CHANNELS as CLIPPED
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS
 
 _UNITS = {"gyro": "rad/s", "accel": "m/s2"}

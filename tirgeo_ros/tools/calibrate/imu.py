@@ -16,8 +16,8 @@ import numpy as np
 from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, PieceStream
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.navigation import ImuConfig
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of

@@ -18,7 +18,7 @@ from tirgeo_ros.core.calibration.allan.spectral_lines import SpectrumStream
 from tirgeo_ros.core.calibration.allan.stillness import SecondStream
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.core.types.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages.imu_block import ImuBlock, imu_block
 from tirgeo_ros.tools.presentation.progress import Report, silent

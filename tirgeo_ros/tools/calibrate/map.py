@@ -13,9 +13,8 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
     Residuals,
     fit_polynomial,
 )
-from tirgeo_ros.core.map.polylines import BoolArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.coordinates.projected_planes import Plane
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.io.pictures.geotiff_output import write_warped

@@ -8,8 +8,7 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
     PolynomialTransform,
     Residuals,
 )
-from tirgeo_ros.core.map.polylines import BoolArray
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.io.surveys.control_points import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 

@@ -9,14 +9,12 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
-from tirgeo_ros.io.files.whole_files import check_outputs
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
 from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
-
-PathLike = str | os.PathLike[str]
 
 _ROS1, _SQLITE = b"#ROSBAG V2.0", b"SQLite format 3\0"
 _OTHERS = {

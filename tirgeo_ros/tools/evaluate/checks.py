@@ -7,14 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.tools.evaluate.ground import Experiment
-from tirgeo_ros.tools.evaluate.result import Checks, MethodResult, Stamps
+from tirgeo_ros.tools.evaluate.result import Checks, MethodResult
 
 _NAMED = 5  # ids in a note, at the most
 _ELSEWHERE_M = 500.0  # the usual error of every method: no drone's camera is so far off
 
 
-def checks_of(given: Experiment, image_stamps_ns: Stamps) -> Checks:
+def checks_of(given: Experiment, image_stamps_ns: IntArray) -> Checks:
     """Compare them; ``image_stamps_ns`` (M,) are in order, none where the bag has no pictures."""
     names = Counter(one.id for one in given.observations)
     unknown = {name: number for name, number in names.items() if name not in given.control}
@@ -30,7 +31,7 @@ def checks_of(given: Experiment, image_stamps_ns: Stamps) -> Checks:
     )
 
 
-def _apart_ns(stamps_ns: Sequence[int], image_stamps_ns: Stamps) -> list[int]:
+def _apart_ns(stamps_ns: Sequence[int], image_stamps_ns: IntArray) -> list[int]:
     """How far each stamp is from the nearest picture's; [] without pictures."""
     if not len(image_stamps_ns):
         return []

@@ -11,8 +11,9 @@ from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.parameters.parameter_file import Files, PathLike, paths_of
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.evaluate.checks import check_notes, checks_of, place_notes
 from tirgeo_ros.tools.evaluate.ground import Experiment, load_experiment, locate_observations

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.frames.rotations import wrap_pi
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, thinned
 from tirgeo_ros.tools.evaluate.result import Attitudes, Evaluation, Innovations, MethodResult
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, logarithmic, svg

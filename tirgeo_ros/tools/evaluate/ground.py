@@ -10,12 +10,12 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, ellipse_of, place
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.evaluate.projection import Projection, projection_of

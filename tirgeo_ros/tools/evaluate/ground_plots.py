@@ -10,7 +10,7 @@ import numpy as np
 
 from tirgeo_ros.core.accuracy.ground_errors import CIRCULAR_SHARE
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, places_of, thinned
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, logarithmic, svg

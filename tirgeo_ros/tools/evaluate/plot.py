@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.types.samples import Array
-from tirgeo_ros.tools.evaluate.result import Evaluation, Stamps
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.tools.evaluate.result import Evaluation
 
 #: More instants than this are no longer told apart in a figure.
 _MOST_INSTANTS = 1500
@@ -32,7 +32,7 @@ def places_of(found: Evaluation) -> tuple[Array, Array, Array]:
     return places[:, 0] - middle[0], places[:, 1] - middle[1], middle
 
 
-def thinned(stamps: Stamps) -> npt.NDArray[np.intp]:
+def thinned(stamps: IntArray) -> npt.NDArray[np.intp]:
     """Numbers of instants, evenly, of which there are not too many."""
     step = max(len(stamps) // _MOST_INSTANTS, 1)
     return np.arange(0, len(stamps), step)

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import pyproj
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.core.types.samples import Array
 
 #: Beyond, a zone is so narrow that its plane is none.
 _MOST_LATITUDE_DEG = 84.0

@@ -2,7 +2,7 @@
 
 East and north are metres of one projected plane (``Evaluation.projection``), true of scale to what
 its name says. Attitudes are roll, pitch, yaw (rad) against north, east, down at the aircraft; yaw
-is the heading, within -pi to pi. Stamps are int ns. Series are thinned to ``SERIES_HZ``.
+is the heading, within -pi to pi. IntArray are int ns. Series are thinned to ``SERIES_HZ``.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.config.schema import Value
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Ellipse
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.finding import Finding
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.systematic import PixelMoves
 from tirgeo_ros.tools.evaluate.t_test import PairedTest
@@ -28,8 +28,6 @@ from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 
 #: The highest rate of the poses and attitudes that are kept for plots.
 SERIES_HZ = 10.0
-
-Stamps = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +89,7 @@ class RefusedPoint:
 class Attitudes:
     """Attitudes at N instants."""
 
-    stamp_ns: Stamps  # (N,)
+    stamp_ns: IntArray  # (N,)
     rpy: Array  # (N, 3) roll, pitch, yaw, rad
 
     def __len__(self) -> int:
@@ -114,7 +112,7 @@ class PoseTrack(Attitudes):
 class FixTrack:
     """Antenna positions of a receiver at N instants, as they came."""
 
-    stamp_ns: Stamps  # (N,)
+    stamp_ns: IntArray  # (N,)
     east_m: Array  # (N,)
     north_m: Array  # (N,)
     height_m: Array  # (N,) ellipsoidal
@@ -126,7 +124,7 @@ class Innovations:
     """The filter's verdicts on one source's samples, of those that it compared with its state."""
 
     source: str  # rtk_position, rtk_velocity, rtk_heading, gps_position, gps_velocity
-    stamp_ns: Stamps  # (N,) of the sample, or of the IMU's first after it where it was held
+    stamp_ns: IntArray  # (N,) of the sample, or of the IMU's first after it where it was held
     #: (N, k) measured less predicted or the other way round, as the filter has it: m or m/s along
     #: north, east, down; rad.
     innovation: Array
@@ -142,7 +140,7 @@ class Sensors:
     gps: FixTrack
     autopilot: Attitudes  # of the body
     gimbal: Attitudes  # of the camera body, as the flight controller reports it
-    image_stamps_ns: Stamps  # (M,) of the bag's pictures, in order
+    image_stamps_ns: IntArray  # (M,) of the bag's pictures, in order
 
 
 @dataclass(frozen=True)

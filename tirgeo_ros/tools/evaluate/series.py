@@ -16,20 +16,18 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     quat_multiply,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.rate_limit import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import (
-    Array,
-    BodyPose,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    CameraPose,
     ImuSample,
-    NavSolution,
     PositionSample,
     Source,
-    Verdict,
 )
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.result import (
     SERIES_HZ,

@@ -13,7 +13,8 @@ from tirgeo_ros.core.config.schema import Value, values_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.parameters.parameter_file import Files, PathLike, paths_of
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 #: The paper's own method with a boresight calibration.

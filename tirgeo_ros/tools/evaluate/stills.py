@@ -13,15 +13,16 @@ import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import MapDrawing
-from tirgeo_ros.core.overlay.tone_mapping import Raw, Toner
+from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.samples import CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
@@ -97,7 +98,7 @@ def _chosen(observations: Sequence[Observation]) -> list[int]:
     return [max(part.tolist(), key=clicks.__getitem__) for part in parts]
 
 
-def _pictures(source: StillSource, stamps_ns: list[int]) -> Iterator[tuple[int, Raw]]:
+def _pictures(source: StillSource, stamps_ns: list[int]) -> Iterator[tuple[int, RawPixels]]:
     """Stamp and pixels of those pictures of the bag, as far as it has them."""
     there = source.reader.topics()
     topics = [t for name in PICTURES if (t := resolved(name, source.namespace)) in there]
@@ -109,7 +110,7 @@ def _pictures(source: StillSource, stamps_ns: list[int]) -> Iterator[tuple[int, 
                 yield stamp_ns, _pixels(cdr.deserialize(message.data, message.typename))
 
 
-def _pixels(message: Any) -> Raw:
+def _pixels(message: Any) -> RawPixels:
     compressed = hasattr(message, "format")
     return convert.compressed_pixels(message) if compressed else convert.image_pixels(message)
 

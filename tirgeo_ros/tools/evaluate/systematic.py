@@ -23,7 +23,8 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jacobian
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Fewer pictures say nothing of what is common to all.
 LEAST_PICTURES = 3

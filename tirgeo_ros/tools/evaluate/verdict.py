@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.checks import place_notes
 from tirgeo_ros.tools.evaluate.result import MethodResult
 from tirgeo_ros.tools.evaluate.systematic import (

@@ -11,8 +11,8 @@ from statistics import fmean, median
 import cv2
 import numpy as np
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, GraphError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files

@@ -12,12 +12,10 @@ from typing import Any, NamedTuple, final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
 from tirgeo_ros.io.files.whole_files import check_place, part_of
-
-Pixels = npt.NDArray[np.uint8]
 
 
 class _Form(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from tirgeo_ros.core.checks.recording_checks import damage_findings, no_pose_findings
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
@@ -20,9 +20,10 @@ from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, ve
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.parameters.parameter_file import Files, PathLike
+from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay import CheckSetting, FlightChecks, finding_items, setting_of

@@ -14,11 +14,11 @@ from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.checks.recording_checks import unreadable_findings
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import LaidMap
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
-from tirgeo_ros.core.types.samples import CameraAttitudeSample, ImuSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.tools.replay.check_groups import groups_of
 from tirgeo_ros.tools.replay.check_setting import CheckSetting
 from tirgeo_ros.tools.replay.checked_samples import Seen

@@ -11,11 +11,13 @@ from typing import Protocol
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
-from tirgeo_ros.core.types.samples import CameraPose, HeadingSample, Verdict
+from tirgeo_ros.core.types.measurements import HeadingSample
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns

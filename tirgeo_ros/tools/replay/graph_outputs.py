@@ -7,15 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 
-Pixels = npt.NDArray[np.uint8]
 OVERLAY = "tirgeo/overlay/image/compressed"
 
 

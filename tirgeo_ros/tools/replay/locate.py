@@ -19,10 +19,10 @@ from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.io.surveys.ground_point_files import Answered, PathLike, cot, geojson, kml
+from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml
 from tirgeo_ros.io.surveys.survey import Observation, load_observations
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of

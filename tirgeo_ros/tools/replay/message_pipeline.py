@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.map.draping import Ground

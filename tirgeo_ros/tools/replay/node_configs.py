@@ -11,11 +11,10 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.file_list import named_files
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.replay.flight_topics import fitting_method
-
-PathLike = str | os.PathLike[str]
 
 
 class NodeConfigs(NamedTuple):

@@ -14,9 +14,10 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 _WHOLE_FLIGHT_S = 1e9
 

@@ -22,7 +22,7 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.whole_files import check_outputs
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
@@ -33,8 +33,6 @@ from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, prefix, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline, Settings
 from tirgeo_ros.tools.replay.node_configs import node_configs
-
-PathLike = str | os.PathLike[str]
 
 #: Messages that are decoded together, for the reason that they are encoded so (``pipeline``).
 _BLOCK = 32

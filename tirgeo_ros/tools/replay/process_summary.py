@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.types.samples import Outcome
+from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.presentation.progress import three
 
 #: What becomes of a measurement that nobody need hear of.

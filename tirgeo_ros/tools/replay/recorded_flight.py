@@ -13,13 +13,13 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.core.types.samples import BodyPose, CameraPose
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.presentation.progress import Report, silent

@@ -11,16 +11,14 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
-from tirgeo_ros.core.types.samples import (
-    BodyPose,
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    CameraPose,
     ImuSample,
     JointSample,
     NavigationInput,
-    NavSolution,
-    Verdict,
 )
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.io import messages as convert
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample

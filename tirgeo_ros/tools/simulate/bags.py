@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.model import Camera
-from tirgeo_ros.core.types.samples import CameraPose, ImuSample, NavSolution
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.poses import CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages, Messages, sensed
 from tirgeo_ros.io.surveys.survey import Observation

@@ -19,8 +19,8 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.samples import Array
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent

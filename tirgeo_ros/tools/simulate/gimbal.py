@@ -21,7 +21,8 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
-from tirgeo_ros.core.types.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.scenario_aircraft import GimbalScenario

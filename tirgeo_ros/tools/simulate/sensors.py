@@ -17,8 +17,8 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

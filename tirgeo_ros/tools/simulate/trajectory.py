@@ -17,13 +17,9 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     skew,
 )
-from tirgeo_ros.core.frames.wgs84 import (
-    EARTH_RATE_RAD_S,
-    TangentPlane,
-    gravity_down,
-    rotation_ecef_from_ned,
-)
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, rotation_ecef_from_ned
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, smooth_noise
 from tirgeo_ros.tools.simulate.routes import route
 from tirgeo_ros.tools.simulate.scenario import Scenario

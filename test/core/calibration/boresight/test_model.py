@@ -30,10 +30,11 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_rotvec,
     quat_multiply,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.camera_pose import Mount, NorthBias, from_joints
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import BodyPose, CameraPose, JointSample
+from tirgeo_ros.core.types.measurements import JointSample
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 USUAL = ("roll", "pitch", "yaw", "latency")
 LATENCY_S = 0.05
@@ -344,7 +345,7 @@ def test_few_points_or_pictures_are_refused(points, pictures):
 
 def test_an_unknown_north_is_taken_out_of_the_covariance():
     from tirgeo_ros.core.gimbal.camera_pose import from_reported  # noqa: PLC0415
-    from tirgeo_ros.core.types.samples import CameraAttitudeSample  # noqa: PLC0415
+    from tirgeo_ros.core.types.measurements import CameraAttitudeSample  # noqa: PLC0415
 
     aircraft = AircraftConfig(camera_from_pivot_m=(0.3, -0.2, 0.1))
     config = GimbalConfig(aircraft=aircraft, boresight_rpy_deg=(1.0, 2.0, 3.0))

@@ -11,7 +11,7 @@ from filter_states import MEASURED
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import (
     EASE_STEPS,
     Control,
@@ -22,13 +22,8 @@ from tirgeo_ros.core.navigation.aiding.aid_status import (
 from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import (
-    FixStatus,
-    HeadingSample,
-    Outcome,
-    PositionSample,
-    Source,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome
 
 SECOND_NS = 1_000_000_000
 TIMEOUT_NS = SECOND_NS

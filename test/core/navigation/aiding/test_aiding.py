@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, Headings
 from tirgeo_ros.core.navigation.aiding.filter_state import Belief, floored
@@ -32,14 +32,14 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.strapdown import NavState, matrix, rotate
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.verdicts import Outcome
 
 LEVER_B = np.array([0.3, -0.4, -0.5])
 ANTENNA_M = (0.3, 0.4, 0.5)

@@ -11,7 +11,7 @@ from flights import config_for, errors, flight, navigation_samples, rms
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
 from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
@@ -19,14 +19,8 @@ from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import (
-    FilterState,
-    FixStatus,
-    Outcome,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 
 SECOND_NS = 1_000_000_000
 HOME = (0.695, 2.04, 31.5)

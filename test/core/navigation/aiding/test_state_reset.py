@@ -10,20 +10,20 @@ import pytest
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
 from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.samples import (
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.verdicts import Outcome
 
 SECOND_NS = 1_000_000_000
 HOME = (0.695, 2.04, 31.5)

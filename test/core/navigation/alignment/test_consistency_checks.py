@@ -11,7 +11,7 @@ from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from, 
 from flights import config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
-from tirgeo_ros.core.types.samples import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 pytestmark = pytest.mark.slow
 

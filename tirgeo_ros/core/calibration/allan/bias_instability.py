@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: The process is told from none by so many standard deviations of its power.
 _SEEN_SIGMA = 2.0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _FIRST = (1, 2, 3, 4, 5, 6, 7)
 _LATER = _FIRST[3:]

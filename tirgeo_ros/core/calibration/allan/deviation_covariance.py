@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Terms of the model: white noise, flicker noise, random walk.
 TERMS = 3

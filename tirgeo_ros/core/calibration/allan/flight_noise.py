@@ -15,8 +15,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
 from tirgeo_ros.core.calibration.allan.spectral_lines import Line
-from tirgeo_ros.core.calibration.allan.stillness import BoolArray
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Motion is below, vibration above.
 MOTION_HZ = 8.0

@@ -24,7 +24,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.allan.bias_instability import GaussMarkov, Instability, fit_bias
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
 from tirgeo_ros.core.calibration.allan.deviation_covariance import covariance, products, shapes
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
 FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)

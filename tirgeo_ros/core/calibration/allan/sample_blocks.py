@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 
 class SampleBlocks:

@@ -1,6 +1,6 @@
 """Samples of a sensor laid on a regular grid in time, as they come from a long record.
 
-Stamps shake, repeat, go back, and samples are missing. On a grid each slot holds the sum and the
+IntArray shake, repeat, go back, and samples are missing. On a grid each slot holds the sum and the
 number of the samples that fall into it, none where they are missing: averages over many slots are
 then averages of the samples that exist, at their right times.
 """
@@ -14,12 +14,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.allan.sample_rate import usual_step
-from tirgeo_ros.core.types.samples import Array
-
-Stamps = npt.NDArray[np.int64]
+from tirgeo_ros.core.types.arrays import Array, IntArray
 
 #: A longer gap, or a clock that goes back by more than a second, splits the record.
 SPLIT_NS = 10_000_000_000
@@ -74,7 +71,7 @@ class SampleGrid:
         """Standard deviation of the stamps about the grid."""
         return self.step_ns * math.sqrt(self._shaking / max(self.irregularities.samples, 1))
 
-    def add(self, stamps_ns: Stamps, values: Array) -> Iterator[Piece]:
+    def add(self, stamps_ns: IntArray, values: Array) -> Iterator[Piece]:
         """Pieces of samples (n,), (n, channels). Raises CalibrationError where no rate shows."""
         stamps_ns, values = self._sound(stamps_ns, values)
         if not len(stamps_ns):
@@ -92,7 +89,7 @@ class SampleGrid:
                 fresh = first or number > 0
                 yield self._piece(stamps_ns[begin:end], values[begin:end], fresh=fresh)
 
-    def _sound(self, stamps_ns: Stamps, values: Array) -> tuple[Stamps, Array]:
+    def _sound(self, stamps_ns: IntArray, values: Array) -> tuple[IntArray, Array]:
         """Samples with finite values and rising stamps, steps of the clock taken out."""
         told = self.irregularities
         finite = np.isfinite(values).all(axis=1)
@@ -111,7 +108,7 @@ class SampleGrid:
         told.samples += int(rising.sum())
         return stamps_ns[rising], values[rising]
 
-    def _without_clock_steps(self, stamps_ns: Stamps) -> Stamps:
+    def _without_clock_steps(self, stamps_ns: IntArray) -> IntArray:
         if not self._begun:
             self._shift_ns = -int(stamps_ns[0])  # small numbers, which floats hold to a nanosecond
         shifted = stamps_ns + self._shift_ns
@@ -130,12 +127,12 @@ class SampleGrid:
         self.irregularities.identical += int((values[1:] == values[:-1]).all(axis=1).sum())
         self._last_values = values[-1].copy()
 
-    def _tell_rate(self, stamps_ns: Stamps) -> None:
+    def _tell_rate(self, stamps_ns: IntArray) -> None:
         self.step_ns = usual_step(stamps_ns, self.step_ns, SPLIT_NS)
         total, number = self._rates
         self._rates = (total + self.step_ns * len(stamps_ns), number + len(stamps_ns))
 
-    def _piece(self, stamps_ns: Stamps, values: Array, *, fresh: bool) -> Piece:
+    def _piece(self, stamps_ns: IntArray, values: Array, *, fresh: bool) -> Piece:
         start_ns = float(stamps_ns[0]) if fresh else self._slot_ns
         times = (stamps_ns - start_ns) / self.step_ns
         # The grid lies where most stamps do, whatever the shaking of the one it begins with.
@@ -153,7 +150,7 @@ class SampleGrid:
         return Piece(round(begin_ns), fresh, sums, counts)
 
 
-def binned(slots: Stamps, values: Array) -> tuple[Array, Array]:
+def binned(slots: IntArray, values: Array) -> tuple[Array, Array]:
     """Sums (n, channels) and numbers (n,) of the samples in each slot; ``slots`` does not fall."""
     size = int(slots[-1]) + 1
     if size == len(slots):  # each slot once, as ``slots`` does not fall

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 _FEWEST = 100  # stamps that tell a rate
 _FIRST = 256  # stamps of the coarse search

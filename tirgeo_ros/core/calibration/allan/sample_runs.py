@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece, SampleGrid, Stamps, binned
+from tirgeo_ros.core.calibration.allan.sample_grid import Piece, SampleGrid, binned
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 _FEWEST = 100  # samples that tell a step
 _ALONE = 1.75  # times the usual step: nothing lacks between two samples
@@ -24,7 +24,7 @@ class SampleRuns(SampleGrid):
         super().__init__()
         self._before_ns = 0
 
-    def _tell_rate(self, stamps_ns: Stamps) -> None:
+    def _tell_rate(self, stamps_ns: IntArray) -> None:
         if not self.step_ns:
             steps = np.diff(stamps_ns)
             if len(steps) < _FEWEST:
@@ -34,7 +34,7 @@ class SampleRuns(SampleGrid):
             self.step_ns = float(steps[steps <= _ALONE * np.median(steps)].mean())
         self._rates = (self.step_ns, 1)
 
-    def _piece(self, stamps_ns: Stamps, values: Array, *, fresh: bool) -> Piece:
+    def _piece(self, stamps_ns: IntArray, values: Array, *, fresh: bool) -> Piece:
         before_ns = stamps_ns[0] - self.step_ns if fresh else self._before_ns
         self._before_ns = int(stamps_ns[-1])
         steps = np.diff(stamps_ns, prepend=before_ns) / self.step_ns

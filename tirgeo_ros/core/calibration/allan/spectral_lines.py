@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _SIZE = 2048
 _PRESENT = 0.99

@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.types.samples import Array
-
-BoolArray = npt.NDArray[np.bool_]
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Moved is what exceeds so many usual scatters and what hands or wind do at least.
 _SCATTERS = 8.0

@@ -18,13 +18,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Flight, Sight, Sighting, sights
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
-
-BoolArray = npt.NDArray[np.bool_]
 
 #: What a parameter may be uncertain by (one sigma) and still be called found: rad, s, m. An angle
 #: of 0.3 deg is 0.2 m on the ground 40 m away, and as much as 0.8 deg of roll, which moves what is

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, corrected_pose
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 
 def ground_errors(

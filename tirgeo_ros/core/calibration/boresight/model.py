@@ -42,7 +42,8 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.types.samples import Array, CameraPose
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: In the order of every vector of corrections: rad, s and m.
 PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")

@@ -17,8 +17,8 @@ from tirgeo_ros.core.calibration.boresight.model import (
     sights,
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 #: With fewer there is no telling a wrong point, or a pose that is off, from a boresight.
 LEAST_POINTS, LEAST_PICTURES = 3, 3

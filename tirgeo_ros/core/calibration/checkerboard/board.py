@@ -14,8 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 _FEWEST = 3  # corners a side, of which one detector needs three
 _MOST = 100

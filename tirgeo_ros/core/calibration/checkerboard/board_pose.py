@@ -19,7 +19,7 @@ from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_matrix
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: The worse pose of two is out if its squared errors, over their variance, are more by this:
 #: three standard deviations.

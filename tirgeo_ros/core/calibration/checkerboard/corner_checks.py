@@ -13,7 +13,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, steps_of
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _MOST_BLUR = 0.22  # of a square's side
 _MOST_BLUR_PX = 3.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Standard deviation of a Gaussian blur whose edge is as steep in the middle as tanh(x / w), by w.
 _SIGMA_OF_WIDTH = math.sqrt(2 / math.pi)

@@ -8,7 +8,6 @@ picture itself.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,10 +17,7 @@ from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting, steps_of
-from tirgeo_ros.core.types.samples import Array
-
-Picture = npt.NDArray[Any]  # uint8 or uint16
-Grey = npt.NDArray[np.uint8]
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
 _LEAST_SIDE_PX = 8.0  # of a square: below it the blurs of two edges meet
 _DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
@@ -31,7 +27,7 @@ _WIDEST_PX = 1300  # of the detector's picture; its time grows faster than the p
 _CALM_PX = 1.2  # blur that quietens noise for the detector alone
 
 
-def find_board(picture: Picture, board: Checkerboard) -> Sighting | Refused:
+def find_board(picture: RawPixels, board: Checkerboard) -> Sighting | Refused:
     """The board in a picture (h, w) uint8 or uint16, or (h, w, 3) in blue, green, red."""
     grey = grey_of(picture)
     sharp = grey.astype(np.float32)
@@ -44,12 +40,12 @@ def find_board(picture: Picture, board: Checkerboard) -> Sighting | Refused:
     return refused or _not_found(grey, board)
 
 
-def grey_of(picture: Picture) -> Picture:
+def grey_of(picture: RawPixels) -> RawPixels:
     """The picture with one channel."""
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.ndim == 3 else picture
 
 
-def _candidates(grey: Picture, board: Checkerboard) -> Iterator[Array]:
+def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
     """Corners (count, 2) px as a detector gives them, form by form of the picture."""
     small, scale = _shrunk(grey)
     for form in (stretched(small), _local(small)):
@@ -59,7 +55,7 @@ def _candidates(grey: Picture, board: Checkerboard) -> Iterator[Array]:
                 yield (corners + 0.5) * scale - 0.5
 
 
-def _shrunk(grey: Picture) -> tuple[Picture, int]:
+def _shrunk(grey: RawPixels) -> tuple[RawPixels, int]:
     """The picture as the detector gets it, and by how much it is smaller: time, and noise."""
     scale = -(-grey.shape[1] // _WIDEST_PX)
     if scale == 1:
@@ -69,21 +65,21 @@ def _shrunk(grey: Picture) -> tuple[Picture, int]:
     return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA)), scale
 
 
-def _detected(form: Grey, board: Checkerboard) -> Iterator[Array]:
+def _detected(form: Pixels, board: Checkerboard) -> Iterator[Array]:
     """None or one; the detector takes light and dark squares either way round."""
     yes, corners = cv2.findChessboardCornersSB(form, board.size, flags=_DETECTION)
     if yes:
         yield np.asarray(corners, float).reshape(-1, 2)
 
 
-def stretched(grey: Picture) -> Grey:
+def stretched(grey: RawPixels) -> Pixels:
     """8 bits between the darkest and the lightest of a picture's pixels."""
     low, high = np.percentile(grey, _STRETCH)
     scaled = (grey.astype(np.float32) - low) * (255 / max(high - low, 1.0))
     return np.asarray(np.clip(scaled, 0, 255), np.uint8)
 
 
-def _local(grey: Picture) -> Grey:
+def _local(grey: RawPixels) -> Pixels:
     """8 bits of the local contrast: without vignette, warm corners and hot spots."""
     sharp = grey.astype(np.float32)
     sigma = _LOCAL_SHARE * grey.shape[1]
@@ -126,7 +122,7 @@ def _sighting(fit: CornerFit, side: float, board: Checkerboard) -> Sighting:
     )
 
 
-def _not_found(grey: Picture, board: Checkerboard) -> Refused:
+def _not_found(grey: RawPixels, board: Checkerboard) -> Refused:
     """Whether a part of a board is to be seen."""
     flags = _DETECTION | cv2.CALIB_CB_LARGER
     form = stretched(_shrunk(grey)[0])

@@ -15,8 +15,8 @@ import numpy as np
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
-from tirgeo_ros.core.types.samples import Array
 
 MODELS = ("plumb_bob", "rational")
 #: Three give the focal lengths and the middle at the least; more are needed to tell a wrong one.

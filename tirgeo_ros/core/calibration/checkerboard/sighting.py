@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 
 class Reason(Enum):

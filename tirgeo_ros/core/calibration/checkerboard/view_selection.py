@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Views whose corners are nearer than this, root mean square, are one. Of a picture of 640 px it
 #: is three pixels, about what a hand that holds a board still moves.

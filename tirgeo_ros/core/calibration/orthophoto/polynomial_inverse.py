@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _STEPS = 12
 _CLOSE_PX = 1e-3

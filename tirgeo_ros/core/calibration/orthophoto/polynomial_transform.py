@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import BoolArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.samples import Array
 
 #: Control points that an order needs.
 TERMS = {1: 3, 2: 6, 3: 10}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import FixStatus, Source
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
 AIDS = (

@@ -18,7 +18,8 @@ from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import rotate
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import Array, AutopilotHeading, ImuSample, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
 
 _NOSE_B = (1.0, 0.0, 0.0)
 #: Worth taking where the state's heading has so many of its sigmas.

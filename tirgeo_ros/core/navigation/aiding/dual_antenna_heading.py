@@ -14,7 +14,8 @@ from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
 from tirgeo_ros.core.navigation.ins_error_model import heading_error, states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate
-from tirgeo_ros.core.types.samples import Array, FixStatus, HeadingSample, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 
 #: The error function's own rounding; a reading less likely than that says nothing by its tails.
 _LEAST_LIKELY = 1e-12

@@ -9,17 +9,16 @@ import numpy as np
 from tirgeo_ros.core.navigation.aiding.aid_status import Control
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Vector
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
     FixStatus,
     HeadingSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
-    Verdict,
 )
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 Aiding = PositionSample | VelocitySample | HeadingSample
 #: With what the filter has from the IMU's own messages.

@@ -39,17 +39,16 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
     FixStatus,
     HeadingSample,
-    Outcome,
     PositionSample,
     Source,
     VelocitySample,
-    Verdict,
 )
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: What has stepped away is believed only where the state itself may well be off by as much.
 _STEPPED_GATE_SIGMA = 2.0

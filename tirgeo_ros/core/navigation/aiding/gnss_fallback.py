@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, positio
 from tirgeo_ros.core.navigation.ins_error_model import states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate
-from tirgeo_ros.core.types.samples import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 #: While RTK lasts the error is learned once in so long (a second less the jitter of stamps).
 _LEARNING_NS = 950_000_000

@@ -12,7 +12,8 @@ from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, added, f
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, flat_memory, has_antenna
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
-from tirgeo_ros.core.types.samples import Array, VelocitySample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import VelocitySample
 
 
 def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:

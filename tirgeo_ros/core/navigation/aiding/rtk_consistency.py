@@ -16,7 +16,8 @@ from typing import NamedTuple
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import Array, FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 
 #: Fix and velocity are compared over so long; what the IMU's path is held to is so much older.
 WINDOW_NS = 2_000_000_000

@@ -20,7 +20,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
-from tirgeo_ros.core.types.samples import Array, FixStatus, PositionSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 
 
 def separation_n(state: NavState, sample: PositionSample) -> Vector:

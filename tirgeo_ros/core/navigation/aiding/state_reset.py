@@ -27,7 +27,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import Array, Source
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
 
 #: A heading that has been agreed with for long is given up after a minute of contradiction.
 _LONGEST_S = 60.0

@@ -28,8 +28,8 @@ from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.navigation.turn_on_bias import MOTION_STAGE, TurnOnBiases
 from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,

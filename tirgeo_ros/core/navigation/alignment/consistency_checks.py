@@ -11,7 +11,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, wrap_pi
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Kind, Observation
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
-from tirgeo_ros.core.types.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: Squared misfit per degree of freedom, six sigma: no bad luck.
 _LARGEST_DISTANCE = 36.0

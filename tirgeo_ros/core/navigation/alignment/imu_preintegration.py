@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.samples import Array, ImuSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 
 
 class Biases(NamedTuple):

@@ -18,14 +18,14 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
     wrap_pi,
 )
-from tirgeo_ros.core.frames.wgs84 import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.filter_state import floored
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,

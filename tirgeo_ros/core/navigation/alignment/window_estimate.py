@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.wgs84 import TangentPlane, gravity_down
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Observation, fit
 from tirgeo_ros.core.navigation.alignment.consistency_checks import LackingError, agreeing
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, Window, integrate
@@ -27,8 +28,8 @@ from tirgeo_ros.core.navigation.alignment.observations import (
 )
 from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
 from tirgeo_ros.core.navigation.vibration_meter import Powers, mean_powers
-from tirgeo_ros.core.types.samples import (
-    Array,
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     PositionSample,
