@@ -16,7 +16,8 @@ counted from what the aircraft's parameters say now:
 
 The derivative of the projection by the pose is that of ``core.camera.projection_covariance``;
 all here is a chain rule before it. An observation's expected covariance is that of the click, of
-the survey and of the pose. A pose's error is not white: it lasts, and ``Sight.systematic`` keeps it apart.
+the survey and of the pose. A pose's error is not white: it lasts, and ``Sight.systematic`` keeps
+it apart.
 """
 
 from __future__ import annotations
