@@ -16,7 +16,7 @@ from dev.soak.__main__ import soak
 from dev.soak.flight import SCENARIO, make_flight
 from dev.soak.run import RATE
 from dev.soak.schedule import Event, Kind, schedule
-from dev.soak_witness import line_pixels
+from dev.nodes.soak_witness import line_pixels
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.nodes.qos import STREAM_DEPTH
 from tirgeo_ros.tools.graph.resources import find_resource

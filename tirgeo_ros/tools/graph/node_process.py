@@ -13,7 +13,7 @@ from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.io.files.stop_signals import stop_signals
 
 _POLL_S = 0.02
-_RUN = "from tirgeo_ros.nodes.__main__ import main; main()"
+_RUN = "from {package}.__main__ import main; main()"
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
@@ -26,15 +26,20 @@ class Ended:
 
 
 class NodeProcess:
-    """A node of this package in a process group of its own, with its stderr in a file."""
+    """A node of a package in a process group of its own, with its stderr in a file."""
 
     def __init__(
-        self, name: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path
+        self,
+        name: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        package: str = "tirgeo_ros.nodes",
     ) -> None:
         self.name = name
         self.log = log
         self.ended: Ended | None = None
-        command = python_command(_RUN, name, "--ros-args", *arguments)
+        command = python_command(_RUN.format(package=package), name, "--ros-args", *arguments)
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
         self.pid = os.posix_spawn(
             command[0],

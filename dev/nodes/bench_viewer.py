@@ -12,7 +12,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from dev.bench_video import until_over
+from dev.nodes.bench_video import until_over
 from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.qos import output
