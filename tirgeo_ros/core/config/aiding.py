@@ -27,7 +27,7 @@ class RtkConfig:
     )
     velocity_delay_s: float = param(
         0.0,
-        "additional delay of the velocities, on top of delay_s, as of receivers that smooth them",
+        "additional delay of the velocities, on top of delay_s, in receivers that smooth them",
         unit="s",
         low=-_LONGEST_DELAY_S,
         high=_LONGEST_DELAY_S,
