@@ -205,30 +205,6 @@ def test_euler_angles_give_the_matrix_anywhere(q):
     np.testing.assert_allclose(again, matrix, atol=ROUNDING)
 
 
-@given(angles, st.floats(-math.pi / 2, math.pi / 2), angles)
-def test_joint_angles_give_the_matrix_anywhere(yaw, roll, pitch):
-    chain = att.rotation_z(yaw) @ att.rotation_x(roll) @ att.rotation_y(pitch)
-    said = att.joint_angles(chain)
-    again = att.rotation_z(said[0]) @ att.rotation_x(said[1]) @ att.rotation_y(said[2])
-    np.testing.assert_allclose(again, chain, atol=ROUNDING)
-    assert -math.pi / 2 <= said[1] <= math.pi / 2
-
-
-@given(angles, st.floats(-1.5, 1.5), angles)
-def test_joint_angles_come_back(yaw, roll, pitch):
-    chain = att.rotation_z(yaw) @ att.rotation_x(roll) @ att.rotation_y(pitch)
-    off = att.wrap_pi(att.joint_angles(chain) - [yaw, roll, pitch])
-    # Yaw and pitch are divided by the roll's cosine, 0.07 at 1.5 rad.
-    np.testing.assert_allclose(off, 0, atol=ROUNDING / math.cos(1.5))
-
-
-def test_joint_angles_of_a_batch_are_those_of_each():
-    given_angles = np.random.default_rng(4).uniform(-1.4, 1.4, (3, 3))
-    yaw, roll, pitch = given_angles.T
-    chain = att.rotation_z(yaw) @ att.rotation_x(roll) @ att.rotation_y(pitch)
-    np.testing.assert_allclose(att.joint_angles(chain), given_angles, atol=1e-13)
-
-
 @given(angles, angles)
 def test_rotations_about_one_axis_add(a, b):
     for rotation, axis in ((att.rotation_x, 0), (att.rotation_y, 1), (att.rotation_z, 2)):

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.attitude import (
     euler_from_matrix,
     euler_from_quat,
-    joint_angles,
     matrix_from_quat,
     matrix_from_rotvec,
     quat_from_euler,
@@ -34,6 +33,7 @@ from tirgeo_ros.core.composition import (
 )
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.gimbal_joints import joint_angles
 from tirgeo_ros.core.samples import BodyPose, CameraAttitudeSample, JointSample
 
 PLAIN = Mount.from_config(GimbalConfig())

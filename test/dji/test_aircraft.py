@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.attitude import quat_from_euler, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.composition import chain
 from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,
@@ -162,7 +162,7 @@ def both_gimbals(until_ms: int):
 
 def test_joints_are_told_as_the_attitude_that_they_give_with_the_aircrafts():
     said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(600))
-    q_ng = quat_multiply(Q_NB, np.array(chain(JointSample(0, **JOINTS))[0]))
+    q_ng = quat_multiply(Q_NB, camera_turn(JointSample(0, **JOINTS)))
     assert len(said) >= 25
     # Three angles of single precision, 2^-24 of 180 deg each.
     assert max(angle_of(gimbal, q_ng) for _, gimbal in said) < 3 * math.pi * 2**-24

@@ -17,7 +17,8 @@ from tirgeo_ros.io.camera_file import load_camera
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.board_pictures import files_of, sharpest
 from tirgeo_ros.tools.calibrate_lens import calibrate_lens
-from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
+from tirgeo_ros.tools.cli.main import main, parser_of, verbs
 from tirgeo_ros.tools.simulate.board import BoardLook, board_views
 
 BOARD = Checkerboard(9, 6, 0.1)
@@ -100,6 +101,17 @@ def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "fx" in text
     assert "reprojection error" in text
+
+
+@pytest.mark.parametrize("verb", ["lens", "gimbal"])
+def test_pictures_that_were_not_used_are_told_by_reason_and_by_name_with_v(verb):
+    refused = {"a.png": "no board: no corners", "b.png": "blurred: 3 px", "c.png": "no board: x"}
+    assert not_used(refused) == ["not used: 2 no board, 1 blurred; -v names each"]
+    assert not_used({}) == []
+    argv = ["calibrate", verb, "a.png", "--board", "9x6", "--square", "0.1", "-o", "any"]
+    args = parser_of(verbs()).parse_args([*argv, "-v"])
+    assert args.describe.__module__.endswith(verb)
+    assert each_not_used(refused).splitlines()[1] == "not used: b.png: blurred: 3 px"
 
 
 @pytest.mark.slow

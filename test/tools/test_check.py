@@ -73,8 +73,12 @@ def test_a_good_flight_goes(sample, capsys):
     files = given(sample, "--map", sample / "map.geojson")
     assert main(["check", str(sample / "flight.mcap"), *files]) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("GO\n")
     assert err == ""
+    told = "checked over 30.0 s: 10 topics, filter ekf_heading running; -v has each"
+    assert out == f"GO\n\n{told}\n"
+    assert main(["check", str(sample / "flight.mcap"), *files, "-v"]) == 0
+    out, _ = capsys.readouterr()
+    assert out.startswith("GO\n")
     lines = [line.split(maxsplit=1) for line in out.splitlines()]
     said = {line[0]: line[1] for line in lines if len(line) > 1}
     assert said["imu/data"] == "100.0 Hz, longest gap 0.01 s"
@@ -238,4 +242,6 @@ def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, cap
     assert "it shakes" not in err
     navigation, gimbal, pictures = stand_ins.values()
     assert 0 < navigation.calls["solution"] == gimbal.calls["body"]
-    assert pictures.calls["frame"] == (270 if verb == "evaluate" else 0)
+    # The stand-in follows none.
+    assert pictures.calls["passed"] == (270 if verb == "evaluate" else 0)
+    assert pictures.calls["frame"] == 0

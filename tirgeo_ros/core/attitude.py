@@ -184,23 +184,6 @@ def quat_from_euler(
     return quat_from_matrix(matrix_from_euler(roll_rad, pitch_rad, yaw_rad))
 
 
-def joint_angles(rotation_bg: Array) -> Array:
-    """Yaw, roll, pitch (..., 3) with ``R_bg = Rz(yaw) Rx(roll) Ry(pitch)`` of (..., 3, 3).
-
-    A gimbal's chain; roll in [-pi/2, pi/2]. Pitch is what is left of the matrix once yaw is taken
-    out. So the three give the matrix again with a roll of 90 deg too, where yaw and pitch turn
-    about one axis.
-    """
-    m = np.asarray(rotation_bg, float)
-    roll = np.arctan2(m[..., 2, 1], np.hypot(m[..., 0, 1], m[..., 1, 1]))
-    yaw = np.arctan2(-m[..., 0, 1], m[..., 1, 1])
-    sine, cosine = np.sin(yaw), np.cos(yaw)
-    pitch = np.arctan2(
-        cosine * m[..., 0, 2] + sine * m[..., 1, 2], cosine * m[..., 0, 0] + sine * m[..., 1, 0]
-    )
-    return np.stack([yaw, roll, pitch], -1)
-
-
 def rotation_x(angle_rad: npt.ArrayLike) -> Array:
     """Rotation by an angle about x; (...) -> (..., 3, 3)."""
     return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [1.0, 0.0, 0.0]))

@@ -38,6 +38,8 @@ from tirgeo_ros.core.attitude import (
 )
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames import BODY_OPTICAL
+from tirgeo_ros.core.gimbal_joints import chain
+from tirgeo_ros.core.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.samples import (
     Array,
     BodyPose,
@@ -64,6 +66,7 @@ class Mount:
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
     tilt_variance: float  # the autopilot's own attitude about north and east, each, rad2
+    joint_order: str = USUAL_ORDER
 
     @classmethod
     def from_config(cls, config: GimbalConfig) -> Mount:
@@ -75,6 +78,7 @@ class Mount:
             np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
             np.radians(np.array(config.reported_sigma_deg)) ** 2,
             np.radians(config.autopilot_tilt_sigma_deg) ** 2,
+            config.joint_order,
         )
 
 
@@ -82,22 +86,10 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
     """Return the camera's pose by the body's attitude and the encoders."""
     q_nb: Quaternion = tuple(body.q_nb.tolist())
     rotation_nb = rotation_of(q_nb)
-    q_bg, axes_b = chain(joints)
+    q_bg, axes_b = chain(joints, mount.joint_order)
     axes_n = np.dot(matrix(rotation_nb), axes_b)
     q_ng = hamilton(q_nb, q_bg)
     return _camera_pose(mount, body, rotation_nb, q_ng, None, axes_n, mount.joint_variance)
-
-
-def chain(joints: JointSample) -> tuple[Quaternion, Array]:
-    """``q_bg`` of Rz(yaw) Rx(roll) Ry(pitch), and the joint axes in ``b`` as columns."""
-    cy, sy = cos(joints.yaw_rad / 2), sin(joints.yaw_rad / 2)
-    cr, sr = cos(joints.roll_rad / 2), sin(joints.roll_rad / 2)
-    cp, sp = cos(joints.pitch_rad / 2), sin(joints.pitch_rad / 2)
-    q_yaw_roll = (cy * cr, cy * sr, sy * sr, sy * cr)
-    _, a01, _, _, a11, _, _, a21, _ = rotation_of(q_yaw_roll)  # column 1: the pitch axis
-    yaw_cos, yaw_sin = cos(joints.yaw_rad), sin(joints.yaw_rad)
-    axes_b = np.array([[0.0, yaw_cos, a01], [0.0, yaw_sin, a11], [1.0, 0.0, a21]])
-    return hamilton(q_yaw_roll, (cp, 0.0, sp, 0.0)), axes_b
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,18 +19,16 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tirgeo_ros.core.attitude import quat_multiply, slerp
 from tirgeo_ros.core.composition import (
     Mount,
     NorthBias,
-    chain,
     from_computed,
     from_joints,
     from_reported,
 )
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.gimbal_north import GimbalNorth
 from tirgeo_ros.core.north_readings import NorthReadings
 from tirgeo_ros.core.pose_history import Miss, PoseHistory, StampedHistory
@@ -176,7 +174,7 @@ class GimbalComposer:
         self._counts["joints_computed"] += sample.computed
         if self._choice == "auto":
             if not sample.computed:
-                self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
+                self._joints.put(sample.stamp_ns, camera_turn(sample, self._mount.joint_order))
             if self._presence.heard(sample.stamp_ns):
                 self._drive_by(joints=True)
         return self._take(sample, drives=self._by_joints)
@@ -258,7 +256,7 @@ class GimbalComposer:
         body = self._bodies.at(sample.stamp_ns)
         if isinstance(body, Miss):
             return
-        q_ng = quat_multiply(body.q_nb, np.array(chain(sample)[0]))
+        q_ng = quat_multiply(body.q_nb, camera_turn(sample))
         self._readings.read(self._north, sample.stamp_ns, q_ng, body.q_nb, None)
 
     def _overdue(self, stamp_ns: int) -> bool:

@@ -152,8 +152,9 @@ class RecordedFlight:
 
     def _take(self, topic: str, message: BagMessage) -> None:
         if topic in PICTURES:
-            self.picture_stamps_ns.append(header_stamp_ns(message.data))
-            self._look_at_picture(topic, message)
+            stamp_ns = header_stamp_ns(message.data)
+            self.picture_stamps_ns.append(stamp_ns)
+            self._look_at_picture(topic, stamp_ns, message)
             return
         decoded = self._cdr.deserialize(message.data, message.typename)
         self.read += 1
@@ -169,11 +170,16 @@ class RecordedFlight:
         for taker in self._takers[topic]:
             taker.take(sample)
 
-    def _look_at_picture(self, topic: str, message: BagMessage) -> None:
-        if self._checks is not None:
-            decoded = self._cdr.deserialize(message.data, message.typename)
-            stamp_ns, pixels = convert.stamp_ns(decoded), convert.pixels(topic, decoded)
-            self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
+    def _look_at_picture(self, topic: str, stamp_ns: int, message: BagMessage) -> None:
+        """Let the checks have a picture; it is decoded where they follow it."""
+        if self._checks is None:
+            return
+        if not self._checks.wants_pixels(stamp_ns, message.log_time_ns):
+            self._checks.passed(topic, stamp_ns, message.log_time_ns)
+            return
+        decoded = self._cdr.deserialize(message.data, message.typename)
+        pixels = convert.pixels(topic, decoded)
+        self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
 
 
 class FlightPoses:

@@ -6,9 +6,11 @@ from dataclasses import replace
 import pytest
 from checked_flights import checked_flight
 
+from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal_joints import camera_turn, joint_angles
 from tirgeo_ros.core.samples import JointSample
 
 
@@ -83,6 +85,29 @@ def test_a_mistake_in_the_joints_is_named(sample, fault, words, autopilot):
     assert finding.severity is Severity.STOP
     assert words in finding.evidence
     assert finding.parameter == "gimbal/joint_states"
+
+
+def of_order(order):
+    """A fault: the same camera on a gimbal with another order of its joints."""
+
+    def change(joints):
+        rotation = matrix_from_quat(camera_turn(joints))
+        return JointSample(joints.stamp_ns, *joint_angles(rotation, order).tolist())
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "order", ["yaw-pitch-roll", "roll-pitch-yaw", "pitch-yaw-roll", "pitch-roll-yaw"]
+)
+def test_joints_of_another_order_are_named_and_may_be_configured(sample, order):
+    [finding] = found(sample, of_order(order))
+    assert (finding.check, finding.severity) == ("joint_order", Severity.STOP)
+    assert f"a gimbal {order}, not yaw-roll-pitch" in finding.evidence
+    assert finding.parameter == "gimbal_node joint_order"
+    assert not found(sample, of_order(order), config=GimbalConfig(joint_order=order))
+    [back] = found(sample, right, config=GimbalConfig(joint_order=order))
+    assert "set it to yaw-roll-pitch" in back.mend
 
 
 def test_joints_that_do_not_drive_are_worth_a_note(sample):

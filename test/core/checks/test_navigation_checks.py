@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arrived_flights import Arrived, changed, checked, lost, recorded, simulated
+from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 
 from tirgeo_ros.core.attitude import matrix_from_quat
 from tirgeo_ros.core.checks.finding import Severity

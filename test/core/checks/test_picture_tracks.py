@@ -37,6 +37,28 @@ def test_a_shift_is_followed(size, shift):
     assert len(tracks.first) >= 6
 
 
+@pytest.mark.parametrize("rate_hz", [3, 9, 30])
+def test_frames_that_are_not_wanted_are_not_missed(rate_hz):
+    steps = np.random.default_rng(rate_hz).uniform(0.2, 1.8, 40) / rate_hz
+    stamps = 10**9 + (np.cumsum(steps) * 1e9).astype(int)
+    stamps[25:] -= 2 * 10**9  # the clock is set back
+    pictures = [cut(2 * k, k) for k in range(len(stamps))]
+    whole, part = PictureTracker(), PictureTracker()
+    seen = [whole.take(*one) for one in zip(stamps, pictures, strict=True)]
+    wanted = []
+    for k, (stamp, picture) in enumerate(zip(stamps, pictures, strict=True)):
+        if part.wants(stamp):
+            wanted.append(k)
+            found = part.take(stamp, picture)
+            assert (found is None) == (seen[k] is None)
+            if found is not None:
+                np.testing.assert_array_equal(found.second, seen[k].second)
+        else:
+            assert seen[k] is None
+    assert whole.pairs == part.pairs > 2
+    assert len(wanted) <= {3: 40, 9: 30, 30: 12}[rate_hz]
+
+
 def test_a_crosshair_stays_and_is_left_out():
     first, second = cut(0, 0).copy(), cut(20, 8).copy()
     for one in (first, second):

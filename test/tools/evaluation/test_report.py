@@ -18,7 +18,7 @@ from tirgeo_ros.tools.evaluation.report import report_html
 
 pytestmark = pytest.mark.slow
 
-_VOID = {"meta", "img", "link", "br", "hr", "input"}
+_VOID = {"meta", "img", "link", "br", "hr", "input", "wbr"}
 FIGURES = [
     "Errors of the control points",
     "How often an error is how large",

@@ -10,12 +10,12 @@ import pytest
 
 from tirgeo_ros.core.attitude import (
     euler_from_quat,
-    joint_angles,
     matrix_from_quat,
     slerp,
     wrap_pi,
 )
 from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.gimbal_joints import joint_angles
 from tirgeo_ros.core.samples import (
     CameraAttitudeSample,
     FixStatus,

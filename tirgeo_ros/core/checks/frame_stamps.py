@@ -32,13 +32,16 @@ class FrameStamps:
         """Take the stamp of a pose of the camera."""
         self._pose_ns = stamp_ns
 
-    def frame(self, stamp_ns: int, size: tuple[int, int], arrival_ns: int) -> None:
+    def frame(self, stamp_ns: int, size: tuple[int, int] | None, arrival_ns: int) -> None:
         """Take a frame's stamp, its size (width, height) and when it arrived; 0: nobody knows.
+
+        The size is None where it is not known.
 
         A clock that is played with a bag stands at 0 until it is heard.
         """
         self._frames += 1
-        self._sizes[size] += 1
+        if size is not None:
+            self._sizes[size] += 1
         if stamp_ns == 0:
             self._counts["zero"] += 1
             return

@@ -9,7 +9,6 @@ from collections.abc import Collection
 import numpy as np
 
 from tirgeo_ros.core.attitude import (
-    joint_angles,
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
@@ -17,8 +16,8 @@ from tirgeo_ros.core.attitude import (
 )
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.joint_findings import joint_findings
-from tirgeo_ros.core.composition import chain
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.pose_history import Miss, StampedHistory
 from tirgeo_ros.core.samples import Array, BodyPose, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.validity import joints_fault, usable_attitude
@@ -52,11 +51,12 @@ class GimbalChecks:
         self._askew = overlaid and untouched and not np.any(config.boresight_rpy_deg)
         self._used = config.composition != "paper"
         self._yaw_zero_rad = config.yaw_zero_rad
+        self._order = config.joint_order
         self._joints: StampedHistory[Array] = StampedHistory(_HISTORY_S)
         self._autopilot: StampedHistory[Array] = StampedHistory(_HISTORY_S)
         self._bodies: StampedHistory[Array] = StampedHistory(_HISTORY_S)
         self._waiting: dict[str, tuple[int, Array]] = {}  # by topic: the instant to look at next
-        self._pairs: deque[Array] = deque(maxlen=_KEPT)  # joints, reported: (6,)
+        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported R_bg
         self._looks: dict[str, deque[tuple[float, float]]] = {}  # up, tilt, rad
         self._sizes: deque[float] = deque(maxlen=_KEPT)  # larger of roll and pitch, rad
 
@@ -82,6 +82,9 @@ class GimbalChecks:
 
     def body(self, pose: BodyPose) -> None:
         """Take a pose of the body, which serves where the autopilot's attitude is not there."""
+        heard_ns = self._autopilot.newest_ns
+        if heard_ns is not None and abs(pose.stamp_ns - heard_ns) < _HISTORY_S * 1e9:
+            return
         if _due(self._bodies, pose.stamp_ns) and usable_attitude(pose.q_nb):
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
@@ -101,7 +104,7 @@ class GimbalChecks:
         self._sizes.append(max(abs(roll), abs(pitch)))
         q_nb = self._attitude(before[0])
         if q_nb is not None:
-            q_bg = np.array(chain(JointSample(0, yaw, roll, pitch))[0])
+            q_bg = camera_turn(JointSample(0, yaw, roll, pitch), self._order)
             self._add_look(topic, quat_multiply(q_nb, q_bg))
 
     def _attitude(self, stamp_ns: int) -> Array | None:
@@ -118,7 +121,7 @@ class GimbalChecks:
         start, end, share = around
         q_bg = quat_multiply(quat_conjugate(q_nb), q_ng)
         seen = start if share < 0.5 else end
-        self._pairs.append(np.append(seen, joint_angles(matrix_from_quat(q_bg))))
+        self._pairs.append((seen, matrix_from_quat(q_bg)))
 
     def _add_look(self, topic: str, q_ng: Array) -> None:
         axes_n = matrix_from_quat(q_ng)
@@ -129,8 +132,8 @@ class GimbalChecks:
         """Return what was found up to now."""
         found = []
         if len(self._pairs) >= _FEWEST:
-            pairs = np.array(self._pairs)
-            found = joint_findings(pairs[:, :3], pairs[:, 3:], used=self._used)
+            joints, reported = map(np.array, zip(*self._pairs, strict=True))
+            found = joint_findings(joints, reported, self._order, used=self._used)
         if not found and len(self._sizes) >= _FEWEST and np.median(self._sizes) > math.tau:
             found = [_in_degrees(float(np.median(self._sizes)), used=self._used)]
         if not found:

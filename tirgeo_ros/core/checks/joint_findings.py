@@ -12,7 +12,9 @@ from tirgeo_ros.core.checks.joint_hypotheses import (
     Reading,
     mean_differences,
     mistaken_reading,
+    other_order,
 )
+from tirgeo_ros.core.gimbal_joints import joint_angles
 from tirgeo_ros.core.samples import Array
 
 #: A constant difference counts beyond this: yaw with the gimbal's north (3 deg) in it.
@@ -23,8 +25,15 @@ _TOPIC = "gimbal/joint_states"
 _CHAIN = "send radians by these names: yaw about up, roll about forward, then pitch about left"
 
 
-def joint_findings(joints: Array, reported: Array, *, used: bool) -> list[Finding]:
-    """Return what angles (N, 3) yaw, roll, pitch show, rad; ``used``: they drive the poses."""
+def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool) -> list[Finding]:
+    """Return what angles (N, 3) yaw, roll, pitch show, rad; ``used``: they drive the poses.
+
+    ``rotations_bg`` (N, 3, 3) by the reported attitudes; ``order`` is that of the parameters.
+    """
+    reported = joint_angles(rotations_bg, order)
+    other = other_order(joints, rotations_bg, order)
+    if other:
+        return [_in_other_order(other, joints, rotations_bg, order, used=used)]
     reading = mistaken_reading(joints, reported)
     if reading is not None:
         return [_mistaken(reading, joints, reported, used=used)]
@@ -40,16 +49,34 @@ def joint_findings(joints: Array, reported: Array, *, used: bool) -> list[Findin
 
 
 def _mistaken(reading: Reading, joints: Array, reported: Array, *, used: bool) -> Finding:
-    before, after = (
-        np.degrees(np.hypot(*mean_differences(angles, reported)))
-        for angles in (joints, reading.angles(joints))
+    before, after = _sizes(joints, reported), _sizes(reading.angles(joints), reported)
+    return Finding(
+        "joint_angles", _severity(used), _told(reading.words, before, after), _TOPIC, _CHAIN
     )
-    evidence = (
-        f"{reading.words}: {_three(before)} deg beside the reported attitude (yaw, roll, pitch), "
-        f"{_three(after)} deg when mended"
+
+
+def _in_other_order(
+    other: str, joints: Array, rotations_bg: Array, order: str, *, used: bool
+) -> Finding:
+    before, after = (_sizes(joints, joint_angles(rotations_bg, one)) for one in (order, other))
+    evidence = _told(f"the joints are those of a gimbal {other}, not {order}", before, after)
+    mend = f"set it to {other}, or send the angles of a gimbal {order}"
+    return Finding("joint_order", _severity(used), evidence, "gimbal_node joint_order", mend)
+
+
+def _severity(used: bool) -> Severity:
+    return Severity.STOP if used else Severity.NOTE
+
+
+def _sizes(joints: Array, reported: Array) -> str:
+    return _three(np.degrees(np.hypot(*mean_differences(joints, reported))))
+
+
+def _told(words: str, before: str, after: str) -> str:
+    return (
+        f"{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
+        f"{after} deg when mended"
     )
-    severity = Severity.STOP if used else Severity.NOTE
-    return Finding("joint_angles", severity, evidence, _TOPIC, _CHAIN)
 
 
 def _three(angles_deg: Array) -> str:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.attitude import wrap_pi
+from tirgeo_ros.core.gimbal_joints import joint_angles
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS
 from tirgeo_ros.core.samples import Array
 
 NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
@@ -25,6 +27,8 @@ _LARGEST_RAD2 = 0.25  # of one sample: the start of a flight counts no more
 #: than this share.
 _LEAST_RAD = math.radians(1.5)
 _SHARE = 0.25
+_LEAST_BETWEEN_RAD = math.radians(0.7)  # rms, of two orders of the joints
+_EXPLAINED = 0.7  # of the squares
 _ALIKE = 1.5  # readings that leave as much: the simplest is meant
 
 
@@ -93,8 +97,35 @@ def mistaken_reading(joints: Array, reported: Array) -> Reading | None:
     return next(reading for reading, cost in alike if cost <= _ALIKE * least)
 
 
+def other_order(joints: Array, rotations_bg: Array, order: str) -> str | None:
+    """The other order that explains angles (N, 3) by reported R_bg (N, 3, 3), if one does.
+
+    Between two orders the angles of an attitude differ by amounts that change with it. Where the
+    joints leave those of ``order`` by these amounts, the other order is theirs.
+    """
+    reported = joint_angles(rotations_bg, order)
+    off = _about_mean_yaw(joints - reported)
+    left = {one: _left(off, joint_angles(rotations_bg, one) - reported) for one in JOINT_ORDERS}
+    best = min(left, key=left.__getitem__)
+    return best if left[best] < (1 - _EXPLAINED) * (off**2).sum() else None
+
+
+def _left(off: Array, between: Array) -> float:
+    """The sum of squares of differences (N, 3) less those between two orders (N, 3)."""
+    between = _about_mean_yaw(between)
+    if (between**2).sum(axis=1).mean() < _LEAST_BETWEEN_RAD**2:
+        return math.inf
+    return float((_about_mean_yaw(off - between) ** 2).sum())
+
+
+def _about_mean_yaw(off: Array) -> Array:
+    """Differences (N, 3) within half a turn, the yaw's about its mean."""
+    off = wrap_pi(off)
+    off[:, 0] = wrap_pi(off[:, 0] - np.angle(np.exp(1j * off[:, 0]).mean()))
+    return np.asarray(off)
+
+
 def _squares(angles: Array, reported: Array) -> Array:
     """(3,) mean squares of the differences, the yaw's about its mean."""
-    off = wrap_pi(angles - reported)
-    off[:, 0] = wrap_pi(off[:, 0] - np.angle(np.exp(1j * off[:, 0]).mean()))
+    off = _about_mean_yaw(angles - reported)
     return np.asarray(np.minimum(off**2, _LARGEST_RAD2).mean(axis=0))

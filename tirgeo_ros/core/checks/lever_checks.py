@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Container
+from typing import NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
-from tirgeo_ros.core.checks.lever_fit import Normal, by_positions, by_velocities, integrated
-from tirgeo_ros.core.checks.lever_solution import Lever, solved
+from tirgeo_ros.core.checks.lever_fit import Path, by_positions, by_velocities, integrated
+from tirgeo_ros.core.checks.lever_solution import Lever, Window, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.delays import Delays
 from tirgeo_ros.core.frames import flu_from_frd
@@ -19,15 +20,30 @@ from tirgeo_ros.core.validity import usable_attitude
 
 #: Blocks of a window, 4 s: in 2 s the antenna shows in half the time, but delays look like it.
 _BLOCKS = 80
+_STEP = 40  # blocks from one window's start to the next one's
 _WAIT = 10  # blocks, for what measures in a window and is still on its way
 _KEPT = 150  # windows
-_AIDS = 200  # measurements that are kept: of a window and the wait at 40 Hz
+#: Windows whose paths are kept, half a minute, and the measurements of that time at 40 Hz.
+_PATHS, _AIDS = 15, 1400
+#: Equations are linear in a delay only near the one that they are made for, and not beyond these.
+_LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _SIGMAS, _LEAST_M = 5.0, 0.15
+#: Of few windows they vary themselves: in 14 to 30 s of recorded flights, places err by up to 7.4.
+_MANY, _SIGMAS_OF_FEW = 15, 8.0
 #: Delays: told; 0.15 s are 45 cm at 3 m/s.
 _LEAST_S, _WRONG_S = 0.05, 0.15
 _NEAR_NS = 500_000_000
 _LEVER = "aircraft.rtk_antenna_m"
 _SECOND = "aircraft.second_antenna_m"
+
+
+class _Stretch(NamedTuple):
+    """What the IMU tells of a window."""
+
+    start_ns: int
+    end_ns: int
+    path: Path
+    overlaps: bool  # the one before, by half
 
 
 class LeverChecks:
@@ -45,10 +61,13 @@ class LeverChecks:
         ]
         self._blocks: list[ImuBlock] = []
         self._aids: tuple[deque[tuple[int, Array]], ...] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
-        self._windows: deque[tuple[Normal | None, Normal | None]] = deque(maxlen=_KEPT)
+        self._stretches: deque[_Stretch] = deque(maxlen=_PATHS)
+        self._windows: deque[Window] = deque(maxlen=_KEPT)
+        self._delay_s = 0.0  # that the windows' equations are made for
         self._solution: NavSolution | None = None
         self._found: Lever | None = None
         self._fresh = True
+        self._overlaps = False  # whether the next window overlaps the one before
 
     def solution(self, solution: NavSolution) -> None:
         """Take the filter's: its attitude begins windows where the autopilot has none."""
@@ -64,19 +83,17 @@ class LeverChecks:
 
     def block(self, block: ImuBlock) -> None:
         """Take the next block of the IMU."""
-        if not block.joined or (not self._blocks and self._begins_without(block)):
-            self._blocks = []
+        block = block._replace(autopilot_q_nb=self._attitude(block))
+        if not block.joined or (not self._blocks and block.autopilot_q_nb is None):
+            self._blocks, self._overlaps = [], False
             return
         self._blocks.append(block)
         if len(self._blocks) == 1 + _BLOCKS + _WAIT:
             self._fit(self._blocks[: 1 + _BLOCKS])
-            self._blocks = self._blocks[_BLOCKS:]
-
-    def _begins_without(self, block: ImuBlock) -> bool:
-        return self._attitude(block) is None
+            self._blocks = self._blocks[_STEP:]
 
     def _attitude(self, block: ImuBlock) -> Array | None:
-        """(4,) at the end of a block: the autopilot's, or the filter's."""
+        """(4,) at the end of a block that has just come: the autopilot's, or the filter's."""
         if usable_attitude(block.autopilot_q_nb):
             return block.autopilot_q_nb
         own = self._solution
@@ -84,28 +101,53 @@ class LeverChecks:
 
     def _fit(self, blocks: list[ImuBlock]) -> None:
         """The first block's end is the start."""
-        start, end_ns = blocks[0], blocks[-1].stamp_ns
-        q_nb = self._attitude(start)
-        if q_nb is None:
+        start = blocks[0]
+        overlaps, self._overlaps = self._overlaps, start.autopilot_q_nb is not None
+        if start.autopilot_q_nb is None:
             return
-        path = integrated(blocks[1:], q_nb, self._rotation_bi, self._lever_b)
-        normals: list[Normal | None] = []
-        for aids, fit in zip(self._aids, (by_positions, by_velocities), strict=True):
-            inside = [aid for aid in aids if start.stamp_ns < aid[0] < end_ns]
-            times_s = np.array([stamp_ns - start.stamp_ns for stamp_ns, _ in inside]) * 1e-9
-            rising = len(inside) > 1 and bool((np.diff(times_s) > 0).all())
-            normals.append(
-                fit(path, times_s, np.array([v for _, v in inside])) if rising else None
-            )
-        self._windows.append((normals[0], normals[1]))
+        path = integrated(blocks[1:], start.autopilot_q_nb, self._rotation_bi, self._lever_b)
+        stretch = _Stretch(start.stamp_ns, blocks[-1].stamp_ns, path, overlaps)
+        self._stretches.append(stretch)
+        self._windows.append(self._window(stretch, self._delay_s))
         self._fresh = False
+
+    def _window(self, stretch: _Stretch, delay_s: float) -> Window:
+        """Return a window's equations for what stamps are later than by a delay."""
+        begin_ns = stretch.start_ns + round(delay_s * 1e9)
+        end_ns = stretch.end_ns + round(delay_s * 1e9)
+        normals = []
+        for aids, fit in zip(self._aids, (by_positions, by_velocities), strict=True):
+            inside = [aid for aid in aids if begin_ns < aid[0] < end_ns]
+            times_s = np.array([stamp_ns - begin_ns for stamp_ns, _ in inside]) * 1e-9
+            rising = len(inside) > 1 and bool((np.diff(times_s) > 0).all())
+            values = np.array([value for _, value in inside])
+            normals.append(fit(stretch.path, times_s, values) if rising else None)
+        return Window(normals[0], normals[1], stretch.overlaps)
 
     @property
     def found(self) -> Lever | None:
         """What the flight tells so far; None while it is too short."""
         if not self._fresh:
-            self._found, self._fresh = solved(self._windows), True
+            self._found, self._fresh = self._solved(), True
         return self._found
+
+    def _solved(self) -> Lever | None:
+        """Solve the windows, made anew for the delay found while that fits better."""
+        found = solved(self._windows)
+        for _ in range(_STEPS):
+            if found is None or abs(found.delays_s[0]) < _LINEAR_S:
+                break
+            delay_s = self._delay_s + float(found.delays_s[0])
+            windows = [self._window(stretch, delay_s) for stretch in self._stretches]
+            before, after = solved(list(self._windows)[-len(windows) :]), solved(windows)
+            if before is None or after is None or abs(delay_s) > _LONGEST_S:
+                break
+            if after.misfit >= before.misfit:
+                break
+            self._delay_s, found = delay_s, after
+            self._windows = deque(windows, maxlen=_KEPT)
+        known_s = np.array((self._delay_s, 0.0))  # velocities are later by the same
+        return found and found._replace(delays_s=found.delays_s + known_s)
 
     def findings(self, topics: Container[str]) -> list[Finding]:
         """Return what differs from the parameters; ``topics`` are those that come."""
@@ -127,7 +169,7 @@ class LeverChecks:
     def _lever(self, found: Lever) -> list[Finding]:
         off = found.lever_b - self._lever_b
         sigma = np.hypot(found.lever_sigma_b, self._sigma_b)
-        if not (np.abs(off) > np.maximum(_SIGMAS * sigma, _LEAST_M)).any():
+        if not (np.abs(off) > np.maximum(_sigmas(found) * sigma, _LEAST_M)).any():
             return []
         set_m = flu_from_frd(self._lever_b)
         told = ", ".join(f"{value:+.2f}" for value in set_m)
@@ -150,17 +192,22 @@ class LeverChecks:
         return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
 
     def _delays(self, found: Lever) -> list[Finding]:
-        delays_s, sigmas_s = found.delays_s.tolist(), found.delay_sigmas_s.tolist()
         told = [
-            _delay("rtk/fix", "rtk.delay_s", delays_s[0], sigmas_s[0]),
-            _delay("rtk/vel", "rtk.velocity_delay_s", delays_s[1], sigmas_s[1]),
+            _delay("rtk/fix", "rtk.delay_s", found, 0),
+            _delay("rtk/vel", "rtk.velocity_delay_s", found, 1),
         ]
         return [one for one in told if one]
 
 
-def _delay(topic: str, name: str, delay_s: float, sigma_s: float) -> Finding | None:
+def _sigmas(found: Lever) -> float:
+    """Return how many sigmas are sure."""
+    return _SIGMAS if found.windows >= _MANY else _SIGMAS_OF_FEW
+
+
+def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
     """Of stamps that are later than measurements by so much beyond what is set."""
-    if abs(delay_s) < max(_LEAST_S, _SIGMAS * sigma_s):
+    delay_s, sigma_s = float(found.delays_s[kind]), float(found.delay_sigmas_s[kind])
+    if abs(delay_s) < max(_LEAST_S, _sigmas(found) * sigma_s):
         return None
     way = "later" if delay_s > 0 else "earlier"
     evidence = (

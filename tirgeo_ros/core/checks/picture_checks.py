@@ -76,12 +76,23 @@ class PictureChecks:
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose of the camera, in order of time."""
+        if self._camera is None and self._bodies:
+            self._stamps.pose(pose.stamp_ns)
+            return  # a motion that no picture can be compared with
         if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             return
         self._stamps.pose(pose.stamp_ns)
         if not self._bodies:
             self._heights.pose(pose)
         self._motion.pose(pose)
+
+    def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Whether a frame is followed; of the others ``passed`` suffices."""
+        return self._tracker.wants(stamp_ns or arrival_ns)
+
+    def passed(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Take a frame of which nothing but the stamp is known."""
+        self._stamps.frame(stamp_ns, None, arrival_ns)
 
     def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""

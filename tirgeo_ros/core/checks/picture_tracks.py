@@ -57,18 +57,22 @@ class PictureTracker:
 
     def take(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Tracks | None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
-        first = self._first
-        if first is not None:
-            apart_ns = stamp_ns - first.stamp_ns
-            if 0 < apart_ns < _SHORTEST_NS:
-                return None
-            self._first = None
-            if 0 < apart_ns <= _LONGEST_NS:
-                return self._tracks(first, _small(stamp_ns, pixels, first.ends))
-        if self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS:
-            self._first = _small(stamp_ns, pixels, None)
-            self._begun_ns = stamp_ns
+        if not self.wants(stamp_ns):
+            return None
+        first, self._first = self._first, None
+        if first is not None and 0 < stamp_ns - first.stamp_ns <= _LONGEST_NS:
+            return self._tracks(first, _small(stamp_ns, pixels, first.ends))
+        self._first = _small(stamp_ns, pixels, None)
+        self._begun_ns = stamp_ns
         return None
+
+    def wants(self, stamp_ns: int) -> bool:
+        """Whether a frame of this stamp would be looked at."""
+        if self._first is not None:
+            apart_ns = stamp_ns - self._first.stamp_ns
+            if 0 < apart_ns <= _LONGEST_NS:
+                return apart_ns >= _SHORTEST_NS
+        return self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS
 
     def _tracks(self, first: _Small, second: _Small) -> Tracks | None:
         if first.grey.shape != second.grey.shape or min(first.grey.shape) < _SMALLEST:

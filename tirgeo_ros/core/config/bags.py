@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.core.parameter import group, param
 
 
@@ -26,6 +27,11 @@ class SimulatedAircraftConfig:
         "source of the gimbal's angles: joints (the aircraft's attitude and the recorded "
         "encoder angles, if there are any) or reported (the recorded gimbal/attitude)",
         choices=("joints", "reported"),
+    )
+    joint_order: str = param(
+        USUAL_ORDER,
+        "order of the joints of those angles, from the aircraft to the camera",
+        choices=JOINT_ORDERS,
     )
     layout: str = param(
         "modern",

@@ -10,6 +10,7 @@ import numpy as np
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.core.parameter import group, param
 from tirgeo_ros.core.samples import Array
 
@@ -98,6 +99,11 @@ class GimbalConfig(NodeParameters):
         "heading), encoders (body attitude and joint angles), or auto (encoders while joint "
         "angles arrive, else paper)",
         choices=("auto", "paper", "encoders"),
+    )
+    joint_order: str = param(
+        USUAL_ORDER,
+        "order of the gimbal's joints, from the aircraft to the camera",
+        choices=JOINT_ORDERS,
     )
     boresight_rpy_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0),

@@ -82,8 +82,11 @@ class Aircraft:
 
     def _switch_on(self) -> None:
         self._satellites = Satellites(self._config, self._places)
-        by_joints = self._config.gimbal == "joints"
-        self._gimbal = GimbalAngles(joints=by_joints, max_gap_s=_AHEAD_S)
+        self._gimbal = GimbalAngles(
+            joints=self._config.gimbal == "joints",
+            order=self._config.joint_order,
+            max_gap_s=_AHEAD_S,
+        )
         self._first_ns: int | None = None
         self._imu: ImuSample | None = None  # the newest that was told
         self._told_ns = 0

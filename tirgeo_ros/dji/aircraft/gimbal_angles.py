@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.attitude import euler_from_quat, quat_multiply, slerp
-from tirgeo_ros.core.composition import chain
+from tirgeo_ros.core.gimbal_joints import camera_turn
 from tirgeo_ros.core.pose_history import Miss, StampedHistory
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.validity import usable_attitude
@@ -22,8 +22,8 @@ class GimbalAngles:
     extrapolated.
     """
 
-    def __init__(self, *, joints: bool, max_gap_s: float) -> None:
-        self._by_joints = joints
+    def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
+        self._by_joints, self._order = joints, order
         self._joints: StampedHistory[Array] = StampedHistory(max_gap_s=max_gap_s)  # q_bg
         self._reported: StampedHistory[Array] = StampedHistory(max_gap_s=max_gap_s)  # q_ng
 
@@ -36,7 +36,7 @@ class GimbalAngles:
             return sound
         sound = math.isfinite(sample.yaw_rad + sample.roll_rad + sample.pitch_rad)
         if sound:
-            self._joints.put(sample.stamp_ns, np.array(chain(sample)[0]))
+            self._joints.put(sample.stamp_ns, camera_turn(sample, self._order))
         return sound
 
     def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:

@@ -14,8 +14,9 @@ from collections import Counter, deque
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import canonical, hamilton, joint_angles, quat_conjugate, rotation_of
+from tirgeo_ros.core.attitude import canonical, hamilton, quat_conjugate, rotation_of
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.gimbal_joints import joint_angles
 from tirgeo_ros.core.pose_history import Miss
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.strapdown import matrix

@@ -27,15 +27,19 @@ from tirgeo_ros.tools.registration import Registered, Sample
 F = TypeVar("F", bound=Callable[..., None])
 
 
-def _guarded(method: F) -> F:
-    """Return a method whose faults are found instead of raised: the work goes on without it."""
+#: Calls that are made together. Work of one kind at a stretch finds its code and data in the
+#: processor's caches.
+_BLOCK = 128
+
+
+def _later(method: F) -> F:
+    """Return a method that is run with others, in order, before anybody sees what it found."""
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
-        try:
-            method(self, *arguments)
-        except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
-            self.failed(error)
+        self._waiting.append((method, arguments))
+        if len(self._waiting) >= _BLOCK:
+            self.catch_up()
 
     return cast("F", call)
 
@@ -44,7 +48,8 @@ class FlightChecks:
     """Feeds all groups of checks. Take a sample, then what it made possible."""
 
     def __init__(self, setting: CheckSetting) -> None:
-        self.seen = Seen()
+        self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
+        self._seen = Seen()
         self._setting = setting
         self._groups = groups_of(setting)
         self._arrivals = Arrivals()
@@ -56,10 +61,29 @@ class FlightChecks:
         if setting.camera is not None:
             self.camera(setting.camera)
 
-    @_guarded
+    @property
+    def seen(self) -> Seen:
+        """What was looked at."""
+        self.catch_up()
+        return self._seen
+
+    def catch_up(self) -> None:
+        """Do all that waits."""
+        waiting, self._waiting = self._waiting, []
+        for method, arguments in waiting:
+            self._guarded(method, arguments)
+
+    def _guarded(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        """Find a fault instead of raising it: the work goes on without the check."""
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
+            self.failed(error)
+
+    @_later
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, its stamp as its message has it."""
-        self.seen.message(topic, arrival_ns)
+        self._seen.message(topic, arrival_ns)
         if not isinstance(sample, JointSample | CameraAttitudeSample):
             self._groups.navigation.take(topic, sample, arrival_ns)
         self._gimbal(self._arrivals.stamped(topic, sample, arrival_ns))
@@ -73,7 +97,7 @@ class FlightChecks:
         elif isinstance(sample, CameraAttitudeSample):
             self._groups.gimbal.reported(sample)
 
-    @_guarded
+    @_later
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
         """Take what filter and gimbal made of a sample, and the plane of the poses."""
         if found.solution is not None:
@@ -88,25 +112,39 @@ class FlightChecks:
         for pose in found.cameras:
             self._groups.pictures.pose(pose)
 
-    @_guarded
+    @_later
     def map(self, laid: LaidMap) -> None:
         """Take the map as it lies in the plane that was taken before."""
         self._groups.map.map(laid)
 
-    @_guarded
+    @_later
     def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
         """Take a calibration; without a time of arrival, one from a file."""
         if arrival_ns is not None:
-            self.seen.message("thermal/camera_info", arrival_ns)
+            self._seen.message("thermal/camera_info", arrival_ns)
         if camera != self._camera:
             self._camera = camera
             self._groups.pictures.camera(camera)
 
-    @_guarded
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
-        """Take a picture with the stamp of its message."""
-        self.seen.message(topic, arrival_ns)
-        self.seen.size = (pixels.shape[1], pixels.shape[0])
+        """Take a picture with the stamp of its message, at once: it may be drawn into after."""
+        self._frame(topic, stamp_ns, pixels, arrival_ns)
+        self.catch_up()
+
+    def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Whether a picture is to be decoded; ``passed`` takes the others."""
+        return self._groups.pictures.wants_pixels(stamp_ns, arrival_ns)
+
+    @_later
+    def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
+        """Take that a picture came which nobody decoded."""
+        self._seen.message(topic, arrival_ns)
+        self._groups.pictures.passed(stamp_ns, arrival_ns)
+
+    @_later
+    def _frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
+        self._seen.message(topic, arrival_ns)
+        self._seen.size = (pixels.shape[1], pixels.shape[0])
         self._groups.pictures.frame(stamp_ns, pixels, arrival_ns)
 
     def refused(self, topic: str, reason: str) -> None:
@@ -116,8 +154,9 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return what is wrong, the worst first."""
+        self.catch_up()
         found = [*self._setting.found]
-        found += unreadable_findings(self.seen.counts, self._refused, self._reasons)
+        found += unreadable_findings(self._seen.counts, self._refused, self._reasons)
         try:
             found += self._groups.findings()
         except Exception as error:  # noqa: BLE001 as above

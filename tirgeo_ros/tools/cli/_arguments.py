@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.tools.cli._verb import UsageError
 
@@ -86,6 +88,22 @@ def add_window(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--to", dest="to_s", type=float, default=math.inf, metavar="S", help="message, s"
+    )
+
+
+def add_verbose(
+    parser: argparse.ArgumentParser,
+    describe_all: Callable[[Any], str],
+    help: str,  # noqa: A002
+) -> None:
+    """``-v``: in place of the short lines what ``describe_all`` makes of a result."""
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        dest="describe",
+        action="store_const",
+        const=describe_all,
+        help=f"{help} (--json has it too)",
     )
 
 

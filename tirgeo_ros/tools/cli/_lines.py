@@ -1,7 +1,8 @@
-"""A result as lines for a person: one a key."""
+"""A result as lines for a person: one a key, and what is left to ``-v``."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
 #: What is told of elsewhere than among the lines of a result.
@@ -13,6 +14,20 @@ def lines(result: Mapping[str, object]) -> str:
     pairs = [(name, item) for name, item in _flat(result) if item is not None and name != _TOLD]
     width = max((len(name) for name, _ in pairs), default=0)
     return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
+
+
+def not_used(refused: Mapping[str, str]) -> list[str]:
+    """A line: how many pictures were not used, by the reasons, each ``reason: detail``."""
+    if not refused:
+        return []
+    counts = Counter(why.partition(":")[0] for why in refused.values())
+    told = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
+    return [f"not used: {told}; -v names each"]
+
+
+def each_not_used(refused: Mapping[str, str]) -> str:
+    """A line for each picture that was not used."""
+    return "\n".join(f"not used: {name}: {why}" for name, why in refused.items())
 
 
 def _flat(result: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

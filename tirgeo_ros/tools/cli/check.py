@@ -11,6 +11,7 @@ from tirgeo_ros.tools.cli._arguments import (
     add_flight,
     add_ground,
     add_parameters,
+    add_verbose,
     check_ground,
 )
 from tirgeo_ros.tools.cli._verb import Subparsers
@@ -25,7 +26,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         description="Looks for faults of set-up and sensors in a recorded flight: signs, units, "
         "axes, stamps, lever arms, lens, ground and map. Tells each with its evidence, the "
         "parameter or topic to look at and how to mend it, the worst first, then what was "
-        "checked. Exit code 1 where a flight must not begin so.",
+        "checked (-v: each topic). Exit code 1 where a flight must not begin so.",
         epilog="example:\n  tirgeo check bags/sample/flight.mcap "
         "--params bags/sample/params.yaml --map bags/sample/map.geojson",
     )
@@ -33,6 +34,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     add_parameters(parser)
     add_ground(parser)
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map that is to be drawn")
+    add_verbose(parser, describe_all, "what was checked, topic by topic")
     return parser
 
 
@@ -60,11 +62,33 @@ def finding_lines(_result: Mapping[str, object]) -> list[str]:
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """The findings, three lines each, then what was checked."""
+    """The findings, three lines each, then in a line what was checked."""
+    return _report(result, _checked_in_short(result))
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """The findings, three lines each, then all that was checked."""
+    return _report(result, "\n".join(_checked(result)))
+
+
+def _report(result: Mapping[str, Any], checked: str) -> str:
     from tirgeo_ros.tools.checks.words import report  # noqa: PLC0415 heavy
 
-    parts = [result["verdict"], report(result["findings"]), "\n".join(_checked(result))]
+    parts = [result["verdict"], report(result["findings"]), checked]
     return "\n\n".join(part for part in parts if part)
+
+
+def _checked_in_short(result: Mapping[str, Any]) -> str:
+    checked = result["checked"]
+    told = (
+        f"checked over {checked['duration_s']:.1f} s: {len(checked['topics'])} topics, filter "
+        f"{checked['method']} {checked['state']}; -v has each"
+    )
+    return "\n".join([told, *_notes(result)])
+
+
+def _notes(result: Mapping[str, Any]) -> list[str]:
+    return [f"  note: {note}" for note in result["notes"]]
 
 
 def _checked(result: Mapping[str, Any]) -> Iterator[str]:
@@ -84,4 +108,4 @@ def _checked(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {'height above ground':<30} {low:.1f} to {high:.1f} m"
     if "map_layers" in checked:
         yield f"  {'map':<30} {checked['map_layers']} layers"
-    yield from (f"  note: {note}" for note in result["notes"])
+    yield from _notes(result)

@@ -12,6 +12,7 @@ from tirgeo_ros.tools.cli._arguments import (
     add_ground,
     add_method,
     add_parameters,
+    add_verbose,
     check_ground,
 )
 from tirgeo_ros.tools.cli._lines import lines
@@ -40,14 +41,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
     video = "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"
     parser.add_argument("--video", type=Path, metavar="OUT.mp4", help=video)
-    parser.add_argument(
-        "-v",
-        "--verbose",
-        dest="describe",
-        action="store_const",
-        const=describe_all,
-        help="after the six lines all that --json has",
-    )
+    add_verbose(parser, describe_all, "after the six lines a line for each key of the result")
     return parser
 
 

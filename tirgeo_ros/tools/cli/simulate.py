@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -23,6 +24,14 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="YAML file")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
     parser.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's")
+    parser.add_argument(
+        "--joint-order",
+        metavar="ORDER",
+        choices=JOINT_ORDERS,
+        help="fly a gimbal whose joints follow each other in this order from the aircraft to the "
+        f"camera, instead of the scenario's: {', '.join(JOINT_ORDERS)}. The angles in the bag and "
+        "joint_order in params.yaml are those of that gimbal; the camera moves as before",
+    )
     parser.add_argument(
         "--start", type=float, default=0.0, metavar="S", help="write from this second on"
     )
@@ -44,6 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             args.scenario,
             args.output,
             seed=args.seed,
+            joint_order=args.joint_order,
             start_s=args.start,
             duration_s=args.duration,
             images=not args.no_images,

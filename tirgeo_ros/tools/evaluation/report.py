@@ -42,8 +42,8 @@ figcaption { color: #555; font-size: .9rem; overflow-wrap: anywhere; }
 summary { cursor: pointer; }
 pre { overflow-x: auto; font-size: .85rem; }
 @media (max-width: 30rem) {
-  th, td { padding: .15rem .3rem; font-size: .78rem; }
-  th:first-child, td:first-child { white-space: normal; min-width: 4rem; }
+  body { padding: 0 .7rem; }
+  th, td { padding: .15rem .2rem; font-size: .74rem; white-space: normal; }
 }
 """
 
@@ -129,16 +129,8 @@ def _method_column(method: MethodResult) -> list[str]:
 
 
 def _tests_table(found: Evaluation) -> str:
-    names = [method.method for method in found.methods]
-    p_values = {(test.first, test.second): test for test in found.tests}
-    rows = []
-    for first in names:
-        row = [first]
-        for second in names:
-            test = p_values.get((first, second)) or p_values.get((second, first))
-            row.append("-" if test is None else _p_value(test.p_value, test.note))
-        rows.append(row)
-    table = _table(("p-value", *names), rows)
+    rows = [(one.first, one.second, _p_value(one.p_value, one.note)) for one in found.tests]
+    table = _table(("method", "beside", "p-value"), rows)
     said = "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
     return f"{table}\n<p>{said}</p>"
 
@@ -176,7 +168,11 @@ def _table(
 
 
 def _row(cells: Iterable[str], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+    """A row; the names in a head may be broken at an underscore."""
+    shown = [
+        escape(cell).replace("_", "_<wbr>") if tag == "th" else escape(cell) for cell in cells
+    ]
+    return "<tr>" + "".join(f"<{tag}>{cell}</{tag}>" for cell in shown) + "</tr>"
 
 
 def _figure(plot: Plot) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from tirgeo_ros.core.errors import ScenarioError
@@ -34,6 +35,7 @@ def simulate(
     out_dir: str | os.PathLike[str],
     *,
     seed: int | None = None,
+    joint_order: str | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
     images: bool = True,
@@ -41,6 +43,7 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
+    ``joint_order`` is flown in place of the scenario's gimbal, and stands in params.yaml.
     ``start_s`` and ``duration_s`` cut a window out of the flight: the bags hold what arrived in
     it, the observations are those of its pictures, all else is the whole flight's. Returns what
     was written. Raises ScenarioError, and BagError or SurveyError where files cannot be written.
@@ -48,6 +51,8 @@ def simulate(
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
+    if joint_order is not None:
+        scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
     if duration_s is None:
         duration_s = scenario.duration_s - start_s
     end_s = start_s + duration_s

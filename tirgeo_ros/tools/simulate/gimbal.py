@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.attitude import (
     euler_from_matrix,
-    joint_angles,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
     quat_multiply,
 )
 from tirgeo_ros.core.frames import Q_BODY_OPTICAL
+from tirgeo_ros.core.gimbal_joints import joint_angles
 from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
 from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
@@ -85,7 +85,8 @@ def gimbal_samples(
     rotation_pg = gimbal.rotation_pg(epochs.t_s)
     noise = generator(seed, "encoders").standard_normal((len(epochs.t_s), 3))
     noise *= math.radians(scenario.gimbal.encoder_sigma_deg)
-    joints = joint_angles(np.swapaxes(motion.rotation_pb, 1, 2) @ rotation_pg) + noise
+    rotation_bg = np.swapaxes(motion.rotation_pb, 1, 2) @ rotation_pg
+    joints = joint_angles(rotation_bg, scenario.gimbal.joint_order) + noise
     reported = _reported(scenario, trajectory, pilot, motion, rotation_pg, noise[:, 0])
     samples: list[Arrival] = []
     for stamp, (yaw, roll, pitch), q_ng in zip(epochs.stamp_ns, joints, reported, strict=True):

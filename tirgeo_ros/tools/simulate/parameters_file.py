@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import yaml
 
+from tirgeo_ros.core.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.parameter import values_of
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -36,9 +37,12 @@ def parameters_text(scenario: Scenario) -> str:
             "delay": {"gps_s": scenario.gps.arrival_delay_s},
         },
         "/**/ekf_node": _ekf(scenario),
-        **_boresight(scenario),
+        **_gimbal(scenario),
         "/**/overlay_node": _ground(scenario) | {"video_latency_s": scenario.video.latency_s},
-        "/**/bag_player": {"simulated_aircraft": {"geoid_undulation_m": site.geoid_undulation_m}},
+        "/**/bag_player": {
+            "simulated_aircraft": {"geoid_undulation_m": site.geoid_undulation_m}
+            | _joint_order(scenario)
+        },
     }
     tree = {pattern: {"ros__parameters": values} for pattern, values in nodes.items()}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
@@ -65,11 +69,18 @@ def _ekf(scenario: Scenario) -> dict[str, object]:
     }
 
 
-def _boresight(scenario: Scenario) -> dict[str, dict[str, object]]:
-    """The camera's mounting where it is known to be true."""
-    if any(scenario.gimbal.boresight_rpy_deg):
-        return {}
-    return {"/**/gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}
+def _gimbal(scenario: Scenario) -> dict[str, dict[str, object]]:
+    """The camera's mounting where it is known to be true, and joints of another order."""
+    values = _joint_order(scenario)
+    if not any(scenario.gimbal.boresight_rpy_deg):
+        values["boresight_rpy_deg"] = [0.0, 0.0, 0.0]
+    return {"/**/gimbal_node": values} if values else {}
+
+
+def _joint_order(scenario: Scenario) -> dict[str, object]:
+    """The order of the gimbal's joints where it is not the usual one."""
+    order = scenario.gimbal.joint_order
+    return {} if order == USUAL_ORDER else {"joint_order": order}
 
 
 def _imu_delay(scenario: Scenario) -> dict[str, object]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import ImuNoiseConfig
 from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.core.parameter import group, param
 from tirgeo_ros.core.samples import Array
 
@@ -149,6 +150,9 @@ class GimbalScenario:
     """The gimbal: it follows the nose, and holds the camera level nearly."""
 
     rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
+    joint_order: str = param(
+        USUAL_ORDER, "its joints from the aircraft to the camera", choices=JOINT_ORDERS
+    )
     pitch_deg: float = param(-30.0, "commanded camera pitch", unit="deg", low=-90, high=30)
     pitch_step_deg: float = param(
         0.0,

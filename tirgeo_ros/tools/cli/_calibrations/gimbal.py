@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from tirgeo_ros.tools.cli._arguments import add_verbose
 from tirgeo_ros.tools.cli._board import add_board, add_pictures
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -38,6 +40,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="the angles over time")
     parser.add_argument("--plot", type=Path, metavar="PNG", help="the angles as a picture")
+    add_verbose(parser, describe_all, "each picture that was not used, with its reason")
     return parser
 
 
@@ -79,6 +82,11 @@ def describe(result: Mapping[str, Any]) -> str:
         f"{result['used']} of {result['pictures']} pictures used, over "
         f"{result['duration_s']:.1f} s; reprojection error {result['reprojection_rms_px']:.3f} px"
     )
-    lines += [f"not used: {name}: {why}" for name, why in result["refused"].items()]
+    lines += not_used(result["refused"])
     lines += [f"written: {path}" for path in result["output"]]
     return "\n".join(lines)
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """The same, then each picture that was not used with its reason."""
+    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

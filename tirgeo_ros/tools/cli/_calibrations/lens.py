@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from tirgeo_ros.tools.cli._arguments import add_verbose
 from tirgeo_ros.tools.cli._board import add_board, add_pictures
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.progress import Progress
 
@@ -52,6 +54,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         metavar="N",
         help="use the N most different views (default %(default)s)",
     )
+    add_verbose(parser, describe_all, "each picture that was not used, with its reason")
     return parser
 
 
@@ -98,8 +101,13 @@ def describe(result: Mapping[str, Any]) -> str:
         f"{100 * result['covered_share']:.0f} % of the frame, tilted up to "
         f"{result['tilt_deg']:.0f} deg"
     )
-    lines += [f"not used: {name}: {why}" for name, why in result["refused"].items()]
+    lines += not_used(result["refused"])
     if result["views_spare"]:
         lines.append(f"not needed: {result['views_spare']} views")
     lines += [f"written: {path}" for path in result["output"]]
     return "\n".join(lines)
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """The same, then each picture that was not used with its reason."""
+    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()
