@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS := 1
 test test-slow test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states reproduction clean
+.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -85,6 +85,9 @@ real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of b
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m dev.states bags/sample test/data/sample_states.csv
+
+parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ros/core/config
+	$(BIN)/python -m tirgeo_ros.nodes.parameters_page docs/parameters.md
 
 reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
 	$(BIN)/python -m dev.reproduction

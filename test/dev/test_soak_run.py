@@ -12,11 +12,11 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from overlays import GREY, LATENCY, MS, START, WAIT, pose_at, ready, status
 
+from dev.nodes.soak_witness import line_pixels
 from dev.soak.__main__ import soak
 from dev.soak.flight import SCENARIO, make_flight
 from dev.soak.run import RATE
 from dev.soak.schedule import Event, Kind, schedule
-from dev.nodes.soak_witness import line_pixels
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.nodes.qos import STREAM_DEPTH
 from tirgeo_ros.tools.graph.resources import find_resource

@@ -66,7 +66,7 @@ def test_every_parameter_is_there_by_name_and_wholly_on_request(name):
 
 def test_defaults_are_written_as_in_a_parameter_file():
     text = help_text("overlay_node", ["--help-all"])
-    assert "  video_latency_s  0.05 s\n      image stamp minus exposure\n" in text
+    assert "  video_latency_s  0.05 s\n      delay of the video: " in text
     assert "  ground_height_m  unset\n" in text
     assert "  picture.stretch_percent  [1.0, 99.0] %\n" in text
     assert "  rectify  false\n" in text

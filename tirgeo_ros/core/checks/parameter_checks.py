@@ -42,9 +42,9 @@ def parameter_findings(
         finding = Finding(
             "no_parameters",
             Severity.CAUTION,
-            f"no parameter is given: all lever arms and the boresight are 0{ground}",
+            f"no place on the aircraft is given: all lever arms and the boresight are 0{ground}",
             option,
-            "give the aircraft's parameters (config/m600_xt2.yaml is one to begin with)",
+            "measure them and write them into a copy of config/m600_xt2.yaml or m300_h20t.yaml",
         )
         found.append(finding)
     return found
