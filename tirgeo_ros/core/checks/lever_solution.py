@@ -32,7 +32,7 @@ class Lever(NamedTuple):
 class Windows:
     """The newest windows' equations, of positions (0) and of velocities (1).
 
-    In arrays that are made once, 50 kB: as objects 150 windows took 300 kB of a node's memory, a
+    In arrays that are made once, 50 kB: as objects 150 windows took 170 kB of a node's memory, a
     bit more with each of the first ten minutes of a flight. What there is none of is zero.
     """
 
