@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dev.bench_overlay import ABOVE_M, PITCH_DEG, PLANE, beds
+from dev.nodes.names import package_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_python import python_command
@@ -57,7 +58,8 @@ def dds_times(
     with node_processes() as nodes, busy(spinning):
         for name, values in _settings(work, node, jpeg=jpeg).items():
             words = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
-            nodes.append(NodeProcess(name, words, environment, work / f"{name}.log"))
+            log = work / f"{name}.log"
+            nodes.append(NodeProcess(name, words, environment, log, package_of(name)))
             await_words(nodes, "ready")
         measured, viewer, source = nodes
         before_s = measured.cpu_s()

@@ -14,14 +14,9 @@ from typing import TypeVar
 import numpy as np
 
 from dev.bench_pyins import pyins_is_installed, pyins_run
-from dev.flight_errors import (
-    Errors,
-    errors,
-    fitting_config,
-    navigation_samples,
-    rms,
-)
+from dev.flight_errors import Errors, errors, fitting_config, navigation_samples
 from dev.looped_flight import LoopedFlight
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution

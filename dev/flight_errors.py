@@ -136,8 +136,3 @@ def _apart_n(truth: Truth, rows: npt.NDArray[np.intp], states: States) -> Array:
     apart_e = true_e - ecef_from_geodetic(*places)
     turns = [rotation_ecef_from_ned(lat, lon) for lat, lon in zip(*places[:2], strict=True)]
     return np.asarray(np.einsum("nji,nj->ni", np.array(turns).reshape(-1, 3, 3), apart_e))
-
-
-def rms(values: Array) -> Array:
-    """Root mean square over the first axis."""
-    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

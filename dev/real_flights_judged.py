@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dev.flight_errors import published, rms
+from dev.flight_errors import published
 from dev.real_flights import (
     SETTLED_S,
     Flown,
@@ -27,6 +27,7 @@ from dev.real_flights import (
     moved_east,
     samples_of,
 )
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.arrays import Array

@@ -4,16 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from dev.nodes.names import NAMES
 from tirgeo_ros.nodes.start import start
-
-NAMES = (
-    "bench_video",
-    "bench_viewer",
-    "bench_relay",
-    "soak_player",
-    "soak_witness",
-    "soak_mute",
-)
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """One end of the overlay for ``make bench``: a video with its poses.
 
-    python -m tirgeo_ros.nodes bench_video --ros-args -p output:=sent.json ...
+    python -m dev.nodes bench_video --ros-args -p output:=sent.json ...
 
 When it ends it writes the stamps of its frames as JSON.
 """

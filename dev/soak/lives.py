@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dev.nodes.names import package_of
 from dev.soak.schedule import GUEST
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
@@ -53,7 +54,8 @@ class Lives:
         number = sum(life.node == node for life in self.all)
         log = self._logs / f"{node}.{number}.log"
         program = "soak_mute" if node == GUEST else node
-        process = NodeProcess(program, [*self._arguments[node], *more], self._environment, log)
+        words = [*self._arguments[node], *more]
+        process = NodeProcess(program, words, self._environment, log, package_of(program))
         self.processes.append(process)
         self.all.append(Life(node, process, time.monotonic()))
         return self.all[-1]

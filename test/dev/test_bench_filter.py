@@ -7,7 +7,7 @@ import pytest
 
 from dev import bench, bench_filter
 from dev.bench_pyins import pyins_is_installed, pyins_run
-from dev.flight_errors import rms
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 

@@ -31,7 +31,7 @@ WRITTEN = {
 }
 
 
-@pytest.mark.parametrize("name", ["ekf_node", "dji_node", "recorder", "soak_mute"])
+@pytest.mark.parametrize("name", ["ekf_node", "dji_node", "recorder"])
 @pytest.mark.parametrize("option", ["-h", "--help"])
 def test_help_needs_no_ros_and_ends_well(name, option):
     run = subprocess.run(

@@ -5,15 +5,9 @@ from __future__ import annotations
 import functools
 from dataclasses import replace
 
-from dev.flight_errors import (
-    NAVIGATION_SAMPLES,
-    Errors,
-    errors,
-    navigation_samples,
-    rms,
-    solutions,
-)
+from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
 from dev.flight_errors import fitting_config as config_for
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array
 
@@ -29,7 +30,7 @@ class GroundErrors:
     @property
     def rmse_m(self) -> float | None:
         """Root mean square of all lengths; None without any."""
-        return _rms(self.distance_m.tolist()) if len(self.ids) else None
+        return float(rms(self.distance_m)) if len(self.ids) else None
 
     @cached_property
     def point_rmse_m(self) -> dict[str, float]:
@@ -37,7 +38,7 @@ class GroundErrors:
         distances: dict[str, list[float]] = {name: [] for name in self.ids}
         for name, distance_m in zip(self.ids, self.distance_m.tolist(), strict=True):
             distances[name].append(distance_m)
-        return {name: _rms(d) for name, d in distances.items()}
+        return {name: float(rms(d)) for name, d in distances.items()}
 
     @property
     def mean_point_rmse_m(self) -> float | None:
@@ -61,5 +62,6 @@ class GroundErrors:
         return np.asarray(self.error_en.mean(axis=0)) if len(self.error_en) else None
 
 
-def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+def rms(values: npt.ArrayLike) -> Array:
+    """Return the root mean square over the first axis: (N, ...) to (...)."""
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

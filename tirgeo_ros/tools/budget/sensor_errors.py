@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from dev.flight_errors import rms
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.config.schema import config_from, values_of

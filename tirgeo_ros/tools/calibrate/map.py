@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
     PolynomialTransform,
     Residuals,
@@ -72,10 +73,10 @@ def calibrate_map(
         "crs": plane.name,
         "points": len(control.names),
         "mean_residual_px": float(residuals.lengths_px.mean()),
-        "rms_residual_px": _rms(residuals.lengths_px),
+        "rms_residual_px": float(rms(residuals.lengths_px)),
         "mean_residual_m": float(residuals.lengths_m.mean()),
-        "rms_residual_m": _rms(residuals.lengths_m),
-        "rms_left_out_m": _rms(residuals.left_out_m),
+        "rms_residual_m": float(rms(residuals.lengths_m)),
+        "rms_left_out_m": float(rms(residuals.left_out_m)),
         "sigma_m": residuals.sigma_m,
         "pixel_m": _pixel_size(found, control),
         "features": features.count,
@@ -102,10 +103,6 @@ def _check_folds(vectors: PathLike, features: PixelFeatures, folded: BoolArray) 
             f"{features.count} features, far from the control points; measure points there, "
             "leave these features out or lower --order"
         )
-
-
-def _rms(lengths: Array) -> float:
-    return float(np.sqrt(np.mean(lengths**2)))
 
 
 def _pixel_size(found: PolynomialTransform, control: ControlPoints) -> float:

@@ -9,9 +9,8 @@ from pathlib import Path
 from statistics import fmean, median
 
 import cv2
-import numpy as np
 
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
@@ -150,9 +149,9 @@ def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
     return {
         "from_s": SETTLED_S,
         "poses": len(apart.stamp_ns),
-        "position_rms_m": _rms(apart.distance_m),
-        "attitude_rms_deg": math.degrees(_rms(apart.angle_rad)),
-        "heading_rms_deg": math.degrees(_rms(apart.rotation_n[:, 2])),
+        "position_rms_m": float(rms(apart.distance_m)),
+        "attitude_rms_deg": math.degrees(float(rms(apart.angle_rad))),
+        "heading_rms_deg": math.degrees(float(rms(apart.rotation_n[:, 2]))),
     }
 
 
@@ -161,7 +160,3 @@ def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
     if not targets.is_file():
         return []
     return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
