@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS := 1
 test test-slow test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states reproduction clean
+.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -60,34 +60,37 @@ types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
-	$(BIN)/python -m tirgeo_ros.tools.bench
+	$(BIN)/python -m dev.bench
 
 fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
-	$(BIN)/python -m tirgeo_ros.tools.fuzz
+	$(BIN)/python -m dev.fuzz
 
 planted-faults: $(READY)  ## faults of set-up and sensors, and whether 'tirgeo check' names them
-	$(BIN)/python -m tirgeo_ros.tools.planted_faults bags/sample
+	$(BIN)/python -m dev.planted_faults bags/sample
 
 MINUTES := 10
 
 soak: $(READY)  ## the graph with kills, stops and jumps of the clock, ten minutes or MINUTES=60
-	$(BIN)/python -m tirgeo_ros.tools.soak --minutes $(MINUTES)
+	$(BIN)/python -m dev.soak --minutes $(MINUTES)
 
 consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
-	$(BIN)/python -m tirgeo_ros.tools.consistency
+	$(BIN)/python -m dev.consistency
 
 FLIGHTS := ../shared/real_flights
 
 real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of bags
 	@if [ -d "$(FLIGHTS)" ]; then \
-		$(BIN)/python -m tirgeo_ros.tools.real_flights_table "$(FLIGHTS)"; \
+		$(BIN)/python -m dev.real_flights_table "$(FLIGHTS)"; \
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
-	$(BIN)/python -m tirgeo_ros.tools.states bags/sample test/data/sample_states.csv
+	$(BIN)/python -m dev.states bags/sample test/data/sample_states.csv
+
+parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ros/core/config
+	$(BIN)/python -m tirgeo_ros.nodes.parameters_page docs/parameters.md
 
 reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
-	$(BIN)/python -m tirgeo_ros.tools.reproduction
+	$(BIN)/python -m dev.reproduction
 
 clean:  ## remove what the above made, but for demo/
 	rm -rf $(VENV) $(VENV).old $(FLOOR) $(FLOOR).old build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

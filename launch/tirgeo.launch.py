@@ -24,7 +24,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from tirgeo_ros.tools.localhost import localhost_environment, video_environment
+from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree
 ARGUMENTS = {

@@ -1,4 +1,4 @@
-"""config/m600_xt2.yaml holds every parameter with its unit, and all but places at the defaults."""
+"""The shipped aircraft files: few lines, all of them parameters; none claims to be measured."""
 
 from __future__ import annotations
 
@@ -6,60 +6,92 @@ import re
 from dataclasses import replace
 
 import pytest
-import yaml
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
-from tirgeo_ros.core.parameter import parameters_of, values_of
-from tirgeo_ros.io.parameter_file import load_config
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
+from tirgeo_ros.tools.replay.node_configs import node_configs
 
-AIRCRAFT = PROJECT / "config" / "m600_xt2.yaml"
-NODES = ("bag_player", "dji_node", "ekf_node", "gimbal_node", "overlay_node")
-TREE = yaml.safe_load(AIRCRAFT.read_text())
-PLACES = load_config(AIRCRAFT, "dji_node", DjiConfig).aircraft
+M600, M300 = (PROJECT / "config" / name for name in ("m600_xt2.yaml", "m300_h20t.yaml"))
+#: A parameter's line, and one that waits behind a "#" for the owner's value; prose has a space.
+LINE = re.compile(r"^    (#?)([a-z_.0-9]+): (.+)$", re.MULTILINE)
+#: What a person can face, all lines of values counted.
+MOST_LINES = 25
+MEASURED_BY_THE_OWNER = {
+    "aircraft.gps_antenna_m",
+    "aircraft.gimbal_pivot_m",
+    "aircraft.camera_from_pivot_m",
+    "boresight_rpy_deg",
+    "video_latency_s",
+    "camera",
+    "geoid_undulation_m",
+    "map",
+    "ground_height_m",
+    "dem",
+    "dem_undulation_m",
+}
+ANTENNAS = {"aircraft.rtk_antenna_m", "aircraft.second_antenna_m"}
+WORDS = {"m": "metres", "deg": "degrees", "s": "seconds", "": "", "bit/s": "speed"}
 
 
-@pytest.mark.parametrize("node", NODES)
-def test_the_aircrafts_file_holds_every_parameter_at_its_default(node):
+def lines(path):
+    """Names of the parameters that a file sets, and of those that wait behind a "#"."""
+    found = LINE.findall(path.read_text())
+    return [name for mark, name, _ in found if not mark], [name for mark, name, _ in found if mark]
+
+
+@pytest.mark.parametrize("path", [M600, M300], ids=lambda path: path.stem)
+def test_a_shipped_file_is_short_and_sound_with_all_its_lines(path, tmp_path):
+    live, waiting = lines(path)
+    assert len({*live, *waiting}) == len(live) + len(waiting) <= MOST_LINES
+    whole = tmp_path / "whole.yaml"
+    whole.write_text(LINE.sub(r"    \2: \3", path.read_text()))
+    for file, names in ((path, live), (whole, [*live, *waiting])):
+        given = ParameterFile(file)
+        assert given.elsewhere() == []
+        values = {name: given.values(name).keys() for name in NODE_CONFIGS}
+        assert set().union(*values.values()) == set(names)
+        for node, kind in NODE_CONFIGS.items():
+            given.config(node, kind)
+
+
+@pytest.mark.parametrize("path", [M600, M300], ids=lambda path: path.stem)
+def test_a_comment_above_tells_each_unit(path):
+    units = {one.name: one.unit for kind in NODE_CONFIGS.values() for one in parameters_of(kind)}
+    text = path.read_text()
+    for found in LINE.finditer(text):
+        assert text[: found.start()].rstrip("\n").rpartition("\n")[2].startswith("    ")
+        told = " ".join(text[: found.start()].replace("#", " ").split())
+        assert WORDS[units[found[2]]] in told, found[2]
+
+
+@pytest.mark.parametrize(
+    ("path", "waiting"),
+    [(M600, MEASURED_BY_THE_OWNER), (M300, MEASURED_BY_THE_OWNER | ANTENNAS)],
+    ids=["m600", "m300"],
+)
+def test_what_nobody_measured_is_not_given(path, waiting):
+    """So that the checks name it: a value in the file is taken for one that somebody found."""
+    assert set(lines(path)[1]) == waiting
+    assert not node_configs(path).given & waiting
+
+
+@pytest.mark.parametrize("node", NODE_CONFIGS)
+def test_all_but_the_antennas_is_at_its_default_for_an_m600_and_but_the_source_for_an_m300(node):
     kind = NODE_CONFIGS[node]
-    given = load_config(AIRCRAFT, node, kind)
-    if hasattr(given, "aircraft"):
-        assert given.aircraft == PLACES
-        given = replace(given, aircraft=AircraftConfig())
+    m600, m300 = load_config(M600, node, kind), load_config(M300, node, kind)
+    if hasattr(m600, "aircraft"):
+        m600 = replace(m600, aircraft=AircraftConfig())
+    if node == "dji_node":
+        assert m300.source == "psdk"
+        m300 = replace(m300, source="serial")
     # repr, since NaN is not equal to itself
-    assert repr(given) == repr(kind())
-    section = TREE[f"/**/{node}"]["ros__parameters"]
-    assert list(flat(section)) == [name for name in values_of(kind()) if not is_of_all(name)]
+    assert repr(m600) == repr(m300) == repr(kind())
 
 
-def is_of_all(name):
-    return name.startswith("aircraft.")
-
-
-def flat(section, prefix=""):
-    for key, value in section.items():
-        if isinstance(value, dict):
-            yield from flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key
-
-
-def test_the_aircrafts_places_are_said_once_with_djis_antennas_across():
-    section = TREE["/**"]["ros__parameters"]
-    assert list(flat(section)) == [p.name for p in parameters_of(DjiConfig) if is_of_all(p.name)]
-    assert PLACES.baseline_deg == 90.0
-    assert 1.0 <= float(abs(PLACES.baseline_b[1])) <= 1.2
-    assert "MEASURE YOURS" in AIRCRAFT.read_text()
-
-
-@pytest.mark.parametrize("node", ["", *NODES])
-def test_the_comment_above_each_parameter_tells_its_unit(node):
-    start = f"\n/**/{node}:".replace("/:", ":")
-    text = AIRCRAFT.read_text().partition(start)[2].partition("\n/**/")[0]
-    comments = re.findall(r"((?:^ *#.*\n)+) *(\w+): \S", text, re.MULTILINE)
-    told = [(name, comment) for comment, name in comments]
-    kind = NODE_CONFIGS[node or "dji_node"]
-    parameters = [p for p in parameters_of(kind) if is_of_all(p.name) is (node == "")]
-    assert [name for name, _ in told] == [item.name.rpartition(".")[2] for item in parameters]
-    for parameter, (_, comment) in zip(parameters, told, strict=True):
-        assert not parameter.unit or f"[{parameter.unit}]" in comment, parameter.name
+def test_djis_antennas_stand_across():
+    places = load_config(M600, "dji_node", DjiConfig).aircraft
+    assert places.baseline_deg == 90.0
+    assert 1.0 <= float(abs(places.baseline_b[1])) <= 1.2
+    assert "MEASURE YOURS" in M600.read_text()

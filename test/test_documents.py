@@ -44,6 +44,12 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_files_of_the_project_exist(page):
+    named = re.findall(r"(?<![/\w])((?:tirgeo_ros|dev|test|config|bags)/[\w./-]*\w)", code(page))
+    assert [name for name in named if not (PROJECT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
 def test_make_targets_exist(page):
     targets = set(re.findall(r"^([a-z-]+):.*##", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     assert set(re.findall(r"\bmake ([a-z][a-z-]*)", code(page))) <= targets

@@ -7,7 +7,7 @@ import re
 from project import PROJECT
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
-from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 
 PAGE = (PROJECT / "docs" / "inputs.md").read_text()

@@ -1,25 +1,38 @@
-"""Imports run one way, and only the nodes know ROS."""
+"""Imports run one way, from package to package; only the nodes know ROS."""
 
 from __future__ import annotations
 
 import ast
+import graphlib
 import subprocess
 import sys
 
+import package_edges
 import pytest
+from package_edges import module_graph, modules, package_graph, table
 from project import PROJECT
 
-PACKAGE = PROJECT / "tirgeo_ros"
-MODULES = sorted(PACKAGE.rglob("*.py"))
+MODULES = modules()
+GRAPH = package_graph(MODULES)
 
-#: What each layer may import of the others.
-ALLOWED = {
+#: What each layer may import of the others. Nothing of the product imports the laboratory.
+LAYERS = {
     "core": {"core"},
     "dji": {"core", "dji"},
     "io": {"core", "io"},
     "tools": {"core", "dji", "io", "tools"},
     "nodes": {"core", "dji", "io", "nodes"},
+    "dev": {"core", "dji", "io", "tools", "nodes", "dev"},
 }
+#: Within a layer each package imports only from those before it.
+ORDER = {
+    "core": "types frames config streams camera ground map calibration accuracy navigation "
+    "aircraft_calibration gimbal overlay checks",
+    "dji": "clocks protocol link host sources interpret simulator",
+    "io": "files coordinates parameters elevation messages pictures bags maps surveys",
+    "tools": "presentation replay simulate budget calibrate convert evaluate graph cli",
+}
+BEGIN, END = "<!-- packages: begin -->\n", "<!-- packages: end -->\n"
 
 # Imports every module but the nodes' where no ROS package can be found: neither rclpy, nor the
 # packages of messages, nor what ament installs beside them.
@@ -47,51 +60,37 @@ for name in sys.argv[1:]:
 """
 
 
-def layer_of(path):
-    parts = path.relative_to(PACKAGE).parts
-    return parts[0] if len(parts) > 1 else ""
+def layer_of(package):
+    return package.partition(".")[0]
 
 
-def dotted(path):
-    return ".".join(path.relative_to(PROJECT).with_suffix("").parts).removesuffix(".__init__")
+@pytest.mark.parametrize("package", sorted(filter(None, GRAPH)))
+def test_a_package_imports_only_layers_below_its_own(package):
+    layers = {layer_of(other) for other in GRAPH[package]} - {""}
+    assert layers <= LAYERS[layer_of(package)]
 
 
-def imported(path):
-    """Full names of all that a file imports, wherever in it the import stands."""
-    package = dotted(path) if path.name == "__init__.py" else dotted(path).rpartition(".")[0]
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: len(package.split(".")) - node.level + 1]
-            base = ".".join([*above, node.module or ""]).strip(".") if node.level else node.module
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+@pytest.mark.parametrize("layer", ORDER)
+def test_within_a_layer_imports_run_from_right_to_left(layer):
+    order = ORDER[layer].split()
+    assert {f"{layer}.{name}" for name in order} == {p for p in GRAPH if p.startswith(f"{layer}.")}
+    for place, name in enumerate(order):
+        own = {p for p in GRAPH[f"{layer}.{name}"] if p.startswith(f"{layer}.")}
+        assert own <= {f"{layer}.{before}" for before in order[:place]}
 
 
-def layers_imported(path):
-    names = (name.split(".") for name in imported(path))
-    return {
-        name[1] for name in names if name[0] == "tirgeo_ros" and name[1:2] and name[1] in ALLOWED
-    }
+def test_no_module_imports_itself_by_a_detour():
+    list(graphlib.TopologicalSorter(module_graph(MODULES)).static_order())
 
 
-def test_every_module_belongs_to_a_layer():
-    assert {layer_of(path) for path in MODULES} == {"", *ALLOWED}
-
-
-@pytest.mark.parametrize("layer", ALLOWED)
-def test_imports_run_one_way(layer):
-    wrong = {
-        f"{dotted(path)} imports {other}"
-        for path in MODULES
-        if layer_of(path) == layer
-        for other in layers_imported(path) - ALLOWED[layer]
-    }
-    assert not wrong
+def test_the_table_of_packages_is_the_present_one():
+    text = (PROJECT / "CONTRIBUTING.md").read_text()
+    written = text.partition(BEGIN)[2].partition(END)[0]
+    assert written == table(GRAPH), "run: python test/support/package_edges.py"
 
 
 def test_all_but_the_nodes_import_without_ros():
-    names = [dotted(path) for path in MODULES if layer_of(path) != "nodes"]
+    names = [name for name in MODULES if not {"nodes", "dev"} & set(name.split("."))]
     assert len(names) > 30
     run = subprocess.run(
         [sys.executable, "-c", WITHOUT_ROS, *names],
@@ -103,44 +102,36 @@ def test_all_but_the_nodes_import_without_ros():
     assert run.returncode == 0, run.stderr
 
 
-def test_the_check_sees_an_import_however_it_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[__name__], "PROJECT", tmp_path)
-    path = tmp_path / "tirgeo_ros" / "core" / "sub" / "x.py"
-    path.parent.mkdir(parents=True)
-    path.write_text(
+def test_an_import_is_seen_however_it_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(package_edges, "PROJECT", tmp_path)
+    for name in ("tools/process", "nodes/__init__", "io/bag", "core/sub/x", "core/sub/y"):
+        path = tmp_path / "tirgeo_ros" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    (tmp_path / "tirgeo_ros/core/sub/x.py").write_text(
         "import tirgeo_ros.tools.process\n"
         "def f():\n"
         "    from tirgeo_ros import nodes\n"
         "    from ...io import bag\n"
         "    from . import y\n"
     )
-    assert sorted(imported(path)) == [
+    assert module_graph(modules())["tirgeo_ros.core.sub.x"] == {
         "tirgeo_ros.core.sub.y",
         "tirgeo_ros.io.bag",
         "tirgeo_ros.nodes",
         "tirgeo_ros.tools.process",
-    ]
-    assert layers_imported(path) == {"core", "io", "nodes", "tools"}
+    }
+    assert package_graph(modules())["core.sub"] == {"io", "nodes", "tools"}
 
 
 #: What the core does not do: files, printing, logging, clocks of its own.
 SILENT = {"logging", "pathlib", "os", "shutil", "tempfile", "warnings", "subprocess", "time"}
 
 
-def test_the_core_is_silent():
-    wrong = set()
-    for path in MODULES:
-        if layer_of(path) != "core":
-            continue
-        wrong |= {
-            f"{dotted(path)} imports {n}" for n in imported(path) if n.split(".")[0] in SILENT
-        }
-        calls = (
-            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
-        )
-        wrong |= {
-            f"{dotted(path)} calls {call.func.id}"
-            for call in calls
-            if isinstance(call.func, ast.Name) and call.func.id in {"print", "open", "input"}
-        }
-    assert not wrong
+@pytest.mark.parametrize("name", [name for name in MODULES if ".core." in name])
+def test_the_core_is_silent(name):
+    path = MODULES[name]
+    assert not {one.split(".")[0] for one in package_edges.imported(name, path)} & SILENT
+    calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call))
+    named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
+    assert not named & {"print", "open", "input"}

@@ -200,7 +200,8 @@ def test_share_holds_what_the_tools_look_for(arguments):
     assert files["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
     assert files[f"share/{NAME}"] == ["package.xml"]
     assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
-    assert "config/m600_xt2.yaml" in files[f"share/{NAME}/config"]
+    aircraft = {"config/m600_xt2.yaml", "config/m300_h20t.yaml"}
+    assert aircraft <= set(files[f"share/{NAME}/config"])
     assert all((PROJECT / path).is_file() for paths in files.values() for path in paths)
 
 

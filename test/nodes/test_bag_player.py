@@ -19,10 +19,10 @@ from nav_msgs.msg import Path as PathMessage
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, NavSatFix
 
-from tirgeo_ros.core.errors import BagError
-from tirgeo_ros.dji.commands import GetVersion, decode_version_ack, encode_request
-from tirgeo_ros.dji.framing import FrameReader, encode_frame
-from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.protocol.commands import GetVersion, decode_version_ack, encode_request
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.live_stamps import moved
 from tirgeo_ros.nodes.playlist import aircraft_topics, names, publishers_for

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
 from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from tirgeo_ros.core.errors import MessageError  # noqa: E402
+from tirgeo_ros.core.types.errors import MessageError  # noqa: E402
 from tirgeo_ros.io.messages import Messages  # noqa: E402
 from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
 from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402

@@ -15,7 +15,7 @@ from geometry_msgs.msg import QuaternionStamped
 from graph_helpers import await_words
 from sensor_msgs.msg import Imu, JointState, NavSatFix
 
-from tirgeo_ros.core.attitude import euler_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.io.messages import camera_attitude, heading_sample, imu_sample, joint_sample
 from tirgeo_ros.io.messages import stamp_ns as stamp_of
 

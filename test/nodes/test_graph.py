@@ -20,20 +20,20 @@ from graph_helpers import Stranger
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
 from sensor_msgs.msg import Image
 
-from tirgeo_ros.core.attitude import quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.errors import GraphError
-from tirgeo_ros.core.pose_history import PoseHistory
-from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
-from tirgeo_ros.io.parameter_file import load_config
-from tirgeo_ros.tools.graph import GraphRun, GraphSetup, run_graph
-from tirgeo_ros.tools.outputs import Outputs, read_outputs
-from tirgeo_ros.tools.pose_comparison import differences
-from tirgeo_ros.tools.process import process
+from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
+from tirgeo_ros.tools.replay.pose_comparison import differences
+from tirgeo_ros.tools.replay.process import process
 
 pytestmark = pytest.mark.graph
 
@@ -137,6 +137,12 @@ def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
 
     A pose lacks a measurement that was late when it was published, as on a busy machine. Most
     lack none; where one does, it would have moved the pose by less than the pose's own sigmas.
+
+    Nothing else depends on when samples arrive, but on whether they do: a filter that is linked to
+    the player after the flight has begun lacks its first samples, aligns on others, and begins
+    later. Without the first 0.05, 0.5, 1, 2, 3.5 s of rtk/* and imu/data the median is 0.02, 0.03,
+    0.05, 0.09, 0.05 deg and below 0.1 cm, and 0.04 deg or less after 20 s (``process`` of the
+    sample without them).
     """
     path = tmp_path / "offline.mcap"
     process(sample / "flight.mcap", path, params=sample / "params.yaml", images=False)
@@ -147,8 +153,11 @@ def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
     # Links between nodes are found within seconds of the start, on a busy machine (ROS wheels: 4).
     assert outputs.cameras[0].stamp_ns - offline.cameras[0].stamp_ns <= 4_000_000_000
     both = [p for p in offline.cameras if p.stamp_ns >= outputs.cameras[0].stamp_ns]
-    assert len(apart.stamp_ns) >= 0.99 * len(both)
-    assert np.degrees(np.median(apart.angle_rad)) <= 0.02
+    # Joints whose body's pose is not there after the longest wait are given up, and counted.
+    given_up = int(outputs.last("gimbal_node: camera pose").get("body_too_new", 0))
+    assert len(apart.stamp_ns) + given_up >= 0.99 * len(both)
+    whole = outputs.cameras[0].stamp_ns == offline.cameras[0].stamp_ns
+    assert np.degrees(np.median(apart.angle_rad)) <= (0.02 if whole else 0.15)
     assert np.median(apart.distance_m) <= 0.01
     variances = np.array([np.diag(pose.covariance) for pose in outputs.cameras])
     assert (apart.angle_rad <= 2 * np.sqrt(variances[:, 3:].sum(axis=1))).all()

@@ -11,7 +11,7 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.parameter import parameters_of
+from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.nodes.__main__ import NAMES
 from tirgeo_ros.nodes.help import TOPICS, help_text
@@ -31,7 +31,7 @@ WRITTEN = {
 }
 
 
-@pytest.mark.parametrize("name", ["ekf_node", "dji_node", "recorder", "soak_mute"])
+@pytest.mark.parametrize("name", ["ekf_node", "dji_node", "recorder"])
 @pytest.mark.parametrize("option", ["-h", "--help"])
 def test_help_needs_no_ros_and_ends_well(name, option):
     run = subprocess.run(
@@ -66,7 +66,7 @@ def test_every_parameter_is_there_by_name_and_wholly_on_request(name):
 
 def test_defaults_are_written_as_in_a_parameter_file():
     text = help_text("overlay_node", ["--help-all"])
-    assert "  video_latency_s  0.05 s\n      image stamp minus exposure\n" in text
+    assert "  video_latency_s  0.05 s\n      delay of the video: " in text
     assert "  ground_height_m  unset\n" in text
     assert "  picture.stretch_percent  [1.0, 99.0] %\n" in text
     assert "  rectify  false\n" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 
 import pytest
 
@@ -13,7 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Imu, NavSatFix
 
-from tirgeo_ros.core.errors import MessageError
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.inbox import Inbox
@@ -153,3 +154,30 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
     assert item.values[f"{FIX} failed"] == "3"
     assert item.values[f"{FIX} unreadable"] == "1"
     assert not {f"{IMU} failed", f"{IMU} unreadable"} & item.values.keys()
+
+
+def test_what_waits_takes_little_more_than_its_bytes(listen):
+    """A message of 316 bytes with its place in the queue; as an object 1600."""
+    number = 400
+    listener = listen(depth=number)
+    for stamp_s in range(number):
+        listener.send(IMU, stamp_s)
+    time.sleep(0.2)  # most of them are here then
+    tracemalloc.start()
+    listener.inbox._take()
+    waiting, (taken, _) = len(listener.inbox._order), tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert waiting > number / 2  # the rest may be on its way
+    assert taken / waiting < 800
+    listener.send(FIX, number)
+    listener.spin_until(lambda: listener.handled[-1:] == [(FIX, number)])
+
+
+def test_bytes_that_are_no_message_are_counted(listen):
+    listener = listen()
+    listener._publishers[IMU].publish(b"\0\1\0\0" + b"\xff" * 20)
+    listener.send(IMU, 1)
+    listener.spin_until(lambda: listener.handled)
+    values = listener.monitor.item("x").values
+    assert values[f"{IMU} unreadable"] == "1"
+    assert values[f"{IMU} unreadable because"] == "24 bytes are no Imu"

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
 from graph_helpers import await_words
 
-from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.messages import diagnostic_level
 from tirgeo_ros.nodes.input_checks import InputChecks, Known
 from tirgeo_ros.nodes.monitor import ERROR, Monitor

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 

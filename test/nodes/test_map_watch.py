@@ -18,7 +18,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from graph_helpers import await_words
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.nodes.map_watch import MapWatch
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)

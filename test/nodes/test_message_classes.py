@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.io import messages
-from tirgeo_ros.io.cdr import Cdr
+from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages
 
 serialization = pytest.importorskip("rclpy.serialization", exc_type=ImportError)

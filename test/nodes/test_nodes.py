@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
 
-from tirgeo_ros.io.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages, navigation_status
 from tirgeo_ros.nodes.topics import message_class
 

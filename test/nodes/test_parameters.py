@@ -21,9 +21,9 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.core.parameter import parameters_of
-from tirgeo_ros.io.parameter_file import ParameterFile
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.nodes.arguments import check_arguments, parameter_files
 from tirgeo_ros.nodes.parameters import declare, given_names
 
@@ -184,9 +184,11 @@ def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
     assert getattr(config, "aircraft", None) == (places if needed else None)
 
 
+@pytest.mark.parametrize("file", ["m600_xt2.yaml", "m300_h20t.yaml"])
 @pytest.mark.parametrize("name", NODE_CONFIGS)
-def test_every_node_reads_the_shipped_file_as_the_commands_do(make_node, name):
-    path = PROJECT / "config" / "m600_xt2.yaml"
+def test_every_node_reads_the_shipped_files_as_the_commands_do(make_node, name, file):
+    path = PROJECT / "config" / file
+    check_arguments(name, ["--ros-args", "--params-file", str(path)])
     config = declare(make_node(name, [path]), NODE_CONFIGS[name])
     assert repr(config) == repr(ParameterFile(path).config(name, NODE_CONFIGS[name]))
 

@@ -23,8 +23,8 @@ from sensor_msgs.msg import Imu, JointState, NavSatFix
 from std_msgs.msg import UInt8
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.dji.readings import (
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,
     GpsReading,

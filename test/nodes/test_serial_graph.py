@@ -13,20 +13,20 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 pytest.importorskip("serial", reason="needs pyserial")
 
-from tirgeo_ros.core.accuracy import GroundErrors
+from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.pose_history import PoseHistory
-from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose, stamp_ns
-from tirgeo_ros.io.parameter_file import ParameterFile
-from tirgeo_ros.tools.demo import SETTLED_S, against_truth
-from tirgeo_ros.tools.evaluation.ground import load_experiment, locate_observations
-from tirgeo_ros.tools.evaluation.result import ground_errors
-from tirgeo_ros.tools.graph import GraphRun, run_graph
-from tirgeo_ros.tools.outputs import Outputs, read_outputs
-from tirgeo_ros.tools.process import process
-from tirgeo_ros.tools.recording import body_errors, load_recording, load_truth
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.tools.evaluate.ground import load_experiment, locate_observations
+from tirgeo_ros.tools.evaluate.result import ground_errors
+from tirgeo_ros.tools.graph.demo import SETTLED_S, against_truth
+from tirgeo_ros.tools.graph.node_graph import GraphRun, run_graph
+from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
+from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.recorded_flight import body_errors, load_recording, load_truth
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 

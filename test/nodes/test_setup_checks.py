@@ -15,7 +15,7 @@ from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image, Imu
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import DiagnosticItem, diagnostic_level, image_pixels
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import SetupChecks

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flights import navigation_samples
 from graph_helpers import await_words
 
-from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.topics import message_class

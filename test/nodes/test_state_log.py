@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.nodes.state_log import StateLog
 
 

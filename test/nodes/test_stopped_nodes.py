@@ -15,7 +15,7 @@ from graph_helpers import await_words
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 
-from tirgeo_ros.core.samples import ImuSample, JointSample
+from tirgeo_ros.core.types.measurements import ImuSample, JointSample
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.topics import message_class

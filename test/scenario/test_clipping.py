@@ -6,9 +6,9 @@ import pytest
 from scenario.runs import calm, faulty, hovering, sheared
 from scenario.table import TABLE
 
-from tirgeo_ros.core.imu_clipping import Clipping
-from tirgeo_ros.core.samples import ImuSample
-from tirgeo_ros.core.validity import fault_of
+from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.measurements import ImuSample
 
 
 @pytest.mark.slow

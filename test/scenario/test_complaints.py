@@ -14,7 +14,8 @@ from scenario.runs import Run, calm, faulty, run
 from scenario.table import DEGRADED, GOOD, RUNNING, Row
 from scenario.time_faults import nothing
 
-from tirgeo_ros.core.samples import FilterState, NavSolution
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState
 
 ROW = Row("nothing", nothing, RUNNING, GOOD)
 

@@ -12,9 +12,9 @@ from scenario.deliveries import GPS, RTK, Deliveries, Interval, deliveries
 from scenario.runs import SHEAR_DEG, SHEAR_S, calm, faulty, sheared
 from scenario.table import TABLE
 
-from tirgeo_ros.core.attitude import euler_from_quat
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import FixStatus, Source
+from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 POSITION, VELOCITY, HEADING = RTK
 START_S, END_S = 20.0, 25.0

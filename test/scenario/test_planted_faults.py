@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import pytest
 
-from tirgeo_ros.io.parameter_output import write_parameters
-from tirgeo_ros.tools.check import check
-from tirgeo_ros.tools.planted_faults.__main__ import found_in, naming
-from tirgeo_ros.tools.planted_faults.faults import FAULTS
-from tirgeo_ros.tools.planted_faults.planting import Flight
+from dev.planted_faults.__main__ import found_in, naming
+from dev.planted_faults.faults import FAULTS
+from dev.planted_faults.planting import Flight
+from tirgeo_ros.io.parameters.parameter_output import write_parameters
+from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.simulate.files import simulate
 
 pytestmark = pytest.mark.slow

@@ -1,6 +1,6 @@
 """Recorded flights at default parameters: what the table of ``make real-flights`` asks.
 
-Bounds are those of that table, ``tools/real_flights_table.py``; each test says what it stands for.
+Bounds are those of that table, ``dev/real_flights_table.py``; each test says what it stands for.
 The bags lie beside the project, and tests skip where they are not.
 """
 
@@ -10,8 +10,7 @@ import math
 
 import pytest
 
-from tirgeo_ros.core.samples import Source
-from tirgeo_ros.tools.real_flights_judged import (
+from dev.real_flights_judged import (
     beyond,
     groups,
     judge_all,
@@ -20,7 +19,7 @@ from tirgeo_ros.tools.real_flights_judged import (
     median,
     used_of,
 )
-from tirgeo_ros.tools.real_flights_table import (
+from dev.real_flights_table import (
     ASKED,
     ASKED_BEYOND,
     ASKED_MOVED_M,
@@ -29,6 +28,7 @@ from tirgeo_ros.tools.real_flights_table import (
     ASKED_USED_EACH,
     bags_in,
 )
+from tirgeo_ros.core.types.measurements import Source
 
 pytestmark = pytest.mark.slow
 

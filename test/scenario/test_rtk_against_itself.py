@@ -11,7 +11,8 @@ from scenario.runs import calm, faulty, run, sizes
 from scenario.table import LACKING
 from scenario.value_faults import faster, shifted
 
-from tirgeo_ros.core.samples import FilterState, Outcome, Source
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 
 pytestmark = pytest.mark.slow
 

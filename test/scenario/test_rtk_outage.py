@@ -11,8 +11,9 @@ from scenario.deliveries import RTK
 from scenario.runs import Run, faulty, run, sizes
 from scenario.time_faults import drop
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array, FilterState
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -9,7 +9,7 @@ import pytest
 from scenario.runs import DURATION_S, calm, faulty, run, sizes
 from scenario.value_faults import turned
 
-from tirgeo_ros.core.samples import FilterState
+from tirgeo_ros.core.types.verdicts import FilterState
 
 pytestmark = pytest.mark.slow
 

@@ -13,12 +13,6 @@ NAMES = (
     "overlay_node",
     "bag_player",
     "recorder",
-    "bench_video",
-    "bench_viewer",
-    "bench_relay",
-    "soak_player",
-    "soak_witness",
-    "soak_mute",
 )
 
 

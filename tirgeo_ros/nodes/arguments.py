@@ -10,8 +10,8 @@ from itertools import pairwise
 from rclpy.exceptions import NameValidationException, ParameterException
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.io.parameter_file import load_parameters
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.parameters.parameter_file import load_parameters
 
 
 def parameter_files(arguments: Sequence[str]) -> list[str]:

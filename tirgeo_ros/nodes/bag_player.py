@@ -20,9 +20,9 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import BagPlayerConfig
-from tirgeo_ros.core.errors import BagError, ConfigError
-from tirgeo_ros.core.wording import shown
-from tirgeo_ros.io.bag import BagMessage, BagReader
+from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.live_stamps import moved
 from tirgeo_ros.nodes.parameters import declare

@@ -7,8 +7,8 @@ import threading
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.dji.meaning import Interpreter
-from tirgeo_ros.dji.readings import Reading
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.messages import SENSED_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor

@@ -9,20 +9,15 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.navigation import METHOD_SOURCES, Navigation
-from tirgeo_ros.core.rate import RateLimit
-from tirgeo_ros.core.samples import (
-    NavigationInput,
-    NavigationStatus,
-    NavSolution,
-    Outcome,
-    Source,
-    Verdict,
-)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.types.measurements import NavigationInput, Source
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name

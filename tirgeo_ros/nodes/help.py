@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.parameter import Parameter, Value, parameters_of
+from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 HELP_ALL = "--help-all"
@@ -80,7 +80,7 @@ def _parameters(name: str, whole: bool) -> str:
 
 
 def _parameter_lines(one: Parameter) -> Iterator[str]:
-    value = _value(one.default)
+    value = as_yaml(one.default)
     yield f"  {one.name}  {value}{f' {one.unit}' if one.unit and value not in _NONE else ''}"
     choices = f" ({', '.join(one.choices)})" if one.choices else ""
     yield from _wrapped(one.description + choices, 6)
@@ -95,10 +95,10 @@ def _wrapped(text: str, indent: int, more: int | None = None) -> list[str]:
     return textwrap.wrap(text, _WIDTH, initial_indent=" " * indent, subsequent_indent=later)
 
 
-def _value(value: Value) -> str:
+def as_yaml(value: Value) -> str:
     """Return a default as it is written in YAML; ``unset`` and ``empty`` where there is none."""
     if isinstance(value, tuple):
-        return f"[{', '.join(map(_value, value))}]" if value else _EMPTY
+        return f"[{', '.join(map(as_yaml, value))}]" if value else _EMPTY
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -108,8 +108,8 @@ def _value(value: Value) -> str:
 
 def _usage(name: str) -> str:
     own = parameters_of(NODE_CONFIGS[name])
-    some = next((one for one in own if _value(one.default) not in _NONE), own[0])
-    value = _value(some.default)
+    some = next((one for one in own if as_yaml(one.default) not in _NONE), own[0])
+    value = as_yaml(some.default)
     return (
         "How to set them, and to lead the topics' names with a namespace:\n"
         f"  {name} --ros-args -p {some.name}:={value} -r __ns:=/uav1\n"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
-from tirgeo_ros.core.checks.finding import Finding
 from tirgeo_ros.core.checks.recording_checks import Recording, needed_findings
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.monitor import Monitor
 

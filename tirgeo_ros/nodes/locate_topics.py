@@ -6,8 +6,8 @@ from typing import Any
 
 from rclpy.node import Node
 
-from tirgeo_ros.core.clicks import Clicks
-from tirgeo_ros.core.located import Located
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.io.messages import LocatedMessages, pixel
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.qos import output, sensor_input

@@ -13,12 +13,12 @@ from typing import final
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.errors import MapError, TirgeoError
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.map_drawing import LaidMap
-from tirgeo_ros.core.wording import shown
-from tirgeo_ros.io.map_child import MapChild, MapContents
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.types.errors import MapError, TirgeoError
+from tirgeo_ros.core.types.quoted_text import shown
 from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.maps.map_process import MapChild, MapContents
 from tirgeo_ros.nodes.unless_stopped import done_or_stopped
 
 _JOIN_S = 1.0  # the child is killed: what still holds the thread is a file that does not answer

@@ -9,19 +9,18 @@ from typing import Any
 import cv2
 from rclpy.node import Node
 
-from tirgeo_ros.core.arrival import Arrivals
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.draping import Ground
-from tirgeo_ros.core.map_drawing import Verdict
-from tirgeo_ros.core.overlay import Overlay, OverlayResult
-from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.wording import cut, shown
-from tirgeo_ros.io.camera_file import given_camera
-from tirgeo_ros.io.elevation import ground_of
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.overlay.map_renderer import Verdict
+from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.quoted_text import cut, shown
+from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
     Messages,
@@ -34,6 +33,7 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
+from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.frame_times import FrameTimes

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.parameter import Parameter, Value, config_from, parameters_of, values_of
+from tirgeo_ros.core.config.schema import Parameter, Value, config_from, parameters_of, values_of
 from tirgeo_ros.nodes.arguments import parameter_files
 
 T = TypeVar("T")

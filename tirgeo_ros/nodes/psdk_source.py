@@ -16,9 +16,9 @@ from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.dji.psdk_road import PsdkRoad
-from tirgeo_ros.dji.readings import Quaternion, Reading, Vector
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.dji.sources.psdk import PsdkRoad
+from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import item_name

@@ -7,8 +7,8 @@ from pathlib import Path
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import RecorderConfig
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.io.bag import BagWriter
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.playlist import names

@@ -20,7 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.nodes.arguments import check_arguments, explained
 from tirgeo_ros.nodes.dead_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS

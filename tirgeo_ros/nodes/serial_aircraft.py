@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from rclpy.serialization import deserialize_message
 
-from tirgeo_ros.core.arrival import Arrivals
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.errors import MessageError
-from tirgeo_ros.dji.aircraft import Aircraft, frames_of
-from tirgeo_ros.dji.pseudo_terminal import PseudoTerminal
-from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_SAMPLES, SensedSample
 from tirgeo_ros.nodes.topics import message_class
 

@@ -9,15 +9,15 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.wording import shown
-from tirgeo_ros.dji.link_watch import Level, LinkReport, LinkWatch
-from tirgeo_ros.dji.package_entries import package_table
-from tirgeo_ros.dji.readings import Reading
-from tirgeo_ros.dji.serial_link import LinkState, SerialLink
-from tirgeo_ros.dji.serial_road import SerialRoad
-from tirgeo_ros.dji.subscription import PackageTable
+from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.dji.link.link_watch import Level, LinkReport, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
+from tirgeo_ros.dji.protocol.package_table import package_table
+from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.sources.readings import Reading
+from tirgeo_ros.dji.sources.serial import SerialRoad
 from tirgeo_ros.io.messages import DiagnosticItem
-from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import item_name
 from tirgeo_ros.nodes.monitor import Monitor

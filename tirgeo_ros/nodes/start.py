@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 
-from tirgeo_ros.io.stop_signals import stop_signals
+from tirgeo_ros.io.files.stop_signals import stop_signals
 
 STOP_SIGNALS = stop_signals()
 #: Of mallopt (malloc.h), and values that hold some tens of pictures of 1 MB.
@@ -21,8 +21,8 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 
 
-def start(name: str) -> int:
-    """Run the node whose module is ``name``, or print its help; the exit code."""
+def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
+    """Run the node whose module is ``package.name``, or print its help; return the exit code."""
     if not {"-h", "--help", "--help-all"}.isdisjoint(sys.argv[1:]):
         from tirgeo_ros.nodes.help import help_text  # noqa: PLC0415  no node has a use for it
 
@@ -34,7 +34,7 @@ def start(name: str) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_memory()
     try:
-        module = importlib.import_module(f"tirgeo_ros.nodes.{name}")
+        module = importlib.import_module(f"{package}.{name}")
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("tirgeo_ros"):
             raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tirgeo_ros.core.samples import FilterState, NavigationStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 _BEST_FIRST = (
     FilterState.RUNNING,

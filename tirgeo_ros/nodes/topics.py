@@ -12,9 +12,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from tirgeo_ros.core.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, MessageError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.monitor import Monitor
@@ -47,16 +48,20 @@ def subscribe(
     monitor: Monitor,
     typename: str = "",
     wrapped: Callable[[Callable[[Any], None]], Callable[..., None]] | None = None,
+    *,
+    raw: bool = False,
 ) -> Subscription:
     """A subscription to a contract topic, whose messages do not end the node (``guarded``).
 
     Those that DDS says were lost on the way are counted, where it says so: not those that gave
     way to a newer one in a shallow queue. ``typename`` is for a topic that is not of the contract;
-    ``wrapped`` makes the callback from that which takes a message.
+    ``wrapped`` makes the callback from that which takes a message; where this is ``raw``, it takes
+    the bytes, from which the message is made when ``handle`` is to have it.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
-    take = guarded(node, monitor, topic, handle)
+    work = (lambda data: handle(_message(kind, data))) if raw else handle
+    take = guarded(node, monitor, topic, work)
 
     def receive(message: Any) -> None:
         monitor.received(topic)
@@ -70,10 +75,23 @@ def subscribe(
     def create(callbacks: SubscriptionEventCallbacks) -> Subscription:
         options = QoSOverridingOptions.with_default_policies()
         return node.create_subscription(
-            kind, topic, callback, qos, qos_overriding_options=options, event_callbacks=callbacks
+            kind,
+            topic,
+            callback,
+            qos,
+            raw=raw,
+            qos_overriding_options=options,
+            event_callbacks=callbacks,
         )
 
     return _made(lambda: _with_losses(create, lost))
+
+
+def _message(kind: type, data: bytes) -> Any:
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError:  # of the middleware
+        raise MessageError(f"{len(data)} bytes are no {kind.__name__}") from None
 
 
 def _with_losses(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
+from tirgeo_ros.core.types.finding import Severity
 
 STEP_NS = 100_000_000
 START_NS = 1_700_000_000 * 10**9

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 from checked_flights import checked_flight
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.gimbal_joints import camera_turn, joint_angles
-from tirgeo_ros.core.samples import JointSample
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.measurements import JointSample
 
 
 def right(joints):

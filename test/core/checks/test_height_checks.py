@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.height_checks import HeightChecks
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import BodyPose
-from tirgeo_ros.core.terrain import Terrain, graticule
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.poses import BodyPose
 
 HOME_M = 150.0  # ellipsoidal height of the place of take-off
 GEOID_M = 47.0

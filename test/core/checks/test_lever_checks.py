@@ -10,8 +10,7 @@ import pytest
 from checked_flights import Arrived, changed, checked, simulated
 from flights import flight
 
-from tirgeo_ros.core.attitude import quat_from_euler
-from tirgeo_ros.core.checks.finding import Severity
+from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.checks.lever_checks import LeverChecks
 from tirgeo_ros.core.checks.lever_fit import (
@@ -22,8 +21,9 @@ from tirgeo_ros.core.checks.lever_fit import (
 )
 from tirgeo_ros.core.checks.lever_solution import Window, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.tools.flight_errors import fitting_config
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from overlays import PLANE, SQUARE_N, geo
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
-from tirgeo_ros.core.map_drawing import lay_layers
-from tirgeo_ros.core.map_layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.terrain import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.maps import load_layers
 
 GROUND_M = 25.0

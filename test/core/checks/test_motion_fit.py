@@ -5,21 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY
+from tirgeo_ros.core.checks.picture_motion import PictureMotion
+from tirgeo_ros.core.checks.picture_tracks import Tracks
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_from_euler,
     quat_from_rotvec,
     quat_multiply,
 )
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY
-from tirgeo_ros.core.checks.picture_motion import PictureMotion
-from tirgeo_ros.core.checks.picture_tracks import Tracks
-from tirgeo_ros.core.frames import BODY_OPTICAL, Q_BODY_OPTICAL
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.locating import locate
-from tirgeo_ros.core.samples import CameraPose
-from tirgeo_ros.core.terrain import Terrain, graticule
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 PLANE = TangentPlane(math.radians(48.0), math.radians(11.0), 100.0)

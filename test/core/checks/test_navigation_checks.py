@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.checks.finding import Severity
+from dev.flight_errors import fitting_config
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.tools.flight_errors import fitting_config
-from tirgeo_ros.tools.node_configs import node_configs
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.checks.finding import Severity
+from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings, size_fault
+from tirgeo_ros.core.types.finding import Severity
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.terrain import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.types.finding import Severity
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import math
 
 import pytest
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.recording_checks import (
     Recording,
     damage_findings,
@@ -15,7 +14,9 @@ from tirgeo_ros.core.checks.recording_checks import (
     recording_findings,
     unreadable_findings,
 )
-from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 CONTRACT = {
     "imu/data": "Imu",

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.checks.finding import Severity
 from tirgeo_ros.core.checks.rate_checks import RateChecks
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
 from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig, RtkConfig
+from tirgeo_ros.core.types.finding import Severity
 
 S = 1_000_000_000
 

@@ -13,7 +13,7 @@ from measured import run_measured
 
 LOAD = """
 import sys
-from tirgeo_ros.core.errors import TirgeoError
+from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.maps import load_layers
 try:
     print(len(load_layers(*sys.argv[1:])), "layers")

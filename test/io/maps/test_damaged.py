@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from map_files import HOLE, RING, gpb, wkb, write_geopackage, write_shapefile
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
 
 ROUNDS = 150

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.core.geodesy import TangentPlane
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
 
 RING = [[16.0, 48.0], [16.001, 48.0], [16.001, 48.001], [16.0, 48.0]]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers, map_files
 
 LINE = gpb(wkb("LineString", RING))

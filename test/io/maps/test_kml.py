@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from map_files import HOLE, RING
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2">'

@@ -6,8 +6,8 @@ import math
 import pytest
 from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
 
-from tirgeo_ros.core.errors import ConfigError, MapError
-from tirgeo_ros.core.map_layers import LayerStyle
+from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers, map_files
 
 RED = (0, 0, 255)

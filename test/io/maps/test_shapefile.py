@@ -8,8 +8,8 @@ import pytest
 import shapefile
 from map_files import HOLE, RING, UTM33_PRJ, write_shapefile
 
-from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.io.crs import ASSUMED
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.coordinates.crs import ASSUMED
 from tirgeo_ros.io.maps import load_layers, map_files
 
 # Outer rings are clockwise in a shapefile; pyshp's writer turns none.

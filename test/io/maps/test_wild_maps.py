@@ -12,7 +12,7 @@ import pytest
 from map_files import RING
 from wild_maps import ELSEWHERE, READ, REFUSED
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
 
 #: Formats that are read through pyogrio.

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from map_files import HOLE, RING, WKB_TYPES, wkb
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.wkb import wkb_parts
 
 SHAPES = {

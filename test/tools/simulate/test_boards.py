@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.io.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.simulate.boards import YAW_STD_DEG, camera_angles, main
 
 

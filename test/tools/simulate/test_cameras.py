@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bag import BagReader, Cdr
-from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate import scenario_from, simulate
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Renderer

@@ -8,15 +8,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
     slerp,
     wrap_pi,
 )
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.gimbal_joints import joint_angles
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.frames import Q_BODY_OPTICAL
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.tools.simulate.ground import Ground, paint
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.park import Hydrant, Park, Spot, lay_out

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.errors import ScenarioError
-from tirgeo_ros.core.frames import Q_BODY_OPTICAL
-from tirgeo_ros.core.terrain_rays import first_hit
-from tirgeo_ros.io.elevation import load_terrain
-from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.ground.dem_intersection import first_hit
+from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.io.elevation.elevation_model import load_terrain
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate import scenario_from, simulate
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.relief import LEVEL, WGS84_TEXT, Relief, elevation_text

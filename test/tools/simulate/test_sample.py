@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import canonical
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.frames.rotations import canonical
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bag import BagReader, Cdr
-from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from project import PROJECT
 
-from tirgeo_ros.core.errors import ScenarioError
-from tirgeo_ros.core.parameter import parameters_of
-from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
 
 PAPER = PROJECT / "config" / "scenarios" / "paper_flight.yaml"

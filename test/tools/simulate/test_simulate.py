@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.camera import XT2
+from tirgeo_ros.core.camera.model import XT2
 from tirgeo_ros.core.config import (
     BagPlayerConfig,
     DjiConfig,
@@ -17,13 +16,14 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
-from tirgeo_ros.core.errors import ScenarioError
-from tirgeo_ros.core.samples import ImuSample
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.parameter_file import load_config
-from tirgeo_ros.io.survey import load_observations, load_survey
+from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text

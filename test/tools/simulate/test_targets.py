@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.frames import Q_BODY_OPTICAL
-from tirgeo_ros.io.survey import load_survey
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.io.surveys.survey import load_survey
 from tirgeo_ros.tools.simulate import fly, scenario_from
 from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K, Ground
 from tirgeo_ros.tools.simulate.renderer import Renderer

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
     quat_from_matrix,
@@ -15,14 +15,14 @@ from tirgeo_ros.core.attitude import (
     rotvec_from_quat,
     wrap_pi,
 )
-from tirgeo_ros.core.geodesy import (
+from tirgeo_ros.core.frames.wgs84 import (
     EARTH_RATE_RAD_S,
     ecef_from_geodetic,
     geodetic_from_ecef,
     gravity_down,
     rotation_ecef_from_ned,
 )
-from tirgeo_ros.core.samples import HeadingSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.trajectory import Trajectory

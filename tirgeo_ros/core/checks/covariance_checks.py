@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,

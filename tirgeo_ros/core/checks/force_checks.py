@@ -11,13 +11,13 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 _GRAVITY = 9.81
 _BLOCKS = 20  # blocks of a second

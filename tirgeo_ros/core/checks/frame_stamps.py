@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 _TOPIC = "thermal/image_raw"
 _FEWEST = 20  # frames before anything is told

@@ -8,19 +8,21 @@ from collections.abc import Collection
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.checks.joint_findings import joint_findings
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
     slerp,
 )
-from tirgeo_ros.core.checks.finding import Finding, Severity
-from tirgeo_ros.core.checks.joint_findings import joint_findings
-from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.gimbal_joints import camera_turn
-from tirgeo_ros.core.pose_history import Miss, StampedHistory
-from tirgeo_ros.core.samples import Array, BodyPose, CameraAttitudeSample, JointSample
-from tirgeo_ros.core.validity import joints_fault, usable_attitude
+from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000
 _ATTITUDES_NS = 15_000_000  # of the body are taken no more often

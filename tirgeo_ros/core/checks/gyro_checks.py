@@ -10,12 +10,12 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import quat_conjugate, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 _BLOCKS = 5  # of a comparison: a quarter of a second
 _LEAST_NUMBER = 24

@@ -11,14 +11,14 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from tirgeo_ros.core.aiding.heading import azimuth, wrapped
-from tirgeo_ros.core.attitude import rotation_of
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.samples import HeadingSample, VelocitySample
-from tirgeo_ros.core.strapdown import Vector
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 #: Blocks that are kept: as long as a heading may be on its way.
 _KEPT = 60

@@ -11,13 +11,14 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.locating import Ground
-from tirgeo_ros.core.pose_history import attitude_of
-from tirgeo_ros.core.samples import Array, BodyPose, CameraPose
-from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.validity import pose_fault
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import attitude_of
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.streams.sanity_checks import pose_fault
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 _EVERY_NS = 250_000_000
 _LONGEST_GAP_NS = 1_000_000_000

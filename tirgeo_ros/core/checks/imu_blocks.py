@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tirgeo_ros.core.samples import Array, ImuSample
-from tirgeo_ros.core.strapdown import Vector
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
 
 _BLOCK_NS = 50_000_000
 #: A longer step between samples has lost some: a block across it would be no mean.

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.joint_hypotheses import (
     NAMES,
     Reading,
@@ -14,8 +13,9 @@ from tirgeo_ros.core.checks.joint_hypotheses import (
     mistaken_reading,
     other_order,
 )
-from tirgeo_ros.core.gimbal_joints import joint_angles
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: A constant difference counts beyond this: yaw with the gimbal's north (3 deg) in it.
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Of the picture's width: no lens is mounted further aside.
 _ASIDE = 0.1

@@ -8,23 +8,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
 from tirgeo_ros.core.checks.lever_fit import Path, by_positions, by_velocities, integrated
 from tirgeo_ros.core.checks.lever_solution import Lever, Window, solved
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.delays import Delays
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.samples import Array, NavSolution, Source
-from tirgeo_ros.core.validity import usable_attitude
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.poses import NavSolution
 
 #: Blocks of a window, 4 s: in 2 s the antenna shows in half the time, but delays look like it.
 _BLOCKS = 80
 _STEP = 40  # blocks from one window's start to the next one's
 _WAIT = 10  # blocks, for what measures in a window and is still on its way
-_KEPT = 150  # windows
-#: Windows whose paths are kept, half a minute, and the measurements of that time at 40 Hz.
-_PATHS, _AIDS = 15, 1400
+_KEPT = 60  # windows, two minutes
+_PATHS = 15  # windows that can be made anew: half a minute
+#: Measurements are kept for those, so much longer, and no more than come at 40 Hz.
+_LONGER_NS, _AIDS = 6_000_000_000, 1600
 #: Equations are linear in a delay only near the one that they are made for, and not beyond these.
 _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _SIGMAS, _LEAST_M = 5.0, 0.15
@@ -108,8 +111,15 @@ class LeverChecks:
         path = integrated(blocks[1:], start.autopilot_q_nb, self._rotation_bi, self._lever_b)
         stretch = _Stretch(start.stamp_ns, blocks[-1].stamp_ns, path, overlaps)
         self._stretches.append(stretch)
+        self._forget(self._stretches[0].start_ns - _LONGER_NS)
         self._windows.append(self._window(stretch, self._delay_s))
         self._fresh = False
+
+    def _forget(self, before_ns: int) -> None:
+        """Drop measurements that no window needs any more."""
+        for aids in self._aids:
+            while aids and aids[0][0] < before_ns:
+                aids.popleft()
 
     def _window(self, stretch: _Stretch, delay_s: float) -> Window:
         """Return a window's equations for what stamps are later than by a delay."""

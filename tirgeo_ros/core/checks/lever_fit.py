@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import matrix_from_quat, matrix_from_rotvec, skew
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec, skew
+from tirgeo_ros.core.types.arrays import Array
 
 _GRAVITY_N = np.array((0.0, 0.0, 9.81))
 _LEAST_ROWS = 8

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.checks.lever_fit import Normal
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 #: With fewer their scatter tells no sigma.
 _LEAST_WINDOWS = 6

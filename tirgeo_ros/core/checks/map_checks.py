@@ -6,18 +6,19 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
-from tirgeo_ros.core.draping import Ground
-from tirgeo_ros.core.geodesy import SEMI_MAJOR_AXIS_M, TangentPlane
-from tirgeo_ros.core.map_drawing import LaidMap
-from tirgeo_ros.core.terrain import Terrain
-from tirgeo_ros.core.whereabouts import (
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
     Whereabouts,
     distance_words,
     likely_mistake,
     way_words,
 )
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 
 #: Farther than a multirotor flies, and from where the map is still drawn.
 _FAR_M = 10_000.0

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY, MotionFit
-from tirgeo_ros.core.frames import flu_from_frd
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: An error counts beyond so many of its standard deviations. They are of pairs of pictures, whose
 #: errors are alike where a flight turns all the time: 3.8 were seen without an error.

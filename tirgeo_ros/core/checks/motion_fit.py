@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import matrix_from_quat, matrix_from_rotvec
-from tirgeo_ros.core.frames import BODY_OPTICAL
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec
+from tirgeo_ros.core.types.arrays import Array
 
 #: A latency is looked for this far on both sides, among poses so far apart.
 REACH_S, STEP_S = 0.3, 0.025

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from tirgeo_ros.core.checks.covariance_checks import CovarianceChecks
-from tirgeo_ros.core.checks.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.checks.force_checks import ForceChecks
 from tirgeo_ros.core.checks.gyro_checks import GyroChecks
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
@@ -21,19 +20,20 @@ from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.checks.vibration_checks import VibrationChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import (
-    Array,
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
     NavigationInput,
-    NavSolution,
     PositionSample,
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.validity import fault_of
+from tirgeo_ros.core.types.poses import NavSolution
 
 _IMU = "imu/data"
 #: A clock set back by more is another recording: all begins again.

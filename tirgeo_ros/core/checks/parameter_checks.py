@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Without any of these, nobody has told what the aircraft looks like.
 _GROUND = ("ground_height_m", "dem")
@@ -42,9 +42,9 @@ def parameter_findings(
         finding = Finding(
             "no_parameters",
             Severity.CAUTION,
-            f"no parameter is given: all lever arms and the boresight are 0{ground}",
+            f"no place on the aircraft is given: all lever arms and the boresight are 0{ground}",
             option,
-            "give the aircraft's parameters (config/m600_xt2.yaml is one to begin with)",
+            "measure them and write them into a copy of config/m600_xt2.yaml or m300_h20t.yaml",
         )
         found.append(finding)
     return found

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checks.finding import Finding, Severity
+from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
 from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
@@ -16,10 +15,11 @@ from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.locating import Ground
-from tirgeo_ros.core.samples import BodyPose, CameraPose
-from tirgeo_ros.core.validity import pose_fault
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.streams.sanity_checks import pose_fault
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 _FEWEST = 20  # pairs of pictures, eight seconds
 _FROZEN = 0.9  # of them

@@ -7,8 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.camera import Camera
+from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.checks.motion_fit import (
     OFFSETS_S,
     MotionFit,
@@ -16,10 +15,12 @@ from tirgeo_ros.core.checks.motion_fit import (
     fit_motion,
 )
 from tirgeo_ros.core.checks.picture_tracks import Tracks
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.locating import Ground
-from tirgeo_ros.core.samples import Array, CameraPose
-from tirgeo_ros.core.terrain import Terrain
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
 _KEPT = 48

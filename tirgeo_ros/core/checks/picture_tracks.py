@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
-
-Grey = npt.NDArray[np.uint8]
+from tirgeo_ros.core.types.arrays import Array, Pixels
 
 _EVERY_NS = 400_000_000
 #: Between the two pictures of a pair: enough to move, not too much to be found again.
@@ -42,7 +40,7 @@ class Tracks(NamedTuple):
 
 class _Small(NamedTuple):
     stamp_ns: int
-    grey: Grey
+    grey: Pixels
     scale: int
     ends: tuple[float, float] | None  # between which a 16-bit picture was stretched
 
@@ -107,7 +105,7 @@ def _small(stamp_ns: int, pixels: npt.NDArray[Any], ends: tuple[float, float] | 
     return _Small(stamp_ns, np.asarray(small, np.uint8), scale, ends)
 
 
-def _lucas_kanade(first: Grey, second: Grey, points: Any) -> tuple[Any, Any]:
+def _lucas_kanade(first: Pixels, second: Pixels, points: Any) -> tuple[Any, Any]:
     """Where points (N, 1, 2) have gone, and (N, 1) whether they were found."""
     there, found, _ = cv2.calcOpticalFlowPyrLK(
         first, second, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
@@ -115,7 +113,7 @@ def _lucas_kanade(first: Grey, second: Grey, points: Any) -> tuple[Any, Any]:
     return there, found
 
 
-def _followed(first: Grey, second: Grey) -> tuple[Array, Array] | None:
+def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
     """Points (N, 2) of two small pictures; None where too few can be followed."""
     apart = max(first.shape) / 9
     points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, apart)

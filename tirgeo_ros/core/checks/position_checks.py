@@ -11,11 +11,12 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array, FixStatus, PositionSample, Source
-from tirgeo_ros.core.validity import place_fault
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.sanity_checks import place_fault
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 #: Fixes this far apart in time are compared.
 _NEAR_NS = 500_000_000

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tirgeo_ros.core.alignment_data import topic_of
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.samples import Source
+from tirgeo_ros.core.navigation.alignment.observations import topic_of
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import Source
 
 #: How long a topic may be waited for.
 _PATIENCE_NS = 8_000_000_000

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
-from tirgeo_ros.core.samples import NavigationStatus
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 _GIMBAL = ("gimbal/joint_states", "gimbal/attitude")

@@ -10,11 +10,11 @@ import statistics
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.delays import Delays
-from tirgeo_ros.core.samples import Source
+from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import Source
 
 IMU = "imu/data"
 _DELAYED = {

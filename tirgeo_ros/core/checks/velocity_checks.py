@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
-from tirgeo_ros.core.samples import Array, VelocitySample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import VelocitySample
 
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
 _KEPT = 1 - 1 / 60

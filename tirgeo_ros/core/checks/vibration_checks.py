@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.checks.finding import Finding, Severity
 from tirgeo_ros.core.checks.imu_blocks import NO_NUMBER
 from tirgeo_ros.core.config import ImuConfig
-from tirgeo_ros.core.imu_clipping import Clipping
-from tirgeo_ros.core.samples import Array, ImuSample
-from tirgeo_ros.core.validity import fault_of
-from tirgeo_ros.core.vibration import densities, mean_powers
+from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.vibration_meter import densities, mean_powers
+from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import ImuSample
 
 #: One second in five is looked at.
 _LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000

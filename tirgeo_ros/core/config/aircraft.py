@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import matrix_from_euler
-from tirgeo_ros.core.errors import ConfigError
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.parameter import param
-from tirgeo_ros.core.samples import Array, Source
+from tirgeo_ros.core.config.schema import param
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import matrix_from_euler
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.measurements import Source
 
 _LARGE = 1e3
 _NOWHERE = (0.0, 0.0, 0.0)
@@ -33,35 +34,36 @@ _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 @dataclass(frozen=True, slots=True)
 class AircraftConfig:
-    """Where things are on the aircraft: one block, ``aircraft``, for all nodes."""
+    """Places of IMU, antennas, gimbal and camera on the aircraft, given once for all nodes."""
 
     imu_m: tuple[float, ...] = param(
         _NOWHERE,
-        "the IMU, where base_link begins (forward, left, up); zeros where all else is measured "
-        "from it",
+        "position of the IMU, the origin of base_link (forward, left, up); zeros if everything "
+        "is measured from the IMU",
         unit="m",
         low=-_LARGE,
         high=_LARGE,
     )
     imu_rpy_deg: tuple[float, ...] = param(
         _NOWHERE,
-        "how the IMU's axes are turned against base_link: roll, pitch, yaw about forward, left, "
-        "up",
+        "rotation of the IMU's axes relative to base_link: roll, pitch, yaw about forward, "
+        "left, up; zeros for a flight controller mounted level",
         unit="deg",
         low=-180,
         high=180,
     )
     rtk_antenna_m: tuple[float, ...] = param(
         _NOWHERE,
-        "the RTK antenna, the first of two (forward, left, up)",
+        "position of the first RTK antenna (forward, left, up); with D-RTK the left one",
         unit="m",
         low=-_LARGE,
         high=_LARGE,
     )
     rtk_antenna_sigma_m: tuple[float, ...] = param(
         (),
-        "standard deviation of that place (forward, left, up); what is above 0 is estimated in "
-        "flight. Empty = zeros, or 0.3 up where rtk_antenna_m is left at the IMU: not measured",
+        "standard deviation of rtk_antenna_m (forward, left, up); components above 0 are "
+        "estimated in flight. Empty = zeros, or 0.3 up if rtk_antenna_m is where the IMU is, "
+        "that is, not measured",
         unit="m",
         low=0,
         high=10,
@@ -69,7 +71,9 @@ class AircraftConfig:
     )
     second_antenna_m: tuple[float, ...] = param(
         (),
-        "the second RTK antenna (forward, left, up); empty = one antenna",
+        "position of the second RTK antenna (forward, left, up); with D-RTK the right one. "
+        "Empty = one antenna. The two give the direction of the heading's baseline and must be "
+        "5 cm apart seen from above",
         unit="m",
         low=-_LARGE,
         high=_LARGE,
@@ -77,21 +81,23 @@ class AircraftConfig:
     )
     gps_antenna_m: tuple[float, ...] = param(
         _NOWHERE,
-        "the antenna of the autopilot's ordinary GPS (forward, left, up)",
+        "position of the autopilot's ordinary GPS antenna (forward, left, up)",
         unit="m",
         low=-_LARGE,
         high=_LARGE,
     )
     gimbal_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
-        "the point that the gimbal turns the camera about (forward, left, up)",
+        "position of the point about which the gimbal turns the camera (forward, left, up; a "
+        "gimbal that hangs below has a negative up)",
         unit="m",
         low=-_LARGE,
         high=_LARGE,
     )
     camera_from_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
-        "the camera from that point, camera body axes (forward, left, up)",
+        "position of the camera relative to that point, along the camera's own axes (forward, "
+        "left, up)",
         unit="m",
         low=-_LARGE,
         high=_LARGE,

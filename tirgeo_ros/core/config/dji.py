@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 #: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
 RATE_CODES = 8
@@ -15,31 +15,36 @@ RATE_CODES = 8
 
 @dataclass(frozen=True, slots=True)
 class DjiHeadingConfig:
-    """What is believed of the heading of the two RTK antennas."""
+    """The accuracy given to the heading of the two RTK antennas."""
 
     sigma_deg: float = param(
-        0.6, "standard deviation of a heading in whole degrees", unit="deg", low=1e-3, high=180
+        0.6,
+        "standard deviation given to a heading, which comes in whole degrees",
+        unit="deg",
+        low=1e-3,
+        high=180,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class DjiRtkConfig:
-    """What is believed of an RTK fix, which DJI gives no accuracy with."""
+    """The accuracy given to an RTK fix, which DJI sends without one, and its age."""
 
     fixed_sigma_m: tuple[float, ...] = param(
         (0.01, 0.02),
-        "horizontal and vertical standard deviation of a fixed position",
+        "standard deviation given to a fixed position: horizontal, vertical",
         unit="m",
         low=1e-4,
         high=100,
         sizes=(2,),
     )
     velocity_sigma_m_s: float = param(
-        0.03, "standard deviation of a velocity, per axis", unit="m/s", low=1e-4, high=100
+        0.03, "standard deviation given to a velocity, per axis", unit="m/s", low=1e-4, high=100
     )
     delay_s: float = param(
         0.0,
-        "time from measurement to the aircraft's message; negative for stamps that are early",
+        "age of an RTK value when the aircraft sends it, taken off its stamp; negative where "
+        "stamps are early",
         unit="s",
         low=-2,
         high=2,
@@ -48,42 +53,57 @@ class DjiRtkConfig:
 
 @dataclass(frozen=True, slots=True)
 class DjiDelayConfig:
-    """How old the other values are when the aircraft sends them; negative as ``rtk.delay_s``."""
+    """The age of other values when the aircraft sends them, as ``rtk.delay_s``."""
 
-    imu_s: float = param(0.0, "of acceleration, rate and attitude", unit="s", low=-2, high=2)
-    gps_s: float = param(0.0, "of the ordinary GPS", unit="s", low=-2, high=2)
-    gimbal_s: float = param(0.0, "of the gimbal's angles", unit="s", low=-2, high=2)
+    imu_s: float = param(
+        0.0, "age of acceleration, angular rate and attitude", unit="s", low=-2, high=2
+    )
+    gps_s: float = param(
+        0.0, "age of a position or velocity of the ordinary GPS", unit="s", low=-2, high=2
+    )
+    gimbal_s: float = param(0.0, "age of the gimbal's angles", unit="s", low=-2, high=2)
 
 
 @dataclass(frozen=True, slots=True)
 class DjiClockConfig:
-    """From the aircraft's clock to this computer's."""
+    """The fit from the aircraft's clock to this computer's."""
 
     window_s: float = param(
-        20.0, "the offset is the smallest of so long", unit="s", low=0.5, high=3600
+        20.0,
+        "window over which the offset between the aircraft's clock and this computer's is fitted",
+        unit="s",
+        low=0.5,
+        high=3600,
     )
     max_drift_ppm: float = param(
-        100.0, "fastest drift between the two clocks", unit="ppm", low=0, high=1e4
+        100.0,
+        "largest drift between the two clocks that the fit allows",
+        unit="ppm",
+        low=0,
+        high=1e4,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class DjiHostConfig:
-    """What is asked of the aircraft; nothing by default: the node only listens."""
+    """What the node asks of the aircraft: nothing by default, it only listens."""
 
     app_id: int = param(
-        0, "DJI application id to activate with; 0 = no activation", low=0, high=2**31 - 1
+        0,
+        "DJI application id to activate with; 0 = do not activate, which listening does not need",
+        low=0,
+        high=2**31 - 1,
     )
     broadcast_rates: tuple[float, ...] = param(
         (),
-        "a rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, "
-        "4: 100, 5: as it is, 6: 200, 7: 400); empty = leave them",
+        "rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, 4: "
+        "100, 5: unchanged, 6: 200, 7: 400); empty = leave all unchanged",
         low=0,
         high=RATE_CODES - 1,
         sizes=(0, 16),
     )
     subscribe: bool = param(
-        False, "ask for the subscription packages (after activation), old ones are reset"
+        False, "request the subscription packages after activation; existing ones are removed"
     )
 
 
@@ -93,33 +113,39 @@ class DjiConfig(NodeParameters):
 
     source: str = param(
         "serial",
-        "serial (the UART of an A3 or M600) or psdk (the topics of psdk_ros2)",
+        "where the aircraft's data come from: serial (the UART of an A3, N3 or M600) or psdk "
+        "(the topics of psdk_ros2, for an M300 or M350)",
         choices=("serial", "psdk"),
     )
     port: str = param("/dev/ttyUSB0", "serial port")
-    baud: int = param(921600, "bits per second, as set in DJI Assistant 2", low=1200, high=4000000)
+    baud: int = param(
+        921600, "speed of the serial port, as set in DJI Assistant 2", low=1200, high=4000000
+    )
     key: str = param(
-        "", "application key, 64 hexadecimal digits, for encrypted frames; empty = none"
+        "", "application key that decrypts the frames, 64 hexadecimal digits; empty = none"
     )
     packages: str = param(
-        "", "YAML file that says what the subscription packages hold; empty = the usual five"
+        "",
+        "YAML file that describes the contents of the subscription packages; empty = the usual "
+        "five",
     )
-    psdk_prefix: str = param("psdk_ros2", "name in front of psdk_ros2's topics")
+    psdk_prefix: str = param("psdk_ros2", "prefix of the names of psdk_ros2's topics")
     geoid_undulation_m: float = param(
         math.nan,
-        "height of the sea level above the ellipsoid where it flies; unset = 0, with a warning",
+        "height of the geoid (sea level) above the WGS84 ellipsoid in the area of flight, added "
+        "to DJI's heights; unset = 0, with a warning",
         unit="m",
         low=-120,
         high=100,
     )
     acceleration_unit: str = param(
         "auto",
-        "of the broadcast's acceleration: auto (told by its size), g or m/s2",
+        "unit of the broadcast's acceleration: g, m/s2, or auto (detected from its size)",
         choices=("auto", "g", "m/s2"),
     )
     gimbal_reference: str = param(
         "north",
-        "what the gimbal's yaw counts from: north (Zenmuse) or body (Ronin-MX)",
+        "direction from which the gimbal's yaw counts: north (Zenmuse) or body (Ronin-MX)",
         choices=("north", "body"),
     )
     heading: DjiHeadingConfig = group(DjiHeadingConfig)

@@ -9,64 +9,80 @@ import numpy as np
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.joint_orders import JOINT_ORDERS, USUAL_ORDER
-from tirgeo_ros.core.parameter import group, param
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.config.schema import group, param
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
 
 @dataclass(frozen=True, slots=True)
 class NorthConfig:
-    """The gimbal's north against the autopilot's, for the composition ``paper``."""
+    """The bias of the gimbal's north against the autopilot's, for ``composition: paper``."""
 
     bias_deg: float = param(
         0.0,
-        "reported camera heading less the true one by the autopilot's north, as calibrated",
+        "calibrated bias: heading of the camera as reported minus its true heading, counted "
+        "from the autopilot's north. To measure it, centre the gimbal on the nose and subtract "
+        "the aircraft's heading from the gimbal's",
         unit="deg",
         low=-180,
         high=180,
     )
     sigma_deg: float = param(
-        3.0, "standard deviation of bias_deg at the start", unit="deg", low=0, high=100
+        3.0,
+        "standard deviation of bias_deg at the start; 3 = not calibrated (uniform within 5 deg "
+        "either way is 2.9), 0.5 suits a calibration of the same day",
+        unit="deg",
+        low=0,
+        high=100,
     )
     walk_deg: float = param(
         0.03,
-        "standard deviation of the bias's change in one second; grows with the root of the time",
+        "random walk of the bias: standard deviation of its change in one second, growing with "
+        "the square root of the time; 0.03 is one degree in 18 minutes",
         unit="deg",
         low=0,
         high=10,
     )
     centred: bool = param(
-        False, "the gimbal follows the nose and nobody turns it aside: the bias can be read"
+        False,
+        "true = the gimbal follows the nose and nobody turns it aside, so that the bias can be "
+        "measured whenever the nose keeps still; a camera turned aside would be taken for a "
+        "bias",
     )
     settle_s: float = param(
         3.0,
-        "a centred gimbal is read after the nose has kept still for so long; six of its time "
-        "constants",
+        "time for which the nose must have kept still, within 2 deg, before a centred gimbal is "
+        "read; six of the time constants with which the gimbal follows",
         unit="s",
         low=0,
         high=60,
     )
     centred_sigma_deg: float = param(
         0.3,
-        "standard deviation of the angle from the nose to a centred camera, which stays the same",
+        "standard deviation of the constant angle between the nose and a centred camera",
         unit="deg",
         low=0,
         high=90,
     )
     noise_deg: float = param(
         0.2,
-        "standard deviation of a reading of the bias, the mean of one second",
+        "standard deviation of one reading of the bias, which is a mean over one second",
         unit="deg",
         low=1e-3,
         high=90,
     )
     gate_sigma: float = param(
-        5.0, "readings beyond this many standard deviations are refused", low=1, high=1e6
+        5.0,
+        "innovation gate: reject readings further than this many standard deviations from the "
+        "estimate",
+        low=1,
+        high=1e6,
     )
     reset_after_s: float = param(
         5.0,
-        "readings that agree with each other but are refused for at least so long set the bias",
+        "reset the bias to the readings that have been rejected for at least this long while "
+        "agreeing with each other",
         unit="s",
         low=0.1,
         high=3600,
@@ -79,25 +95,28 @@ class GimbalConfig(NodeParameters):
 
     composition: str = param(
         "auto",
-        "paper (reported roll and pitch, filtered heading), encoders (body attitude and joints), "
-        "or auto: encoders while joint angles arrive, else paper",
+        "how the camera's attitude is composed: paper (reported roll and pitch, filtered "
+        "heading), encoders (body attitude and joint angles), or auto (encoders while joint "
+        "angles arrive, else paper)",
         choices=("auto", "paper", "encoders"),
     )
     joint_order: str = param(
         USUAL_ORDER,
-        "the gimbal's joints as they follow each other from the aircraft to the camera",
+        "order of the gimbal's joints, from the aircraft to the camera",
         choices=JOINT_ORDERS,
     )
     boresight_rpy_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0),
-        "mounting error of the camera: roll, pitch, yaw about camera body axes forward, left, up",
+        "mounting error of the camera: roll, pitch, yaw about its own axes forward, left, up; "
+        "found by tirgeo calibrate boresight",
         unit="deg",
         low=-180,
         high=180,
     )
     yaw_zero_deg: float = param(
         0.0,
-        "yaw joint angle as gimbal/joint_states has it from an encoder, less the true one",
+        "error of the yaw encoder's zero: yaw joint angle in gimbal/joint_states minus the true "
+        "one. Joint angles computed from the reported attitude have north.bias_deg instead",
         unit="deg",
         low=-180,
         high=180,
@@ -107,29 +126,31 @@ class GimbalConfig(NodeParameters):
     )
     reported_sigma_deg: tuple[float, ...] = param(
         (0.2704, 0.4839),
-        "standard deviation of the reported camera roll and pitch (Table 8)",
+        "standard deviation of the reported camera roll and pitch (Table 8 of Ren et al. 2022)",
         unit="deg",
         low=0,
         high=90,
     )
     autopilot_tilt_sigma_deg: float = param(
         0.5,
-        "standard deviation of the autopilot's own tilt, per axis, which joint angles computed "
-        "from its attitude take over",
+        "standard deviation of the autopilot's own roll and pitch, which joint angles computed "
+        "from its attitude inherit",
         unit="deg",
         low=0,
         high=90,
     )
     max_wait_s: float = param(
         0.5,
-        "a gimbal sample waits this long for the body pose around it",
+        "longest wait of a gimbal sample for the body pose that follows it; must exceed 1 / "
+        "publish_rate_hz of ekf_node",
         unit="s",
         low=0,
         high=10,
     )
     max_gap_s: float = param(
         0.25,
-        "longest time between two body poses that is bridged; more than 1 / publish_rate_hz",
+        "longest gap between two body poses that is interpolated; must exceed 1 / "
+        "publish_rate_hz of ekf_node",
         unit="s",
         low=1e-3,
         high=2,

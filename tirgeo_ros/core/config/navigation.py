@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
@@ -21,14 +21,14 @@ class ImuNoiseConfig:
 
     angle_random_walk: tuple[float, ...] = param(
         (1.6828e-4, 1.9601e-4, 1.6542e-4),
-        "gyroscope white noise",
+        "white noise of the gyroscope",
         unit="rad/sqrt(s)",
         low=0,
         high=1,
     )
     velocity_random_walk: tuple[float, ...] = param(
         (1.2917e-2, 1.2996e-2, 1.2921e-2),
-        "accelerometer white noise",
+        "white noise of the accelerometer",
         unit="m/s/sqrt(s)",
         low=0,
         high=10,
@@ -62,29 +62,44 @@ class ImuNoiseConfig:
         high=1e9,
     )
     gyro_turn_on_bias: float = param(
-        7e-3, "standard deviation of the gyroscope bias at start", unit="rad/s", low=0, high=1
+        7e-3,
+        "standard deviation of the gyroscope bias at start, every axis",
+        unit="rad/s",
+        low=0,
+        high=1,
     )
     accel_turn_on_bias: float = param(
-        2e-2, "standard deviation of the accelerometer bias at start", unit="m/s2", low=0, high=10
+        2e-2,
+        "standard deviation of the accelerometer bias at start, every axis",
+        unit="m/s2",
+        low=0,
+        high=10,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class ImuConfig(ImuNoiseConfig):
-    """The IMU: its noise, what vibration adds to it, and how late it is."""
+    """The IMU: its noise on each axis, what vibration adds to it, and its delay."""
 
     gyro_vibration_share: float = param(
         0.3,
-        "of the vibration measured in flight (density of the second differences) that counts as "
-        "white noise of the gyroscope; 0 = the configured noise alone",
+        "share of the vibration measured in flight (density of the second differences of the "
+        "readings) that counts as white noise of the gyroscope; 0 = the configured noise alone",
         low=0,
         high=10,
     )
-    accel_vibration_share: float = param(0.7, "the same of the accelerometer", low=0, high=10)
+    accel_vibration_share: float = param(
+        0.7,
+        "share of the measured vibration that counts as white noise of the accelerometer; 0 = "
+        "the configured noise alone",
+        low=0,
+        high=10,
+    )
     delay_s: float = param(
         0.0,
-        "stamp less time of measurement: half its interval for an IMU that averages over it and "
-        "stamps at its end; poses have the time that this gives",
+        "delay of the IMU stamps: stamp minus time of measurement. Half the sample interval for "
+        "an IMU that averages over it and stamps at its end (0.005 at 100 Hz). Poses carry the "
+        "corrected time",
         unit="s",
         low=-0.5,
         high=0.5,
@@ -97,7 +112,7 @@ class AutopilotConfig:
 
     attitude_sigma_deg: tuple[float, ...] = param(
         (0.5, 0.5, 1.7972),
-        "roll, pitch, heading standard deviation",
+        "standard deviation of roll, pitch, heading",
         unit="deg",
         low=1e-3,
         high=180,
@@ -117,8 +132,8 @@ class AlignmentConfig:
     )
     wait_s: float = param(
         5.0,
-        "RTK and its heading are waited for so long before ordinary GPS or the autopilot's "
-        "heading serve to start",
+        "longest wait for RTK and its heading before the ordinary GPS or the autopilot's "
+        "heading is used to start",
         unit="s",
         low=0,
         high=3600,
@@ -127,20 +142,29 @@ class AlignmentConfig:
 
 @dataclass(frozen=True, slots=True)
 class TrustConfig:
-    """When an aid counts as missing, and when the state is not to be trusted any more."""
+    """When an aid counts as missing, and when the state counts as lost."""
 
     aid_timeout_s: float = param(
-        1.5, "an aid that was not used for longer is missing", unit="s", low=0.1, high=60
+        1.5,
+        "time without a used measurement after which an aid counts as missing",
+        unit="s",
+        low=0.1,
+        high=60,
     )
     lost_position_sigma_m: float = param(
         10.0,
-        "the position is lost beyond this standard deviation, and 1.5 times what receivers admit",
+        "standard deviation of the position beyond which it counts as lost; raised to 1.5 times "
+        "what the receivers report, where that is more",
         unit="m",
         low=0.1,
         high=1e4,
     )
     lost_heading_sigma_deg: float = param(
-        10.0, "the heading is lost beyond this standard deviation", unit="deg", low=0.1, high=180
+        10.0,
+        "standard deviation of the heading beyond which it counts as lost",
+        unit="deg",
+        low=0.1,
+        high=180,
     )
 
 
@@ -148,23 +172,37 @@ class TrustConfig:
 class EkfConfig(NodeParameters):
     """Parameters of ekf_node."""
 
-    method: str = param("ekf_heading", "raw, rtk, ekf or ekf_heading", choices=METHODS)
+    method: str = param(
+        "ekf_heading",
+        "raw (autopilot's GPS and attitude), rtk (RTK position, autopilot's attitude), ekf (the "
+        "filter without heading) or ekf_heading (the filter with the heading of the two "
+        "antennas)",
+        choices=METHODS,
+    )
     position_update: str = param(
-        "fused", "fused, or rtk_direct (Ren et al. 2022)", choices=("fused", "rtk_direct")
+        "fused",
+        "fused (a full update), or rtk_direct (the position is the RTK's, after the median "
+        "filter, as in Ren et al. 2022)",
+        choices=("fused", "rtk_direct"),
     )
     publish_rate_hz: float = param(
         100.0, "highest rate of tirgeo/odometry", unit="Hz", low=0.1, high=1000
     )
     fix_rate_hz: float = param(10.0, "highest rate of tirgeo/fix", unit="Hz", low=0.1, high=1000)
     max_delay_s: float = param(
-        0.5, "a measurement may come this much later than it was made", unit="s", low=0, high=5
+        0.5,
+        "largest delay behind the IMU at which a measurement is still used",
+        unit="s",
+        low=0,
+        high=5,
     )
     max_imu_gap_s: float = param(
         0.2, "longest gap between IMU samples that is bridged", unit="s", low=1e-3, high=5
     )
     origin_lat_lon_h: tuple[float, ...] = param(
         (),
-        "origin of map: latitude, longitude (deg), ellipsoidal height (m); empty = first position",
+        "origin of the frame map: latitude, longitude (deg), ellipsoidal height (m); empty = "
+        "the first accepted RTK position",
         sizes=(0, 3),
     )
     imu: ImuConfig = group(ImuConfig)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.renamed import NodeParameters
-from tirgeo_ros.core.parameter import group, param
+from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
 
@@ -17,7 +17,7 @@ class PictureConfig:
 
     stretch_percent: tuple[float, ...] = param(
         (1.0, 99.0),
-        "a 16-bit picture is stretched between the values at these shares of its pixels",
+        "percentiles of a 16-bit picture that are shown as black and white",
         unit="%",
         low=0,
         high=100,
@@ -25,24 +25,28 @@ class PictureConfig:
     )
     stretch_time_s: float = param(
         1.0,
-        "time in which the stretch follows the scene, against flicker",
+        "time in which that stretch follows 95 % of a change of the scene, against flicker",
         unit="s",
         low=0,
         high=60,
     )
     local_contrast: float = param(
-        0.0, "limit of the local contrast's gain; 0 = off, 2 is plain, 8 strong", low=0, high=40
+        0.0,
+        "limit of the gain of the local contrast; 0 = off, 2 is plain, 8 strong",
+        low=0,
+        high=40,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceConfig:
-    """What is drawn of the overlay's own uncertainty, and what goes into it beside the pose's."""
+    """How the overlay's uncertainty is drawn, and what enters it besides the pose's."""
 
-    ellipses: bool = param(True, "points and labels carry the ellipse of 95 %")
+    ellipses: bool = param(True, "draw the 95 % ellipse at points and labels")
     lines: str = param(
         "fade",
-        "what becomes of lines whose place is uncertain: fade, band (of 95 %, along them) or none",
+        "how lines of uncertain position are drawn: fade, band (the 95 % band along them) or "
+        "none (like all others)",
         choices=("fade", "band", "none"),
     )
     fade_px: float = param(
@@ -60,7 +64,8 @@ class ConfidenceConfig:
     )
     map_sigma_m: float = param(
         0.1,
-        "standard deviation of the map's horizontal positions, where its layer does not tell",
+        "standard deviation of the map's horizontal positions, where the layer's style does not "
+        "say",
         unit="m",
         low=0,
         high=1e3,
@@ -68,8 +73,8 @@ class ConfidenceConfig:
     ground_sigma_m: float = param(
         0.1, "standard deviation of the ground's height", unit="m", low=0, high=1e3
     )
-    scale_bar: bool = param(True, "a bar of known length on the ground")
-    heading_rose: bool = param(True, "where north is, and the camera's heading")
+    scale_bar: bool = param(True, "draw a bar of known length on the ground")
+    heading_rose: bool = param(True, "draw where north is, and the camera's heading")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,64 +82,75 @@ class OverlayConfig(NodeParameters):
     """Parameters of overlay_node."""
 
     map: str = param(
-        "", "the map's file (GeoJSON, GeoPackage, Shapefile, KML, KMZ); several with commas"
+        "",
+        "file of the map (GeoJSON, GeoPackage, Shapefile, KML, KMZ); several, separated by commas",
     )
     style: str = param(
         "", "style sheet (YAML) with the layers of the map; empty = one style for all"
     )
     network: bool = param(
         False,
-        "map and dem may be fetched over the network, where they name other places (a VRT, a WFS)",
+        "allow map and dem to be fetched over the network, where they name other places (a VRT, "
+        "a WFS)",
     )
-    label_field: str = param("name", "property of a map feature that is its label")
+    label_field: str = param("name", "property of a map feature that is drawn as its label")
     reload_s: float = param(
         2.0,
-        "map and style are looked at so often, and read again if changed; 0 = never",
+        "interval at which map and style are checked for changes and read again; 0 = never",
         unit="s",
         low=0,
         high=3600,
     )
     ground_height_m: float = param(
         math.nan,
-        "ellipsoidal height of the ground; unset = the DEM, else the map's own heights",
+        "ellipsoidal height of level ground; unset = the DEM, else the heights in the map",
         unit="m",
         low=-500,
         high=9000,
     )
     dem: str = param(
-        "", "elevation model of the ground (GeoTIFF); tiles of one with commas; empty = a plane"
+        "",
+        "elevation model of the ground (GeoTIFF); tiles of one, separated by commas; empty = "
+        "level ground",
     )
     dem_undulation_m: float = param(
         0.0,
-        "height of the DEM's zero above the ellipsoid: 0 for ellipsoidal heights, the geoid's for "
-        "heights above sea level",
+        "height of the DEM's zero above the ellipsoid: 0 for ellipsoidal heights, the geoid's "
+        "height for heights above sea level",
         unit="m",
         low=-120,
         high=100,
     )
     camera: str = param(
         "",
-        "the camera's calibration (YAML of camera_calibration), in place of thermal/camera_info; "
-        "empty = that topic",
+        "file of the camera's calibration (YAML of camera_calibration), used in place of "
+        "thermal/camera_info; empty = that topic",
     )
-    video_latency_s: float = param(0.05, "image stamp minus exposure", unit="s", low=-1, high=5)
+    video_latency_s: float = param(
+        0.05,
+        "delay of the video: an image's stamp minus its time of exposure; found by tirgeo "
+        "calibrate boresight",
+        unit="s",
+        low=-1,
+        high=5,
+    )
     max_pose_wait_s: float = param(
         0.1,
-        "a frame waits this long for the camera pose around its exposure",
+        "longest wait of a frame for the camera pose at its exposure",
         unit="s",
         low=0,
         high=5,
     )
     max_prediction_s: float = param(
         0.1,
-        "a frame that has waited in vain is drawn with a pose that is predicted no further than "
-        "this, and marked; 0 = never",
+        "longest prediction of a pose for a frame that has waited in vain, which is then drawn "
+        "and marked; 0 = never",
         unit="s",
         low=0,
         high=1,
     )
-    palette: str = param("white_hot", "colours of a picture without colour", choices=PALETTES)
+    palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
     rectify: bool = param(False, "show the picture without the lens's distortion")
-    jpeg_quality: int = param(80, "quality of overlay/image/compressed", low=1, high=100)
+    jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", low=1, high=100)
     picture: PictureConfig = group(PictureConfig)
     confidence: ConfidenceConfig = group(ConfidenceConfig)

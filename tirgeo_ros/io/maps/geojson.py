@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.maps.faults import Faults, FeatureError
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.maps.table import (
     FEWEST,
     Part,

@@ -18,9 +18,9 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer, empty_map
 
 _COMMA = re.compile(r"\s*,\s*")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.core.errors import MapError
+from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
-from tirgeo_ros.io.maps.wanted import Wanted
+from tirgeo_ros.io.maps.wanted_properties import Wanted
 
 MAGIC = b"\x00\x00\x27\x0a"
 SIDECARS = (".shx", ".dbf", ".prj", ".cpg")

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.core.errors import MapError
-from tirgeo_ros.core.polylines import BoolArray, IntArray
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.maps.faults import Faults, FeatureError
-from tirgeo_ros.io.suggestions import nearest
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
+from tirgeo_ros.io.parameters.suggestions import nearest
 
 #: Of a file: beyond it, reading takes more than some seconds and more memory than a map may fill.
 MOST_FEATURES = 500_000

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tirgeo_ros.io.maps.faults import FeatureError
+from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part
 
 #: What the geometries are made of. Those for curves are taken where they hold straight lines

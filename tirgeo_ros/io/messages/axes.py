@@ -1,4 +1,4 @@
-"""Turning what is inside a message between ROS's axes and the core's (``core.frames``).
+"""Turning what is inside a message between ROS's axes and the core's (``core.frames.axes``).
 
 Fast, as there are hundreds of messages a second, and unchecked: the maps are linear, so that a
 zero or NaN quaternion arrives as it was sent and the core can say so.
@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames import ENU_NED, Quaternion, quat_turned_both
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.axes import ENU_NED, Quaternion, quat_turned_both
+from tirgeo_ros.core.types.arrays import Array
 
 __all__ = [
     "Quaternion",

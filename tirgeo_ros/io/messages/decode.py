@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.errors import MessageError
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import (
-    Array,
-    BodyPose,
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.sanity_checks import place_fault
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    CameraPose,
     FixStatus,
     HeadingSample,
     ImuSample,
@@ -29,7 +28,7 @@ from tirgeo_ros.core.samples import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.validity import place_fault
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages.axes import (
     covariance_turned_world,
     quat_turned_both,

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from tirgeo_ros.core.errors import MessageError
-from tirgeo_ros.core.samples import FilterState, FixStatus, NavigationStatus
-from tirgeo_ros.core.wording import cut
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.quoted_text import cut
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings

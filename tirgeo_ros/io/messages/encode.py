@@ -9,24 +9,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import rotation_of
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import (
-    Array,
-    BodyPose,
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.strapdown import Vector, cross
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    CameraPose,
     FixStatus,
     HeadingSample,
     ImuSample,
     JointSample,
-    NavigationStatus,
-    NavSolution,
     PositionSample,
     VelocitySample,
 )
-from tirgeo_ros.core.strapdown import Vector, cross
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.messages.axes import (
     Quaternion,
     covariance_turned_world,

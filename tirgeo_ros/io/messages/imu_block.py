@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 _MARKS = {b"\0\1": "<", b"\0\0": ">"}
 _BEHIND_HEADER = 4 + 9 + 3 + 9 + 3 + 9  # numbers: orientation, rate, acceleration; covariances

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.located import Located
-from tirgeo_ros.core.samples import Array, FixStatus
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.io.messages.axes import covariance_turned_world
 from tirgeo_ros.io.messages.decode import stamp_ns
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE

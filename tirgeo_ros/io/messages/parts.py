@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array, FixStatus
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.io.messages.axes import Quaternion, covariance_turned_world, positive
 
 _SERVICE_GPS = 1  # which satellite systems took part is not known to us; GPS always does

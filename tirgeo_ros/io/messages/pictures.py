@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.errors import CameraError, MessageError
-from tirgeo_ros.io.encoded_picture import MOST_OF_VIDEO, unpacked
-
-Pixels = npt.NDArray[Any]  # uint8 or uint16
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import RawPixels
+from tirgeo_ros.core.types.errors import CameraError, MessageError
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 
 #: Encoding to bytes a pixel; the second names are those of newer sensor_msgs for the first.
 _BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
@@ -33,12 +32,12 @@ _CONVERSIONS = {
 _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
 
 
-def pixels(topic: str, msg: Any) -> Pixels:
+def pixels(topic: str, msg: Any) -> RawPixels:
     """Return the pixels of a picture from one of the contract's two topics of them."""
     return compressed_pixels(msg) if topic.endswith("/compressed") else image_pixels(msg)
 
 
-def image_pixels(msg: Any) -> Pixels:
+def image_pixels(msg: Any) -> RawPixels:
     """``sensor_msgs/Image`` as (h, w) uint8 or uint16, or (h, w, 3) uint8 in blue, green, red.
 
     mono8, mono16 (its values as they are), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2. The array may
@@ -72,13 +71,13 @@ def _rows(msg: Any, bytes_per_pixel: int) -> npt.NDArray[np.uint8]:
     return data[: height * step].reshape(height, step)[:, :used]
 
 
-def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> Pixels:
+def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> RawPixels:
     if encoding.startswith("yuv") and colours.shape[1] % 2:
         raise MessageError(f"image: {encoding} needs an even width, has {colours.shape[1]}")
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), _CONVERSIONS[encoding]))
 
 
-def compressed_pixels(msg: Any) -> Pixels:
+def compressed_pixels(msg: Any) -> RawPixels:
     """``sensor_msgs/CompressedImage`` as ``image_pixels`` gives it. Raises MessageError."""
     data = bytes(msg.data)
     try:

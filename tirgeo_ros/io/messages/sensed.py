@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tirgeo_ros.core.samples import (
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     HeadingSample,
     ImuSample,

@@ -9,7 +9,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import add_parameters
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 #: Option, name of the value, unit and what it is.
 _VALUES = (
@@ -49,7 +49,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Make the budget."""
-    from tirgeo_ros.tools.budget_files import make_budget  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.budget.budget_files import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
     with Progress("reading", unit="s") as bar:

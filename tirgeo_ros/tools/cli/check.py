@@ -15,7 +15,7 @@ from tirgeo_ros.tools.cli._arguments import (
     check_ground,
 )
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -40,7 +40,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Check the flight."""
-    from tirgeo_ros.tools.check import check  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.check import check  # noqa: PLC0415 heavy
 
     check_ground(args)
     with Progress("checking", unit="s") as bar:
@@ -72,7 +72,7 @@ def describe_all(result: Mapping[str, Any]) -> str:
 
 
 def _report(result: Mapping[str, Any], checked: str) -> str:
-    from tirgeo_ros.tools.checks.words import report  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.finding_lines import report  # noqa: PLC0415 heavy
 
     parts = [result["verdict"], report(result["findings"]), checked]
     return "\n\n".join(part for part in parts if part)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress, three
+from tirgeo_ros.tools.presentation.progress import Progress, three
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -38,8 +38,8 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the graph."""
-    from tirgeo_ros.tools.demo import check_place_of, demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.graph import GraphSetup, free_domain  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.graph.demo import check_place_of, demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain  # noqa: PLC0415 heavy
 
     if not 0.01 <= args.rate <= 100:
         raise UsageError("--rate must be from 0.01 to 100")

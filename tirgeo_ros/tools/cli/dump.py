@@ -45,7 +45,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Print the frames."""
-    from tirgeo_ros.tools.dump import CaptureDump  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.dump import CaptureDump  # noqa: PLC0415 heavy
 
     dump = CaptureDump(args.capture, args.packages, args.key)
     for record in dump.records():

@@ -13,7 +13,7 @@ from tirgeo_ros.tools.cli._arguments import (
     check_ground,
 )
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -60,15 +60,15 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results."""
     from tirgeo_ros.io.maps import map_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.parameter_file import paths_of  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluation.evaluate import evaluate  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluation.report import report_html  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluation.summary import (  # noqa: PLC0415
+    from tirgeo_ros.io.parameters.parameter_file import paths_of  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.report import report_html  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.summary import (  # noqa: PLC0415
         check_folder,
         summary,
         write_evaluation,
     )
-    from tirgeo_ros.tools.node_configs import node_configs  # noqa: PLC0415
+    from tirgeo_ros.tools.replay.node_configs import node_configs  # noqa: PLC0415
 
     check_ground(args)
     given = [*(args.params or ()), args.boresight] if args.boresight else args.params
@@ -97,6 +97,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, object]) -> str:
     """The tables for a person."""
-    from tirgeo_ros.tools.evaluation.tables import text_tables  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.tables import text_tables  # noqa: PLC0415
 
     return text_tables(result)

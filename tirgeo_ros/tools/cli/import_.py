@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -59,9 +59,9 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Import the flight."""
-    from tirgeo_ros.tools.import_capture import CaptureOptions  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.import_flight import import_flight  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.import_ros1 import Pictures  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.import_capture import CaptureOptions  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
 
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
     with Progress("importing") as bar:

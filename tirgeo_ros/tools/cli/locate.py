@@ -13,7 +13,7 @@ from tirgeo_ros.tools.cli._arguments import (
     check_ground,
 )
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -49,7 +49,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Locate the pixels."""
-    from tirgeo_ros.tools.locate import locate_pixels  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
     check_ground(args)
     with Progress("locating", unit="s") as bar:

@@ -17,9 +17,9 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 import tirgeo_ros
-from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.core.wording import shown
-from tirgeo_ros.io.stop_signals import stop_signals
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import UsageError, complete
@@ -97,7 +97,7 @@ def _finding_lines(result: Mapping[str, Any]) -> list[str]:
     """What the checks found that is worse than a note."""
     if not result.get("findings"):
         return []
-    from tirgeo_ros.tools.checks.words import finding_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.finding_lines import finding_lines  # noqa: PLC0415 heavy
 
     return finding_lines(result["findings"])
 

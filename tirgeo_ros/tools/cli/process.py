@@ -17,7 +17,7 @@ from tirgeo_ros.tools.cli._arguments import (
 )
 from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -47,7 +47,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Process the bag."""
-    from tirgeo_ros.tools.process import process  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images goes with neither --video nor --raw-images")
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: Mapping[str, Any]) -> str:
     """The six lines for a person."""
-    from tirgeo_ros.tools.process_lines import six_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tirgeo_ros.core.joint_orders import JOINT_ORDERS
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:

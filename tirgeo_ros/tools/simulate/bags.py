@@ -11,12 +11,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.samples import CameraPose, ImuSample, NavSolution
-from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.poses import CameraPose, NavSolution
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages, Messages, sensed
-from tirgeo_ros.io.survey import Observation
-from tirgeo_ros.tools.progress import Report
+from tirgeo_ros.io.surveys.survey import Observation
+from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.simulate.flight import Flight
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.renderer import Renderer

@@ -16,13 +16,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_euler, rotation_z
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.checkerboard import Checkerboard
-from tirgeo_ros.core.frames import BODY_OPTICAL
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, rotation_z
+from tirgeo_ros.core.types.arrays import Array, RawPixels
 
-Picture = npt.NDArray[Any]  # uint8 or uint16
 Floats = npt.NDArray[np.float32]
 
 _MARGIN_SQUARES = 1.5  # of plain board around the outer squares
@@ -51,7 +50,7 @@ class BoardLook:
 class BoardView(NamedTuple):
     """A picture and the truth behind it."""
 
-    image: Picture  # (h, w) uint8 or uint16
+    image: RawPixels  # (h, w) uint8 or uint16
     rotation_cb: Array  # (3, 3) board to optical frame
     position_c: Array  # (3,) m, the board's first corner
     corners_px: Array  # (count, 2) the board's corners; nan where the lens model ends
@@ -100,7 +99,7 @@ class BoardRenderer:
         levels = levels + look.gradient * (column / shape[1] - 0.5)
         return np.asarray(levels + rng.normal(0, look.unevenness, shape), np.float32)
 
-    def _sensed(self, drawn: Floats, look: BoardLook, rng: np.random.Generator) -> Picture:
+    def _sensed(self, drawn: Floats, look: BoardLook, rng: np.random.Generator) -> RawPixels:
         parts = self._parts
         blurred = cv2.GaussianBlur(drawn, (0, 0), look.blur_px * parts)
         if any(look.motion_px):

@@ -17,13 +17,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera import XT2
-from tirgeo_ros.core.checkerboard import Checkerboard
-from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.bag import BagWriter, Cdr
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
-from tirgeo_ros.tools.progress import Progress, Report, silent
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views, gimbal_pose
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario

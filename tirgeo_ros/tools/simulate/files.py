@@ -6,10 +6,10 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from tirgeo_ros.core.errors import ScenarioError
-from tirgeo_ros.io.survey import save_observations, save_survey
-from tirgeo_ros.io.whole_files import PathLike, check_outputs, made_folder, write_files
-from tirgeo_ros.tools.progress import Report, silent
+from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
+from tirgeo_ros.io.surveys.survey import save_observations, save_survey
+from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.bags import Window, write_flight, write_truth
 from tirgeo_ros.tools.simulate.flight import Flight, fly
 from tirgeo_ros.tools.simulate.ground import paint

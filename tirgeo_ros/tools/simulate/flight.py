@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.gimbal import Gimbal, gimbal_samples
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.sensors import (

@@ -12,16 +12,17 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
     quat_multiply,
 )
-from tirgeo_ros.core.frames import Q_BODY_OPTICAL
-from tirgeo_ros.core.gimbal_joints import joint_angles
-from tirgeo_ros.core.samples import Array, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.scenario_aircraft import GimbalScenario

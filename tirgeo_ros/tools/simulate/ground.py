@@ -13,14 +13,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.tools.simulate.park import Bed, Park, Spot
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
-Grey = npt.NDArray[np.uint8]
-
-#: Grey levels of the grass, and of a kelvin.
+#: Pixels levels of the grass, and of a kelvin.
 GRASS, GREY_PER_K = 92.0, 10.0
 _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
 _BED_SPAN, _PLANT_SPAN, _SHRUB_SPAN, _HOT = 58.0, 16.0, 34.0, 150.0
@@ -35,7 +33,7 @@ _GRAINS = ((40.0, 5.0), (9.0, 5.0), (2.5, 4.0), (0.7, 4.0), (0.2, 4.0))
 class Ground:
     """The painted ground: level k has cells of ``resolution_m`` times 2^k."""
 
-    levels: list[Grey]  # rows from north to south, columns from west to east
+    levels: list[Pixels]  # rows from north to south, columns from west to east
     north_edge_m: float
     west_edge_m: float
     resolution_m: float
@@ -101,7 +99,7 @@ class _Canvas:
         step = 2 ** (_LEVELS - 1)
         rows = step * round((north - south + side) / self.resolution_m / step)
         columns = step * round((east - west + side) / self.resolution_m / step)
-        self.grey: Grey = np.full((rows, columns), round(GRASS), np.uint8)
+        self.grey: Pixels = np.full((rows, columns), round(GRASS), np.uint8)
 
     def _cells(self, points: Array) -> npt.NDArray[np.int32]:
         """Ground points (N, 2) in sixteenths of a cell, columns first; cell 0 is centred at 0."""
@@ -136,7 +134,7 @@ class _Canvas:
         cv2.circle(self.grey, (x, y), radius, min(grey, 255.0), -1, cv2.LINE_AA, _SHIFT)
 
 
-def _textured(grey: Grey, scenario: ParkScenario, seed: int) -> Grey:
+def _textured(grey: Pixels, scenario: ParkScenario, seed: int) -> Pixels:
     """The painting with grain of several sizes."""
     rng = generator(seed, "grain")
     rows, columns = grey.shape

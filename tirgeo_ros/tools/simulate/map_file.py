@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.park import Bed, Park
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 

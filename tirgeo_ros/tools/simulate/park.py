@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 

@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 
 DEGREE = 7  # six continuous derivatives: a jerk and its derivative without corners
 

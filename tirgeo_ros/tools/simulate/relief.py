@@ -10,8 +10,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
@@ -23,7 +22,6 @@ _SKY = 20.0
 _FAR_M = 2000.0
 
 Floats = npt.NDArray[np.float32]
-Picture = npt.NDArray[Any]  # uint8 or uint16
 
 
 class Renderer:
@@ -51,7 +49,7 @@ class Renderer:
         share = off_axis / off_axis.max()
         self._gain = (1 - scenario.vignetting * share).astype(np.float32)
 
-    def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> Picture:
+    def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> RawPixels:
         """A picture (h, w) of the ground from a pose (3,), (4,) in the plane ``p``."""
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         seen = rays_p[:, 2] > -position_p[2] / _FAR_M
@@ -91,7 +89,7 @@ class Renderer:
             )
         return picture
 
-    def _sensed(self, picture: Floats, rng: np.random.Generator) -> Picture:
+    def _sensed(self, picture: Floats, rng: np.random.Generator) -> RawPixels:
         """Optics and detector: blur, falling off to the corners, noise, whole numbers."""
         scenario = self._scenario
         if scenario.blur_px > 0:

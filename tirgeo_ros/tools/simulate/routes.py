@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.scenario_aircraft import RouteScenario
 
 Route = tuple[Array, Array]  # (N, 2) north and east in m; (N,) heading in rad, unwrapped

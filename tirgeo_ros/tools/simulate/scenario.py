@@ -14,9 +14,9 @@ from datetime import datetime, timezone
 from typing import ClassVar
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.errors import CameraError, ConfigError, ScenarioError
-from tirgeo_ros.core.parameter import config_from, group, param, parameters_of
-from tirgeo_ros.io.parameter_file import load_yaml
+from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of
+from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario_aircraft import (
     AutopilotScenario,
     GimbalScenario,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.camera import XT2, Camera
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.parameter import param
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.config.schema import param
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 
 
 @dataclass(frozen=True, slots=True)

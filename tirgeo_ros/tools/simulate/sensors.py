@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
     quat_from_euler,
     wrap_pi,
 )
-from tirgeo_ros.core.geodesy import radii_of_curvature
-from tirgeo_ros.core.samples import (
-    Array,
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
     HeadingSample,

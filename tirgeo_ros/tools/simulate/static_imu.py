@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.errors import TirgeoError
-from tirgeo_ros.core.frames import flu_from_frd
-from tirgeo_ros.core.geodesy import gravity_down
-from tirgeo_ros.core.sample_grid import Stamps
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.bag import BagWriter, Cdr
-from tirgeo_ros.tools.progress import Progress, Report, silent
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 
@@ -52,7 +51,9 @@ def write_static(
     return count
 
 
-def write_imu(bag: BagWriter, stamps_ns: Stamps, values: Array, frame: str = "base_link") -> None:
+def write_imu(
+    bag: BagWriter, stamps_ns: IntArray, values: Array, frame: str = "base_link"
+) -> None:
     """Messages of ``/imu/data``: stamps (n,), rates and specific forces (n, 6) FLU.
 
     Logged as they come: at their stamps, but never before the one before.
@@ -62,7 +63,7 @@ def write_imu(bag: BagWriter, stamps_ns: Stamps, values: Array, frame: str = "ba
         bag.write(_TOPIC, _TYPE, message, log_ns)
 
 
-def _messages(stamps_ns: Stamps, values: Array, frame: str) -> list[bytes]:
+def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
     """One message in CDR, with the stamps and numbers of each put in its place."""
     template = np.frombuffer(_template(Cdr(), frame), np.uint8)
     rows = np.tile(template, (len(stamps_ns), 1))

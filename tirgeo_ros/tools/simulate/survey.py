@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import matrix_from_quat
-from tirgeo_ros.core.camera import Camera
-from tirgeo_ros.core.errors import ScenarioError
-from tirgeo_ros.core.samples import Array
-from tirgeo_ros.io.survey import Observation, SurveyPoint
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.simulate.flight import Flight
 from tirgeo_ros.tools.simulate.park import Park
 from tirgeo_ros.tools.simulate.processes import generator

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.geodesy import TangentPlane
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.map_file import collection, point_feature
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief

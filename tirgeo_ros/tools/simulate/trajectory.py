@@ -12,18 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.attitude import (
+from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,
     quat_from_matrix,
     skew,
 )
-from tirgeo_ros.core.geodesy import (
-    EARTH_RATE_RAD_S,
-    TangentPlane,
-    gravity_down,
-    rotation_ecef_from_ned,
-)
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, rotation_ecef_from_ned
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, smooth_noise
 from tirgeo_ros.tools.simulate.routes import route
 from tirgeo_ros.tools.simulate.scenario import Scenario

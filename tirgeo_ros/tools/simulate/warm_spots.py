@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.samples import Array
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K
 
 Floats = npt.NDArray[np.float32]

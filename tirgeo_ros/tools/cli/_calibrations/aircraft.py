@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import add_flight
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 _NAMES = (
     "antenna",
@@ -72,7 +72,7 @@ def _names(text: str) -> list[str]:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Calibrate."""
-    from tirgeo_ros.tools.calibrate_aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
 
     with Progress("calibrating", unit="runs") as bar:
         return calibrate_aircraft(

@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import add_window, check_window
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -42,7 +42,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Find the noise."""
-    from tirgeo_ros.tools.calibrate_allan import calibrate_allan  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
 
     check_window(args)
     with Progress("reading", unit="s") as bar:
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """The axes as a table, and what was written."""
-    from tirgeo_ros.tools.allan_table import table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.allan_table import table  # noqa: PLC0415 heavy
 
     odd = ", ".join(f"{number} {what}" for what, number in result["irregular"].items() if number)
     return (

@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import add_flight, add_parameters, add_survey
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 _NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
 _KNOWN = ", ".join(_NAMES)
@@ -68,7 +68,7 @@ def _pixels(text: str) -> float:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Calibrate."""
-    from tirgeo_ros.tools.calibrate_boresight import calibrate_boresight  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.boresight import calibrate_boresight  # noqa: PLC0415 heavy
 
     both = sorted(set(args.estimate or ()) & set(args.hold))
     if both:

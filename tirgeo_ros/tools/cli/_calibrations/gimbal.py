@@ -11,7 +11,7 @@ from tirgeo_ros.tools.cli._arguments import add_verbose
 from tirgeo_ros.tools.cli._board import add_board, add_pictures
 from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Find the attitudes."""
     if not args.rate > 0:
         raise UsageError("--rate must be positive")
-    from tirgeo_ros.core.checkerboard import board_of  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.calibrate_gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
 
     with Progress("looking for the board") as bar:
         return calibrate_gimbal(

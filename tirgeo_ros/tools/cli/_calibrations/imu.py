@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._arguments import add_flight, add_window, check_window
 from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -42,7 +42,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Measure."""
-    from tirgeo_ros.tools.calibrate_imu import calibrate_imu  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.imu import calibrate_imu  # noqa: PLC0415 heavy
 
     check_window(args)
     with Progress("reading", unit="s") as bar:
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """The axes as a table, and what was written."""
-    from tirgeo_ros.tools.flight_noise_table import table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.flight_noise_table import table  # noqa: PLC0415 heavy
 
     rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""
     skipped = f", {result['skipped_s']} s with gaps left out" if result["skipped_s"] else ""

@@ -11,7 +11,7 @@ from tirgeo_ros.tools.cli._arguments import add_verbose
 from tirgeo_ros.tools.cli._board import add_board, add_pictures
 from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.progress import Progress
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -64,9 +64,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--every must be positive")
     if args.k3 and args.model == "rational":
         raise UsageError("--k3 is part of --model rational already")
-    from tirgeo_ros.core.checkerboard import board_of  # noqa: PLC0415 heavy
-    from tirgeo_ros.core.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.calibrate_lens import calibrate_lens  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
     if args.max_views < FEWEST_VIEWS:
         raise UsageError(f"--max-views must be {FEWEST_VIEWS} or more")

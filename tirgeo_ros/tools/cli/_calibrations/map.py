@@ -58,7 +58,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Lay the features."""
-    from tirgeo_ros.tools.calibrate_map import calibrate_map  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.map import calibrate_map  # noqa: PLC0415 heavy
 
     if args.survey is not None and args.points_crs is not None:
         raise UsageError("--points-crs is for a .points file, which goes without --survey")

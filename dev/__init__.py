@@ -1,0 +1,1 @@
+"""Measure and stress the product: the laboratory, which is not installed."""

@@ -1,0 +1,151 @@
+"""The time of a whole overlay frame beside that of the bare array and drawing calls in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from statistics import median
+
+import cv2
+import numpy as np
+
+from dev.bench_town import town
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotation_y
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import View
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.poses import CameraPose
+
+_CORNERS = 10  # vertices of an outline
+_IN_VIEW, _OUT_OF_VIEW, _LABELS = 1000, 9500, 20
+_TOWN_VERTICES = 1_000_000
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+ABOVE_M, PITCH_DEG = 20.0, -30.0  # of the camera that looks at the beds
+_FRAME_NS = 100_000_000
+_REPEATS = 60
+
+
+@dataclass(frozen=True)
+class OverlayTimes:
+    """Medians over many frames, in seconds, of a map with so many ``vertices`` in view."""
+
+    what: str
+    load_s: float
+    whole_s: float
+    bare_s: float
+    vertices: int
+
+
+def overlay_times() -> Iterator[OverlayTimes]:
+    """Beds near by, then a town from above, on one OpenCV thread.
+
+    1e4 vertices of outlines are in view 20 m below, 1e5 behind; then 1e5 of a town of 1e6.
+    """
+    yield _times("beds", [beds()], _pose(ABOVE_M, PITCH_DEG))
+    yield _times("town", town(_TOWN_VERTICES, PLANE), _pose(height_m=120.0, pitch_deg=-5.0))
+
+
+def _pose(height_m: float, pitch_deg: float) -> CameraPose:
+    """Looking to the north."""
+    q_nc = quat_from_matrix(rotation_y(np.radians(pitch_deg)) @ BODY_OPTICAL)
+    return CameraPose(0, np.array([0.0, 0.0, -height_m]), q_nc, np.eye(6) * 1e-4)
+
+
+def _times(what: str, layers: list[MapLayer], pose: CameraPose) -> OverlayTimes:
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        picture = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
+        begun = time.perf_counter()
+        vector_map = VectorMap.from_layers(layers, PLANE)
+        load_s = time.perf_counter() - begun
+        seen, vertices = _in_view(vector_map.lines, pose)
+        whole_s = _median_s(_whole_frame(layers, pose, picture))
+        bare_s = _median_s(lambda: _bare_frame(seen, pose, picture))
+        return OverlayTimes(what, load_s, whole_s, bare_s, vertices)
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def beds() -> MapLayer:
+    """Outlines of 0.3 m: the first lie in the picture, the others behind it."""
+    rng = np.random.default_rng(1)
+    uv = rng.uniform([20, 20], [XT2.width - 20, XT2.height - 20], (_IN_VIEW, 2))
+    seen, reasons = locate(XT2, _pose(ABOVE_M, PITCH_DEG), uv, PLANE, PLANE.height_m)
+    assert not any(reasons)
+    behind = rng.uniform([-400, -200, 0], [-50, 200, 0], (_OUT_OF_VIEW, 3))
+    turn = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
+    ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)], -1)
+    outlines_n = np.concatenate([seen, behind])[:, None] + ring
+    labels = [f"bed {k}" for k in range(_LABELS)] + [""] * (len(outlines_n) - _LABELS)
+    places = np.stack(PLANE.geodetic_from_ned(outlines_n), -1)
+    return MapLayer(
+        "beds",
+        [GeoFeature(label, True, place) for label, place in zip(labels, places)],  # noqa: B905 as long as each other
+    )
+
+
+def _in_view(lines: Polylines, pose: CameraPose) -> tuple[Polylines, int]:
+    """The lines with most of their points in the image, and the number of points in it."""
+    points_c = (lines.points.T - pose.position_n) @ matrix_from_quat(pose.q_nc)
+    uv, valid = XT2.project(points_c)
+    valid[valid] = View(XT2).inside(uv[valid].T)
+    share = np.add.reduceat(valid, lines.starts[:-1], dtype=float) / np.diff(lines.starts)
+    ahead = np.minimum.reduceat(points_c[:, 2], lines.starts[:-1]) > 1
+    return lines.select(np.flatnonzero(ahead & (share > 0.5))), int(valid.sum())
+
+
+def _whole_frame(
+    layers: list[MapLayer], pose: CameraPose, picture: Pixels
+) -> Callable[[], object]:
+    overlay = Overlay(OverlayConfig(), layers)
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    stamp_ns = 0
+
+    def frame() -> object:
+        nonlocal stamp_ns
+        stamp_ns += _FRAME_NS
+        exposure_ns = stamp_ns - round(OverlayConfig().video_latency_s * 1e9)
+        overlay.add_pose(CameraPose(exposure_ns, pose.position_n, pose.q_nc, pose.covariance))
+        overlay.add_frame(stamp_ns, picture, stamp_ns)
+        result = overlay.take(stamp_ns)
+        assert result is not None
+        assert result.pose is not None
+        return result
+
+    return frame
+
+
+def _bare_frame(lines: Polylines, pose: CameraPose, picture: Pixels) -> Pixels:
+    """Project and draw what is in view, with no regard to what might not be."""
+    rotation_cn = matrix_from_quat(pose.q_nc).T
+    x, y, z = rotation_cn @ (lines.points - pose.position_n[:, None])
+    x, y = x / z, y / z
+    k1, k2, p1, p2 = XT2.distortion[:4]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * k2)
+    u = XT2.fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + XT2.cx
+    v = XT2.fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + XT2.cy
+    runs = lines.split_rows(np.rint(np.stack([u, v], -1) * 16).astype(np.int32))
+    image = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    cv2.polylines(image, runs, False, (0, 255, 255), 1, cv2.LINE_AA, 4)
+    return np.asarray(image, np.uint8)
+
+
+def _median_s(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(_REPEATS):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return median(times)

@@ -1,0 +1,173 @@
+"""pyins, a filter of the same kind, on a simulated flight: to measure the own one beside it.
+
+pyins (PyPI: python-ins) is no dependency; ``make bench`` installs it. Its feedback filter takes
+the whole flight at once, in degrees and pandas tables, and knows positions and velocities; the
+heading is added in the way that its documentation gives for new measurements. The antenna's
+offset and the sensors' noises are those of the flight's scenario, the rest is as pyins has it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dev.flight_errors import Errors, States, errors_of_states, navigation_samples
+from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, wrap_pi
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.tools.simulate.flight import Flight
+
+#: pyins states the uncertainty of its start as these: m, m/s, degrees of tilt and of heading.
+_START_SIGMA = (0.1, 0.1, 0.5, 1.0)
+_LLA = ("lat", "lon", "alt")
+_VELOCITY = ("VN", "VE", "VD")
+_RPH = ("roll", "pitch", "heading")
+_IMU = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
+
+def pyins_is_installed() -> bool:
+    """Whether the comparison can be made."""
+    return importlib.util.find_spec("pyins") is not None
+
+
+@dataclass(frozen=True)
+class PyinsRun:
+    """A flight laid out for pyins; ``run`` is the filter alone and gives its result."""
+
+    flight: Flight
+    stamp_ns: list[int]
+    run: Callable[[], Any]
+
+    def errors(self, result: Any) -> Errors:
+        """Errors of a result at every IMU sample."""
+        table = result.trajectory
+        euler = np.radians(table[list(_RPH)].to_numpy())
+        place = table[list(_LLA)].to_numpy()
+        states = States(
+            self.stamp_ns,
+            *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
+            table[list(_VELOCITY)].to_numpy(),
+            quat_from_euler(*euler.T),
+        )
+        return errors_of_states(self.flight.truth, states)
+
+
+def pyins_run(flight: Flight) -> PyinsRun:
+    """Lay out a flight's IMU and RTK samples, so that ``run`` has nothing but filtering to do."""
+    pyins = importlib.import_module("pyins")
+    samples = navigation_samples(flight)
+    imu = [s for s in samples if isinstance(s, ImuSample)]
+    zero_ns = imu[0].stamp_ns
+    readings = [np.concatenate([s.angular_rate_b, s.specific_force_b]) for s in imu]
+    table = _table(_IMU, _seconds(imu, zero_ns), readings)
+    increments = pyins.strapdown.compute_increments_from_imu(table, "rate")
+    measurements = _measurements(flight, zero_ns)
+    gyro, accel = _sensor_models(flight)
+    start = _start(flight)
+
+    def run() -> Any:
+        return pyins.filters.run_feedback_filter(
+            start, *_START_SIGMA, increments, gyro, accel, measurements
+        )
+
+    return PyinsRun(flight, [s.stamp_ns for s in imu], run)
+
+
+def _seconds(samples: Sequence[Any], zero_ns: int) -> list[float]:
+    return [(sample.stamp_ns - zero_ns) * 1e-9 for sample in samples]
+
+
+def _table(columns: Sequence[str], times_s: Sequence[float], rows: Any) -> Any:
+    pandas = importlib.import_module("pandas")
+    return pandas.DataFrame(np.array(rows), index=times_s, columns=list(columns))
+
+
+def _sensor_models(flight: Flight) -> tuple[Any, Any]:
+    """White noise, turn-on bias and its walk; pyins knows no Gauss-Markov bias."""
+    model = importlib.import_module("pyins").inertial_sensor.EstimationModel
+    imu = flight.scenario.imu
+    walks = [
+        np.array(std) * np.sqrt(2 / np.array(time_s))
+        for std, time_s in (
+            (imu.noise.gyro_bias_instability, imu.noise.gyro_bias_time_s),
+            (imu.noise.accel_bias_instability, imu.noise.accel_bias_time_s),
+        )
+    ]
+    return (
+        model(imu.gyro_turn_on_bias_rad_s, imu.noise.angle_random_walk, walks[0]),
+        model(imu.accel_turn_on_bias_m_s2, imu.noise.velocity_random_walk, walks[1]),
+    )
+
+
+def _start(flight: Flight) -> Any:
+    """The truth at the first IMU sample: pyins leaves the alignment to its user."""
+    truth = flight.truth
+    place = [*np.degrees([truth.latitude_rad[0], truth.longitude_rad[0]]), truth.height_m[0]]
+    rph = np.degrees(euler_from_quat(truth.q_nb[0]))
+    pandas = importlib.import_module("pandas")
+    return pandas.Series(
+        np.concatenate([place, truth.velocity_n[0], rph]),
+        index=[*_LLA, *_VELOCITY, *_RPH],
+        name=0.0,
+    )
+
+
+def _measurements(flight: Flight, zero_ns: int) -> list[Any]:
+    """Those of the RTK receiver from its second epoch on; the first is the start itself."""
+    pyins = importlib.import_module("pyins")
+    samples = [s for s in navigation_samples(flight) if s.stamp_ns > zero_ns]
+    fixes = [
+        s for s in samples if isinstance(s, PositionSample) and s.source is Source.RTK_POSITION
+    ]
+    velocities = [
+        s for s in samples if isinstance(s, VelocitySample) and s.source is Source.RTK_VELOCITY
+    ]
+    headings = [s for s in samples if isinstance(s, HeadingSample)]
+    places = [[*np.degrees([s.latitude_rad, s.longitude_rad]), s.height_m] for s in fixes]
+    arm_b = flight.scenario.aircraft.rtk_lever_b
+    sigmas = [np.sqrt(s.covariance_n.diagonal()) for s in (fixes[0], velocities[0])]
+    return [
+        pyins.measurements.Position(
+            _table(_LLA, _seconds(fixes, zero_ns), places), sigmas[0], arm_b
+        ),
+        pyins.measurements.NedVelocity(
+            _table(_VELOCITY, _seconds(velocities, zero_ns), [s.velocity_n for s in velocities]),
+            sigmas[1],
+            arm_b,
+        ),
+        _heading_measurement(headings, zero_ns),
+    ]
+
+
+def _heading_measurement(headings: Sequence[HeadingSample], zero_ns: int) -> Any:
+    """A new kind of measurement, made as pyins asks for it: a class with ``compute_matrices``."""
+    pyins = importlib.import_module("pyins")
+    noise = np.array([[headings[0].variance_rad2]])
+
+    class Heading(pyins.measurements.Measurement):  # type: ignore[misc, name-defined]
+        """Heading in degrees; ``z`` is predicted minus measured, in radians."""
+
+        def compute_matrices(
+            self, time: float, pva: Any, error_model: Any
+        ) -> tuple[Array, Array, Array] | None:
+            if time not in self.data.index:
+                return None
+            z = wrap_pi(math.radians(pva["heading"] - self.data.loc[time, "heading"]))
+            # The last row of the outputs is the heading, in degrees a radian.
+            design = np.radians(error_model.transform_to_output(pva)[-1:])
+            return np.atleast_1d(z), design, noise
+
+    values = [[math.degrees(s.heading_rad)] for s in headings]
+    return Heading(_table(["heading"], _seconds(headings, zero_ns), values))

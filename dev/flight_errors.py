@@ -1,0 +1,138 @@
+"""A simulated flight through the filter, and the filter's errors against the flight's truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.schema import config_from, values_of
+from tirgeo_ros.core.frames.rotations import (
+    euler_from_quat,
+    quat_conjugate,
+    quat_multiply,
+    rotvec_from_quat,
+    wrap_pi,
+)
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    HeadingSample,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+    VelocitySample,
+)
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.tools.simulate.flight import Flight, Truth
+
+NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample)
+#: The nine states of a solution, in the order of its covariance.
+STATE_NAMES = (
+    *(f"position {axis}" for axis in ("north", "east", "down")),
+    *(f"attitude {axis}" for axis in ("north", "east", "down")),
+    *(f"velocity {axis}" for axis in ("north", "east", "down")),
+)
+
+
+def navigation_samples(flight: Flight) -> list[NavigationInput]:
+    """Every sample for the filter, in order of arrival."""
+    return [sample for _, sample in flight.samples if isinstance(sample, NAVIGATION_SAMPLES)]
+
+
+def fitting_config(flight: Flight, **values: object) -> EkfConfig:
+    """The filter's defaults with the flight's antennas, and values (``rtk__delay_s=0.1``)."""
+    fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
+    given = {key.replace("__", "."): value for key, value in values.items()}
+    return config_from(EkfConfig, fitting | given)
+
+
+def solutions(
+    flight: Flight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
+) -> list[NavSolution]:
+    """What the filter publishes over a flight, or over ``samples`` in its place."""
+    return published(config, navigation_samples(flight) if samples is None else samples)
+
+
+def published(config: EkfConfig, samples: Iterable[NavigationInput]) -> list[NavSolution]:
+    """Return what a new filter publishes over samples."""
+    navigation = Navigation(config)
+    steps = [navigation.process(sample) for sample in samples]
+    return [step.solution for step in steps if step.solution is not None]
+
+
+@dataclass(frozen=True)
+class States:
+    """Navigation states at N instants."""
+
+    stamp_ns: list[int]
+    latitude_rad: Array  # (N,)
+    longitude_rad: Array  # (N,)
+    height_m: Array  # (N,)
+    velocity_n: Array  # (N, 3) m/s
+    q_nb: Array  # (N, 4) wxyz
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors at N instants: truth minus estimate."""
+
+    t_s: Array  # (N,) from the start of the flight
+    state: Array  # (N, 9) position NED m, attitude phi_n rad, velocity NED m/s
+    sigma: Array  # (N, 9) the filter's own; nan where it gives none
+    rpy: Array  # (N, 3) roll, pitch, heading, rad
+
+    def after(self, t_s: float) -> Errors:
+        """Those later than ``t_s``."""
+        keep = self.t_s > t_s
+        return Errors(self.t_s[keep], self.state[keep], self.sigma[keep], self.rpy[keep])
+
+
+def errors(flight: Flight, found: Sequence[NavSolution]) -> Errors:
+    """Errors of what the filter published; every stamp must be one of the flight's IMU."""
+    states = States(
+        [s.stamp_ns for s in found],
+        np.array([s.latitude_rad for s in found]),
+        np.array([s.longitude_rad for s in found]),
+        np.array([s.height_m for s in found]),
+        np.array([s.velocity_n for s in found]).reshape(-1, 3),
+        np.array([s.q_nb for s in found]).reshape(-1, 4),
+    )
+    variances = [s.covariance.diagonal() for s in found]
+    return errors_of_states(flight.truth, states, np.sqrt(variances).reshape(-1, 9))
+
+
+def errors_of_states(truth: Truth, states: States, sigma: Array | None = None) -> Errors:
+    """Errors of any estimator's states at stamps of the truth; ``sigma`` (N, 9) is its own."""
+    index = {stamp: row for row, stamp in enumerate(truth.stamp_ns)}
+    rows = np.array([index[stamp] for stamp in states.stamp_ns], np.intp)
+    turned = quat_multiply(truth.q_nb[rows], quat_conjugate(states.q_nb))
+    state = np.concatenate(
+        [
+            _apart_n(truth, rows, states),
+            rotvec_from_quat(turned),
+            truth.velocity_n[rows] - states.velocity_n,
+        ],
+        axis=-1,
+    )
+    return Errors(
+        truth.t_s[rows],
+        state,
+        np.full_like(state, np.nan) if sigma is None else sigma,
+        wrap_pi(euler_from_quat(truth.q_nb[rows]) - euler_from_quat(states.q_nb)),
+    )
+
+
+def _apart_n(truth: Truth, rows: npt.NDArray[np.intp], states: States) -> Array:
+    """(N, 3) truth minus estimate, NED metres: by earth-fixed places, so good anywhere."""
+    true_e = ecef_from_geodetic(
+        truth.latitude_rad[rows], truth.longitude_rad[rows], truth.height_m[rows]
+    )
+    places = states.latitude_rad, states.longitude_rad, states.height_m
+    apart_e = true_e - ecef_from_geodetic(*places)
+    turns = [rotation_ecef_from_ned(lat, lon) for lat, lon in zip(*places[:2], strict=True)]
+    return np.asarray(np.einsum("nji,nj->ni", np.array(turns).reshape(-1, 3, 3), apart_e))

@@ -1,0 +1,1 @@
+"""Run nodes that measure the graph or stress it."""

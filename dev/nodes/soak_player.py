@@ -1,0 +1,124 @@
+"""Plays a flight whose end meets its start, round after round, for ``make soak``.
+
+Stamps and /clock go on from one round to the next. SIGUSR1 makes the clock jump: all stamps are
+then later or earlier by one of ``JUMPS_S``. Each stretch between two jumps is an epoch; stamps of
+the flight are whole milliseconds, and the nanoseconds below say the epoch's number. So what comes
+out of the graph tells which epoch it is from.
+
+The ledger, a text file that outlives a ``kill -9``, has a line for each epoch (``epoch NUMBER
+SHIFT_NS``) and each frame sent (``frame STAMP_NS TIME_S``, by the steady clock).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import threading
+import time
+from itertools import count, cycle
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.nodes.play_clock import PlayClock
+from tirgeo_ros.nodes.playlist import Audience, publishers_for
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.topics import advertise, message_class
+
+#: What the clock jumps by, in turn.
+JUMPS_S = (-20, 300, -400, 40)
+FRAMES = "/thermal/image_raw/compressed"
+_MS = 1_000_000
+_CLOCK_HZ = 100.0
+
+
+class SoakPlayer(Node):
+    """One flight in memory, its publishers, its clock and its ledger."""
+
+    def __init__(self) -> None:
+        super().__init__("soak_player")
+        parameter = self.declare_parameter
+        self._rate = parameter("rate", 2.0).value
+        self._period_ns = round(parameter("period_s", 0.0).value * 1e9)
+        self._epoch = parameter("first_epoch", 0).value
+        self._wait_for = parameter("wait_for", "").value
+        ledger = parameter("ledger", "").value
+        self._ledger = os.open(ledger, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        reader = BagReader(Path(parameter("bag", "").value))
+        self._start_ns = reader.span_ns[0]
+        self._flight = [
+            (item.log_time_ns, item.topic, bytearray(item.data))
+            for item in reader.messages()
+            if item.log_time_ns < self._start_ns + self._period_ns
+        ]
+        self._check()
+        self._topics = publishers_for(self, reader.topics(), "")
+        self._ticks = advertise(self, "/clock", output())
+        self._messages = Messages(message_class)
+        self._base_ms = parameter("shift_ms", 0).value
+        self._jumps = cycle(JUMPS_S)
+        self._jump_asked = threading.Event()
+        signal.signal(signal.SIGUSR1, lambda *_: self._jump_asked.set())
+
+    def _check(self) -> None:
+        odd = [topic for _, topic, data in self._flight if header_stamp_ns(bytes(data)) % _MS]
+        if odd or not self._flight:
+            raise BagError(f"no flight for a soak: stamps of {odd[:1]} are no whole milliseconds")
+
+    @property
+    def _shift_ns(self) -> int:
+        return int(self._base_ms * _MS + self._epoch)
+
+    def play(self, stop: threading.Event) -> int:
+        """Wait for subscribers, then play until stopped; the exit code."""
+        Audience(self, [*self._topics.values()], self._wait_for).wait(60.0, stop)
+        self.get_logger().info("playing")
+        self._note(f"epoch {self._epoch} {self._shift_ns}")
+        clock = PlayClock(self._rate, _CLOCK_HZ, self._tick)
+        for rounds in count():
+            flown_ns = rounds * self._period_ns
+            for due_ns, topic, data in self._flight:
+                if not clock.wait_until(due_ns + flown_ns, stop):
+                    return 0
+                self._send(topic, data, flown_ns)
+        return 0
+
+    def _send(self, topic: str, data: bytearray, flown_ns: int) -> None:
+        if self._jump_asked.is_set():
+            self._jump()
+        original_ns = header_stamp_ns(bytes(data[:12]))
+        stamp_ns = original_ns + flown_ns + self._shift_ns
+        if topic == FRAMES:
+            self._note(f"frame {stamp_ns} {time.monotonic():.6f}")
+        self._topics[topic].publish(_stamped(data, stamp_ns))
+
+    def _jump(self) -> None:
+        self._jump_asked.clear()
+        self._base_ms += 1000 * next(self._jumps)
+        self._epoch += 1
+        self._note(f"epoch {self._epoch} {self._shift_ns}")
+
+    def _tick(self, flown_ns: int) -> None:
+        self._ticks.publish(self._messages.clock(flown_ns + self._shift_ns))
+
+    def _note(self, line: str) -> None:
+        os.write(self._ledger, f"{line}\n".encode())
+
+
+def _stamped(data: bytearray, stamp_ns: int) -> Any:
+    """CDR bytes of a message that begins with a header, under another stamp."""
+    given = bytearray(data)
+    struct.pack_into("<iI" if data[1] else ">iI", given, 4, *divmod(stamp_ns, 1_000_000_000))
+    return bytes(given)
+
+
+def main() -> int:
+    """Run the player; the exit code."""
+    return run("soak_player", SoakPlayer, SoakPlayer.play)

@@ -1,0 +1,77 @@
+"""Writes down what the graph gives, one JSON list a line, for ``make soak``.
+
+    ["pose", TIME_S, STAMP_NS, north, east, down, w, x, y, z, six variances]
+    ["picture", TIME_S, STAMP_NS, PIXELS_OF_LINES]
+    ["said", TIME_S, {item: {key: value}}]      a message of /diagnostics
+
+Poses are those of the optical frame in ``map``, NED; variances of position (m2) and rotation
+(rad2) about north, east, down. Nothing is kept in memory.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+
+from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.io.messages import camera_pose, image_pixels, stamp_ns
+from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.topics import subscribe
+
+#: A busy machine must lose nothing on this side.
+_DEPTH = 1000
+_PICTURES = 30
+#: Red less blue of a line's pixel: above what the coding of a grey picture makes.
+_COLOUR = 50
+
+
+def line_pixels(image: Any) -> int:
+    """Pixels of a picture (h, w, 3) BGR, grey but for what is drawn, that lines have coloured.
+
+    Lines are yellow, faded ones too: as much green as red. The notice is amber.
+    """
+    blue, green, red = (image[..., k].astype(np.int16) for k in range(3))
+    colour = red - blue
+    lines = (colour > _COLOUR) & (8 * (red - green) < colour)
+    return int(lines[: status_box(image).top].sum())
+
+
+class Witness(Node):
+    """Poses, pictures and diagnostics into a file."""
+
+    def __init__(self) -> None:
+        super().__init__("soak_witness")
+        path = Path(self.declare_parameter("output", "").value)
+        self.resources = path.open("w", buffering=1)
+        self._monitor = Monitor()
+        subscribe(self, "tirgeo/camera_pose", self._pose, output(_DEPTH), self._monitor)
+        subscribe(self, "tirgeo/overlay/image", self._picture, output(_PICTURES), self._monitor)
+        subscribe(self, "/diagnostics", self._diagnostics, output(_DEPTH), self._monitor)
+
+    def _pose(self, message: Any) -> None:
+        pose = camera_pose(message)
+        numbers = [*pose.position_n, *pose.q_nc, *pose.covariance.diagonal()]
+        self._write("pose", pose.stamp_ns, *(float(f"{number:.9g}") for number in numbers))
+
+    def _picture(self, message: Any) -> None:
+        self._write("picture", stamp_ns(message), line_pixels(image_pixels(message)))
+
+    def _diagnostics(self, message: Any) -> None:
+        items = {s.name: {pair.key: pair.value for pair in s.values} for s in message.status}
+        self._write("said", items)
+
+    def _write(self, kind: str, *values: Any) -> None:
+        line = json.dumps([kind, round(time.monotonic(), 6), *values])
+        self.resources.write(f"{line}\n")
+
+
+def main() -> int:
+    """Run the witness; the exit code."""
+    return run("soak_witness", Witness)

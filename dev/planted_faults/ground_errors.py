@@ -1,0 +1,92 @@
+"""How far from the truth a picture's pixels are located, in units of their ellipses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.ground_point import Located, place
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.tools.replay.graph_outputs import read_outputs
+
+_WHOLE_FLIGHT_S = 1e9
+_RATES_NS = 100_000_000
+#: Of the picture's width and height: the middle, and a quarter from the edges.
+_PLACES = ((0.5, 0.5), (0.25, 0.5), (0.75, 0.5), (0.5, 0.75))
+
+
+@dataclass
+class Eye:
+    """What locates pixels: poses of a bag, a lens, a latency and a ground."""
+
+    poses: PoseHistory[CameraPose]
+    plane: TangentPlane
+    camera: Camera
+    ground: Ground
+    config: OverlayConfig
+
+    def locate(self, stamp_ns: int, uv: tuple[float, float]) -> Located | None:
+        """Return the place at a pixel of a picture; None where there is none."""
+        exposed_ns = stamp_ns - round(self.config.video_latency_s * 1e9)
+        pose, before = self.poses.at(exposed_ns), self.poses.at(exposed_ns - _RATES_NS)
+        if isinstance(pose, Miss):
+            return None
+        rates = None if isinstance(before, Miss) else CameraRates.between(before, pose)
+        found = place(
+            self.camera, pose, uv, self.plane, self.ground, self.config.confidence, rates
+        )
+        return found if isinstance(found, Located) else None
+
+
+def eye_of(poses_bag: Path, camera: Camera, ground: Ground, config: OverlayConfig) -> Eye | None:
+    """Return the eye of a bag with camera poses; None where it has none."""
+    outputs = read_outputs(poses_bag)
+    if outputs.plane is None or not outputs.cameras:
+        return None
+    poses: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+    for pose in outputs.cameras:
+        poses.add(pose)
+    return Eye(poses, outputs.plane, camera, ground, config)
+
+
+def camera_of(bag: Path) -> Camera | None:
+    """Return the first calibration in a bag; None where it has none."""
+    for item in BagReader(bag).messages(["/thermal/camera_info"]):
+        return convert.camera(Cdr().deserialize(item.data, item.typename))
+    return None
+
+
+def times_of_ellipse(believed: Eye, true: Eye, stamp_ns: int) -> float:
+    """Return the largest error of a picture's pixels over its ellipse; nan: none is located.
+
+    1 is on the ellipse of 95 %. A pixel that the truth has nowhere counts as infinitely wrong.
+    """
+    size = true.camera.width - 1, true.camera.height - 1
+    worst = math.nan
+    for across, down in _PLACES:
+        uv = across * size[0], down * size[1]
+        told = believed.locate(stamp_ns, uv)
+        if told is None:
+            continue
+        actual = true.locate(stamp_ns, uv)
+        times = math.inf if actual is None else _times(told, actual, believed.plane)
+        worst = times if math.isnan(worst) else max(worst, times)
+    return worst
+
+
+def _times(told: Located, actual: Located, plane: TangentPlane) -> float:
+    place_n = plane.ned_from_geodetic(actual.latitude_rad, actual.longitude_rad, actual.height_m)
+    off = (told.point_n - place_n)[:2]
+    squared = float(off @ np.linalg.solve(told.covariance_n[:2, :2], off))
+    return math.sqrt(squared / CHI2_95)

@@ -1,0 +1,204 @@
+"""Plants faults in a flight, plays it through the node graph, and tells who named them when."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dev.planted_faults.faults import Fault, Shown
+from dev.planted_faults.ground_errors import Eye, camera_of, eye_of, times_of_ellipse
+from dev.planted_faults.live_reading import Picture, Report, read_reports, seen
+from dev.planted_faults.planting import Flight
+from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
+from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.parameters.parameter_output import Value, write_parameters
+from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, free_domain, run_graph
+from tirgeo_ros.tools.presentation.progress import Report as Progress
+from tirgeo_ros.tools.replay.graph_outputs import read_outputs, read_pictures
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+#: A fault is named so soon after the data can show it.
+WITHIN_S = 10.0
+#: A green picture's pixels lie no farther from the truth, in units of their ellipses.
+MOST_TIMES = 3.0
+_TURN_RAD = math.radians(40.0)
+#: What no fault is planted in: nothing may be said of it.
+CLEAN = Fault("(none)", "nothing", (), lambda good, _: good)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a fault on the graph; seconds count from the first sample of the IMU."""
+
+    fault: Fault
+    shown_s: float = math.nan  # from when on the data can show it; nan: never
+    named: Report | None = None  # the first finding with its parameter
+    others: tuple[str, ...] = ()  # what else was found, by check
+    notice_s: float = math.nan  # of the first picture with a notice since then; nan: none
+    green: int = 0  # pictures without notice or warning, WITHIN_S after it is shown
+    times: float = math.nan  # the largest error of these over their ellipses
+    wrong_until_s: float = math.nan  # the last of these beyond MOST_TIMES
+    refused: str = ""  # a node's last words, where the graph did not run
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it was named so soon as it must."""
+        if self.refused:
+            return any(name in self.refused for name in self.fault.names)
+        return self.named is not None and self.named.at_s - self.shown_s <= WITHIN_S
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing was said at all."""
+        return not (self.named or self.others or self.refused)
+
+    @property
+    def is_good(self) -> bool:
+        """Whether all is as it must be; nothing is said where no fault is."""
+        return not self.lies and (self.in_time if self.fault.names else self.is_quiet)
+
+    @property
+    def lies(self) -> bool:
+        """Whether a picture was green and wrong by more than its ellipse can be."""
+        return self.times > MOST_TIMES
+
+
+class Live:
+    """Plays flights through graphs, each in a DDS domain of its own."""
+
+    def __init__(self, good: Flight, folder: Path) -> None:
+        self._good, self._folder = good, folder
+        first_ns, last_ns = BagReader(good.bag).span_ns
+        self.duration_s = (last_ns - first_ns) * 1e-9
+        self._domains: set[int] = set()
+        self._lock = threading.Lock()
+
+    def outcome(self, fault: Fault, progress: Progress) -> Outcome:
+        """Return what comes of a fault; what a run leaves is in a folder of its name."""
+        folder = self._folder / fault.name.replace(" ", "_").replace("/", "_")
+        (folder / "planted").mkdir(parents=True)
+        planted = fault.plant(self._good, folder / "planted")
+        setup = self._setup(planted, folder)
+        try:
+            run = run_graph(setup, self.duration_s, progress)
+        except TirgeoError as error:
+            return Outcome(fault, refused=str(error))
+        return _judged(fault, self._good, planted, run)
+
+    def _setup(self, planted: Flight, folder: Path) -> GraphSetup:
+        params = list(planted.params)
+        if planted.options:
+            params.append(folder / "planted" / "options.yaml")
+            named: dict[str, Value] = {"ground_height_m": math.nan}
+            named |= {name: str(value) for name, value in planted.options.items()}
+            write_parameters(params[-1], {"overlay_node": named}, "planted")
+        with self._lock:
+            domain = free_domain(self._domains)
+            self._domains.add(domain)
+        return GraphSetup(
+            planted.bag.absolute(),
+            folder.absolute(),
+            map=planted.map.absolute() if planted.map else None,
+            more_params=[path.absolute() for path in params],
+            environment={"ROS_DOMAIN_ID": str(domain)},
+        )
+
+
+def outcomes(live: Live, faults: Sequence[Fault], jobs: int, progress: Progress) -> list[Outcome]:
+    """Return the outcomes of faults, ``jobs`` graphs at a time; ``progress`` in s of flight."""
+    done_s = dict.fromkeys((fault.name for fault in faults), 0.0)
+
+    def one(fault: Fault) -> Outcome:
+        def tell(done: float, _: float | None) -> None:
+            done_s[fault.name] = min(done, live.duration_s)
+            progress(sum(done_s.values()), live.duration_s * len(faults))
+
+        found = live.outcome(fault, tell)
+        tell(live.duration_s, None)
+        return found
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(one, faults))
+
+
+def _judged(fault: Fault, good: Flight, planted: Flight, run: GraphRun) -> Outcome:
+    begin_ns = first_imu_ns(good.bag)
+    reports = read_reports(run.recording, begin_ns)
+    named = next((one for one in reports if one.names(fault.names)), None)
+    others = {one.check for one in reports if not one.names(fault.names)}
+    pictures = [
+        seen((stamp_ns - begin_ns) * 1e-9, pixels)
+        for stamp_ns, pixels in read_pictures(run.recording)
+    ]
+    cameras = read_outputs(run.recording).cameras
+    first_pose_s = (cameras[0].stamp_ns - begin_ns) * 1e-9 if cameras else math.nan
+    shown_s = _shown_s(fault.shown, first_pose_s, _truth(good), begin_ns)
+    from_s = WITHIN_S + (0.0 if math.isnan(shown_s) else shown_s)
+    green_s = [one.at_s for one in pictures if one.green and one.at_s >= from_s]
+    eyes = _eyes(good, planted, run)
+    times = [
+        times_of_ellipse(*eyes, begin_ns + round(at_s * 1e9)) if eyes else math.nan
+        for at_s in green_s
+    ]
+    return Outcome(
+        fault,
+        shown_s,
+        named,
+        tuple(sorted(others)),
+        math.nan if named is None else notice_s(pictures, named.at_s),
+        len(green_s),
+        max((one for one in times if not math.isnan(one)), default=math.nan),
+        max(
+            (at_s for at_s, one in zip(green_s, times, strict=True) if one > MOST_TIMES),
+            default=math.nan,
+        ),
+    )
+
+
+def notice_s(pictures: Sequence[Picture], after_s: float) -> float:
+    """Return when the first picture with a notice came after an instant; nan: none did."""
+    return next((one.at_s for one in pictures if one.notice and one.at_s >= after_s), math.nan)
+
+
+def first_imu_ns(bag: Path) -> int:
+    """Return the stamp of the first sample of the IMU."""
+    for item in BagReader(bag).messages(["/imu/data"]):
+        return convert.stamp_ns(Cdr().deserialize(item.data, item.typename))
+    raise BagError(f"{bag}: no imu/data")
+
+
+def _truth(good: Flight) -> Path:
+    return good.bag.with_name("truth.mcap")
+
+
+def _shown_s(shown: Shown, first_pose_s: float, truth: Path, begin_ns: int) -> float:
+    if shown is Shown.AT_ONCE:
+        return 0.0
+    if shown is Shown.MOVING_PICTURES:
+        return first_pose_s
+    cameras = read_outputs(truth).cameras
+    turned = np.abs(np.diff(np.unwrap([camera_heading_rad(one) for one in cameras]))).cumsum()
+    enough = np.flatnonzero(turned > _TURN_RAD)
+    return (cameras[enough[0] + 1].stamp_ns - begin_ns) * 1e-9 if enough.size else math.nan
+
+
+def _eyes(good: Flight, planted: Flight, run: GraphRun) -> tuple[Eye, Eye] | None:
+    """Return how the graph located pixels, and how they lie in truth; None without poses."""
+    believed = _eye(planted, run.recording)
+    true = _eye(good, _truth(good))
+    return (believed, true) if believed and true else None
+
+
+def _eye(flight: Flight, poses: Path) -> Eye | None:
+    overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
+    camera, ground = camera_of(flight.bag), ground_of(overlay)
+    return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)

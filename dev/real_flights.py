@@ -1,0 +1,249 @@
+"""The filter over recorded flights without a truth, judged by what they hold.
+
+What judges are fixes before they are used, fixes that are held back for some seconds, positions
+that are moved on purpose, and the autopilot's own tilt; all later than 8 s after the first sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeGuard
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, Verdict
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS
+
+#: Judged from here on.
+SETTLED_S = 8.0
+#: RTK is hidden for CUT_S, first FIRST_CUT_S after the start, then every CUT_EVERY_S; at three
+#: phases, each a run of its own.
+CUT_S, FIRST_CUT_S, CUT_EVERY_S = 5.0, 14.0, 13.0
+PHASES_S = (0.0, CUT_EVERY_S / 3, 2 * CUT_EVERY_S / 3)
+#: A pose that is older is none.
+_FRESH_NS = 100_000_000
+_RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+
+
+@dataclass(frozen=True)
+class Miss:
+    """How far a pose, carried on to a fix, is off it: horizontal, m; nan where there is none."""
+
+    error_m: float
+    sigma_m: float  # the filter's own
+
+    def within(self, sigmas: float) -> bool:
+        """Whether the error is within so many of the filter's own sigmas."""
+        return self.error_m <= sigmas * self.sigma_m
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What one flight gave, later than SETTLED_S."""
+
+    fixes: int  # RTK positions, float or fixed, up to the last IMU sample
+    used: int  # of them
+    lost_s: float
+    resets: int
+    pose: float  # share of the time with a fresh pose
+    misses: tuple[Miss, ...]  # of every fix that had a fresh pose before it
+    tilt: Array  # (n, 2) roll and pitch found less the autopilot's, rad
+    nis: dict[Source, tuple[float, int]]  # sum of squares, degrees of freedom
+    poses: tuple[NavSolution, ...]
+
+
+def samples_of(path: str | Path) -> list[NavigationInput]:
+    """Return every sample of a bag that is for the filter, in log-time order."""
+    cdr = Cdr()
+    convert = {f"/{topic}": decode for topic, decode in NAVIGATION_INPUTS.values()}
+    return [
+        convert[message.topic](cdr.deserialize(message.data, message.typename))
+        for message in BagReader(path).messages(convert)
+    ]
+
+
+class _Run:
+    """The filter with its samples, and notes of what comes of them."""
+
+    def __init__(self, config: EkfConfig, samples: Sequence[NavigationInput]) -> None:
+        self._lever_b = config.aircraft.rtk_lever_b
+        self._navigation = Navigation(config, self._heard)
+        self._settled_ns = samples[0].stamp_ns + round(SETTLED_S * 1e9)
+        self._now_ns = samples[0].stamp_ns
+        self._fresh_ns = self._lost_ns = self._used = 0
+        self._squares: Counter[Source] = Counter()
+        self._degrees: Counter[Source] = Counter()
+        self._misses: list[Miss] = []
+        self._tilt: list[Array] = []
+        self._poses: list[NavSolution] = []
+        self._fixes: list[int] = []
+        for sample in samples:
+            self._take(sample)
+
+    def _heard(self, verdict: Verdict) -> None:
+        if self._now_ns <= self._settled_ns or verdict.source not in _RTK:
+            return
+        self._used += verdict.used and verdict.source is Source.RTK_POSITION
+        if math.isfinite(verdict.nis):
+            degrees = len(verdict.innovation)
+            self._squares[verdict.source] += verdict.nis * degrees  # type: ignore[assignment]
+            self._degrees[verdict.source] += degrees
+
+    def _take(self, sample: NavigationInput) -> None:
+        settled = sample.stamp_ns > self._settled_ns
+        if _is_fix(sample) and self._now_ns > self._settled_ns:  # as its verdict is counted
+            self._fixes.append(sample.stamp_ns)
+            pose = self._poses[-1] if self._poses else None
+            if pose is not None and sample.stamp_ns - pose.stamp_ns <= _FRESH_NS:
+                self._misses.append(_missed(sample, pose, self._lever_b))
+        solution = self._navigation.process(sample).solution
+        if solution is not None:
+            self._poses.append(solution)
+        if isinstance(sample, ImuSample):
+            self._took(sample, solution, settled=settled)
+
+    def _took(self, sample: ImuSample, solution: NavSolution | None, *, settled: bool) -> None:
+        step_ns, self._now_ns = sample.stamp_ns - self._now_ns, sample.stamp_ns
+        if not settled:
+            return
+        if self._poses and sample.stamp_ns - self._poses[-1].stamp_ns <= _FRESH_NS:
+            self._fresh_ns += step_ns
+        if self._navigation.status().state is FilterState.LOST:
+            self._lost_ns += step_ns
+        if solution is not None and sample.autopilot_q_nb is not None:
+            found, told = euler_from_quat(solution.q_nb), euler_from_quat(sample.autopilot_q_nb)
+            self._tilt.append(found[:2] - told[:2])
+
+    def flown(self) -> Flown:
+        """Return what came of it."""
+        return Flown(
+            sum(stamp_ns <= self._now_ns for stamp_ns in self._fixes),
+            self._used,
+            self._lost_ns * 1e-9,
+            sum(self._navigation.status().resets.values()),
+            self._fresh_ns / (self._now_ns - self._settled_ns),
+            tuple(self._misses),
+            np.array(self._tilt).reshape(-1, 2),
+            {source: (self._squares[source], n) for source, n in self._degrees.items()},
+            tuple(self._poses),
+        )
+
+
+def _is_fix(sample: NavigationInput) -> TypeGuard[PositionSample]:
+    """Whether a sample is a position of RTK that is worth something."""
+    return (
+        isinstance(sample, PositionSample)
+        and sample.source is Source.RTK_POSITION
+        and sample.status >= FixStatus.FLOAT
+    )
+
+
+def _is_rtk(sample: NavigationInput) -> bool:
+    return isinstance(sample, HeadingSample) or (
+        isinstance(sample, PositionSample | VelocitySample) and sample.source in _RTK
+    )
+
+
+def fly(config: EkfConfig, samples: Sequence[NavigationInput]) -> Flown:
+    """Run the filter over samples."""
+    return _Run(config, samples).flown()
+
+
+def _missed(fix: PositionSample, pose: NavSolution, lever_b: Array) -> Miss:
+    plane = TangentPlane(fix.latitude_rad, fix.longitude_rad, fix.height_m)
+    found_n = plane.ned_from_geodetic(pose.latitude_rad, pose.longitude_rad, pose.height_m)
+    found_n = found_n + (fix.stamp_ns - pose.stamp_ns) * 1e-9 * pose.velocity_n
+    found_n = found_n + matrix_from_quat(pose.q_nb) @ lever_b
+    sigma_m = math.sqrt(pose.covariance[0, 0] + pose.covariance[1, 1])
+    return Miss(math.hypot(found_n[0], found_n[1]), sigma_m)
+
+
+def cuts_of(config: EkfConfig, samples: Sequence[NavigationInput]) -> list[Miss]:
+    """Return what the pose is worth at the last of the fixes that were held back, of every cut.
+
+    All of RTK is held back; ordinary GPS goes on where there is some.
+    """
+    return [cut for phase_s in PHASES_S for cut in _cuts_at(config, samples, phase_s)]
+
+
+def _cuts_at(
+    config: EkfConfig, samples: Sequence[NavigationInput], phase_s: float
+) -> Iterator[Miss]:
+    start_ns = samples[0].stamp_ns
+    length_s = (samples[-1].stamp_ns - start_ns) * 1e-9
+    begins_s = np.arange(FIRST_CUT_S + phase_s, length_s - CUT_S, CUT_EVERY_S)
+    navigation, pose = Navigation(config), None
+    hidden: dict[int, tuple[PositionSample, NavSolution | None]] = {}
+    for sample in samples:
+        inside: list[int] = []
+        if _is_rtk(sample):
+            since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
+            inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
+        if not inside:
+            pose = navigation.process(sample).solution or pose
+        elif _is_fix(sample):
+            hidden[inside[0]] = sample, pose
+    for fix, last in hidden.values():
+        fresh = last is not None and fix.stamp_ns - last.stamp_ns <= _FRESH_NS
+        yield _missed(fix, last, config.aircraft.rtk_lever_b) if fresh and last else _NO_POSE
+
+
+_NO_POSE = Miss(math.nan, math.nan)
+
+
+def moved_east(
+    samples: Sequence[NavigationInput], begin_s: float, seconds: float, metres: float
+) -> list[NavigationInput]:
+    """Return the samples with the RTK positions of some seconds so many metres to the east."""
+    begin_ns = samples[0].stamp_ns + round(begin_s * 1e9)
+    end_ns = begin_ns + round(seconds * 1e9)
+    return [
+        _moved(sample, metres)
+        if _is_fix(sample) and begin_ns <= sample.stamp_ns < end_ns
+        else sample
+        for sample in samples
+    ]
+
+
+def _moved(sample: PositionSample, metres: float) -> PositionSample:
+    plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
+    latitude, longitude, height = plane.geodetic_from_ned(np.array([0.0, metres, 0.0]))
+    return replace(
+        sample,
+        latitude_rad=float(latitude),
+        longitude_rad=float(longitude),
+        height_m=float(height),
+    )
+
+
+def largest_change_m(a: Sequence[NavSolution], b: Sequence[NavSolution]) -> float:
+    """Return the largest horizontal distance between two runs over the same IMU samples, m."""
+    others = {pose.stamp_ns: pose for pose in b}
+    largest = 0.0
+    for pose in a:
+        other = others.get(pose.stamp_ns)
+        if other is not None:
+            north_m = (other.latitude_rad - pose.latitude_rad) * 6.37e6
+            east_m = (other.longitude_rad - pose.longitude_rad) * 6.37e6
+            largest = max(largest, math.hypot(north_m, east_m * math.cos(pose.latitude_rad)))
+    return largest

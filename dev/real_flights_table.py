@@ -1,0 +1,256 @@
+"""``make real-flights``: the filter over a folder of recorded flights, beside the figures asked.
+
+Each bag is flown as it is, with RTK hidden for some seconds again and again, and with positions
+that are wrong for a second (see ``real_flights``). Prints what came of it by bag and by group:
+bags of one carrier (their name up to the first ``_``) with the same kinds of RTK. A figure that
+is missed is marked, and the exit code is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from dev.real_flights import CUT_S, SETTLED_S, Miss
+from dev.real_flights_judged import (
+    MOVED_AT_SHARES,
+    MOVED_FOR_S,
+    MOVED_M,
+    Judged,
+    beyond,
+    groups,
+    judge_all,
+    mean_nis,
+    mean_tilt_deg,
+    median,
+    used_of,
+)
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.presentation.progress import Progress
+
+#: What is asked of every bag: share of fixes used, of the time with a pose; lost s; resets; how
+#: far a wrong position moves the pose, m. Of all bags together: fixes used, beyond 5 sigma.
+ASKED_USED_EACH, ASKED_USED, ASKED_POSE = 0.94, 0.97, 0.95
+ASKED_BEYOND, ASKED_MOVED_M = 0.01, 0.5
+
+
+_NIS = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+_TIMES = 1 + len(MOVED_AT_SHARES)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a group, means and medians over its bags."""
+
+    used: float = 0.0  # share
+    roll_pitch_deg: tuple[float, float] = (math.inf, math.inf)
+    nis: tuple[float, float] = (0.0, math.inf)  # of positions, over degrees of freedom
+    cut_m: float = math.inf
+    within: float = 0.0  # share of the cuts within 3 sigma
+    sigma_m: float = math.inf
+
+
+#: Groups of which more is asked: the recordings of ../shared/real_flights.
+ASKED = {
+    "p4rtk, positions": Asked(0.0, (1.3, 1.6), (0.5, 1.5), 2.0, 0.95, 3.2),
+    "walk, positions, velocities": Asked(0.98, cut_m=0.4),
+}
+
+
+class _Table:
+    """Lines of text, and how many of their figures are missed."""
+
+    def __init__(self) -> None:
+        self.missed = 0
+
+    def row(self, name: str, cells: Sequence[str]) -> str:
+        return (f"{name:<46}" + "".join(f"{cell:>10}" for cell in cells)).rstrip()
+
+    def cell(
+        self, value: float, low: float = -math.inf, high: float = math.inf, digits: int = 2
+    ) -> str:
+        """A value, marked where it is not from ``low`` to ``high``; one that is absent is ``-``.
+
+        What is absent is missed where something is asked of it.
+        """
+        good = low <= value <= high or (math.isnan(value) and -low == high == math.inf)
+        self.missed += not good
+        text = "-" if math.isnan(value) else "none" if math.isinf(value) else f"{value:.{digits}f}"
+        return text + (" " if good else "!")
+
+
+def report(found: Sequence[Judged]) -> tuple[list[str], int]:
+    """The lines of the report, and the number of figures missed."""
+    table = _Table()
+    lines = [*_fixes(table, found), "", *_tilt(table, found), "", *_cuts(table, found)]
+    return lines, table.missed
+
+
+def _fixes(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+    yield f"fixes and poses later than {SETTLED_S:g} s; moved: by how much at the most a position"
+    yield f"moves them that is {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
+    yield table.row("", ["used ", "lost ", "resets ", "pose ", ">5 sigma ", "moved "])
+    yield table.row("", ["% ", "s ", "", "% ", "% ", "m "])
+    asked = [f">={100 * ASKED_USED_EACH:g} ", "0 ", "0 ", f">={100 * ASKED_POSE:g} ", ""]
+    yield table.row("asked of each bag", [*asked, f"<={ASKED_MOVED_M:g} "])
+    for each in found:
+        yield table.row(each.name, _of_bag(table, each))
+    for name, bags in groups(found).items():
+        least = ASKED.get(name, Asked()).used or -math.inf
+        yield table.row(_asked(name, least=least), _together(table, bags, least, math.inf))
+    yield table.row(
+        f"all (>={100 * ASKED_USED:g} %, >5 sigma <={100 * ASKED_BEYOND:g} %)",
+        _together(table, found, ASKED_USED, ASKED_BEYOND),
+    )
+
+
+def _asked(name: str, *, least: float) -> str:
+    return name if math.isinf(least) else f"{name} (>={100 * least:g} %)"
+
+
+def _of_bag(table: _Table, each: Judged) -> list[str]:
+    flown = each.flown
+    return [
+        table.cell(100 * each.used, 100 * ASKED_USED_EACH, digits=1),
+        table.cell(flown.lost_s, high=0.0, digits=1),
+        table.cell(flown.resets, high=0, digits=0),
+        table.cell(100 * flown.pose, 100 * ASKED_POSE, digits=1),
+        table.cell(100 * beyond([each])),
+        table.cell(max(each.moved_m), high=ASKED_MOVED_M),
+    ]
+
+
+def _together(table: _Table, bags: Sequence[Judged], used: float, most: float) -> list[str]:
+    share = used_of(bags)
+    cells = [table.cell(100 * share, 100 * used, digits=1), "", "", ""]
+    return [*cells, table.cell(100 * beyond(bags), high=100 * most)]
+
+
+_NIS = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+
+
+def _tilt(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+    yield "roll and pitch less the autopilot's, rms; NIS over its degrees of freedom"
+    yield table.row("", ["roll ", "pitch ", *("NIS " for _ in _NIS)])
+    yield table.row("", ["deg ", "deg ", "position ", "velocity ", "heading "])
+    for each in found:
+        values = [*each.tilt_deg, *(each.nis(source) for source in _NIS)]
+        yield table.row(each.name, [table.cell(value) for value in values])
+    for name, bags in groups(found).items():
+        asked = ASKED.get(name, Asked())
+        if any(_asked_tilt(asked)):
+            yield table.row(f"asked, {name}", _asked_tilt(asked))
+        tilt_deg, nis = mean_tilt_deg(bags), [mean_nis(bags, source) for source in _NIS]
+        cells = [
+            table.cell(value, high=most)
+            for value, most in zip(tilt_deg, asked.roll_pitch_deg, strict=True)
+        ]
+        low, high = asked.nis
+        judged = table.cell(nis[0], low, high) if math.isfinite(high) else table.cell(nis[0])
+        yield table.row(f"mean, {name}", [*cells, judged, *map(table.cell, nis[1:])])
+
+
+def _asked_tilt(asked: Asked) -> list[str]:
+    cells = [f"<={deg:g} " if math.isfinite(deg) else "" for deg in asked.roll_pitch_deg]
+    low, high = asked.nis
+    return [*cells, f"{low:g}..{high:g} " if math.isfinite(high) else ""]
+
+
+def _cuts(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+    yield f"RTK hidden for {CUT_S:g} s: the pose at the last hidden fix, medians, horizontal"
+    yield table.row("", ["cuts ", "error ", "<3 sigma ", "sigma "])
+    yield table.row("", ["", "m ", "% ", "m "])
+    for each in found:
+        yield table.row(each.name, _of_cuts(table, each.cuts, Asked()))
+    for name, bags in groups(found).items():
+        asked = ASKED.get(name, Asked())
+        if any(_asked_cuts(asked)):
+            yield table.row(f"asked, {name}", _asked_cuts(asked))
+        cuts = [cut for each in bags for cut in each.cuts]
+        yield table.row(f"all, {name}", _of_cuts(table, cuts, asked))
+
+
+def _asked_cuts(asked: Asked) -> list[str]:
+    error = f"<={asked.cut_m:g} " if math.isfinite(asked.cut_m) else ""
+    within = f">={100 * asked.within:g} " if asked.within else ""
+    sigma = f"<={asked.sigma_m:g} " if math.isfinite(asked.sigma_m) else ""
+    return ["", error, within, sigma]
+
+
+def _of_cuts(table: _Table, cuts: Sequence[Miss], asked: Asked) -> list[str]:
+    within = np.mean([cut.within(3) for cut in cuts]) if cuts else math.nan
+    return [
+        f"{len(cuts)} ",
+        table.cell(median([cut.error_m for cut in cuts]), high=asked.cut_m),
+        table.cell(100 * float(within), 100 * asked.within or -math.inf, digits=1),
+        table.cell(median([cut.sigma_m for cut in cuts]), high=asked.sigma_m),
+    ]
+
+
+def values_from(pairs: Sequence[Sequence[str]]) -> dict[str, object]:
+    """Parameters from pairs of name and value, as YAML writes it. Raises ConfigError."""
+    values = {name: _read(name, text) for name, text in pairs}
+    config_from(EkfConfig, values)
+    return values
+
+
+def _read(name: str, text: str) -> object:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise ConfigError(f"parameter {name}: {text!r} is not YAML") from None
+
+
+def bags_in(folder: Path) -> list[Path]:
+    """Return the bags of a folder that have an IMU, sorted. Raises TirgeoError where none has."""
+    paths = sorted(folder.glob("*.mcap"))
+    bags = [path for path in paths if "/imu/data" in BagReader(path).topics()]
+    if not bags:
+        raise TirgeoError(f"{folder}: no bags (*.mcap) with /imu/data in it")
+    return bags
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly and print."""
+    parser = argparse.ArgumentParser(prog="python -m dev.real_flights_table")
+    parser.add_argument("folder", type=Path, help="bags (*.mcap) of recorded flights")
+    parser.add_argument(
+        "--set",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("NAME", "VALUE"),
+        help="a parameter of ekf_node, its value as YAML writes it; may be repeated",
+    )
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    args = parser.parse_args(argv)
+    if args.workers < 1:
+        parser.error("at least one worker")
+    try:
+        values, bags = values_from(args.set), bags_in(args.folder)
+        with Progress("flying", "bags") as bar:
+            found = judge_all(bags, values, args.workers, bar)
+    except TirgeoError as error:
+        sys.stderr.write(f"real_flights_table: {error}\n")
+        return 1
+    lines, missed = report(found)
+    sys.stdout.write("\n".join([*lines, ""]))
+    if missed:
+        sys.stdout.write(f"{missed} figures are missed: marked with !\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""The aircraft's parameters from the filter's innovations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from aircraft_flights import AZIMUTH_DEG, TURNS, aircraft_samples, recorded, truth
+
+from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, longest_piece
+from tirgeo_ros.core.aircraft_calibration.fit import fit
+from tirgeo_ros.core.aircraft_calibration.parameters import (
+    AZIMUTH,
+    LIMITS,
+    PARAMETERS,
+    Floors,
+    configured,
+    reported_direction_rad,
+    restamped,
+    values_of_config,
+)
+from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
+
+SETTLED = 4.0  # sigma: one in 16 000 by chance
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return recorded(aircraft_samples(1, 70.0))
+
+
+@pytest.fixture(scope="module")
+def found(flight):
+    return fit(FlightRuns(flight, EkfConfig()), ())
+
+
+def errors(result):
+    told = [PARAMETERS.index(name) for name in result.told]
+    return ((result.values - truth()) / result.sigma)[told]
+
+
+@pytest.mark.slow
+def test_what_was_planted_is_found(found):
+    """Half a metre, 0.12 s and 25 deg off at the start."""
+    missing = set(PARAMETERS) - set(found.told)
+    assert missing <= {"baseline_elevation"}  # with the baseline along the nose: turns hide it
+    assert np.abs(errors(found)).max() < SETTLED
+    sigma = found.sigma[[PARAMETERS.index(name) for name in found.told]]
+    limits = LIMITS[[PARAMETERS.index(name) for name in found.told]]
+    assert (sigma < 0.5 * limits).all()
+
+
+@pytest.mark.slow
+def test_innovations_are_white_after_it_and_large_before(found):
+    """900 entries or more: their mean square is 1 to 5 % or so; headings have a floor."""
+    after, before = found.after.nis(), found.before.nis()
+    for source in (Source.RTK_POSITION, Source.RTK_VELOCITY):
+        assert after[source] == pytest.approx(1.0, abs=0.2)
+        assert before[source] > 5 * after[source]
+    assert 0.4 < after[Source.RTK_HEADING] < 1.0
+
+
+@pytest.mark.slow
+def test_slopes_are_those_of_runs_apart(flight):
+    """A run at a value a little off: its innovations lie along the slope.
+
+    Gains change with the antenna too, by which two slopes differ at random; 10 % is what that and
+    the transition's second order leave.
+    """
+    runs = FlightRuns(flight, EkfConfig())
+    start = runs.aligned(truth(), by_antennas=False)
+    here = runs.run(truth(), start, Floors())
+    for k, step in ((1, 0.02), (2, 0.02), (AZIMUTH, 0.005)):
+        off = truth()
+        off[k] += step
+        change = (runs.run(off, start, Floors()).error - here.error) / step
+        slope = here.slope[:, k]
+        assert change @ slope == pytest.approx(slope @ slope, rel=0.1)
+
+
+@pytest.mark.slow
+def test_what_is_held_stays(flight):
+    aircraft = AircraftConfig(rtk_antenna_m=(-0.1, 0.32, 0.38))
+    held = (*PARAMETERS[:3], "heading_delay", "baseline_elevation")
+    result = fit(FlightRuns(flight, EkfConfig(aircraft=aircraft)), held)
+    assert set(result.told) == set(PARAMETERS) - set(held)
+    assert result.values[:3].tolist() == [-0.1, 0.32, 0.38]
+    assert not set(held) & set(result.untold)
+
+
+@pytest.mark.slow
+def test_without_headings_and_velocities_the_rest_is_found(flight):
+    aids = [s for s in flight.aids if getattr(s, "source", None) is Source.RTK_POSITION]
+    result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
+    assert set(result.told) == {*PARAMETERS[:3], "position_delay"}
+    assert "no rtk/heading" in result.untold["baseline_azimuth"]
+    assert "no rtk/vel" in result.untold["velocity_delay"]
+    assert np.abs(errors(result)).max() < SETTLED
+
+
+@pytest.mark.slow
+def test_an_outlier_hardly_moves_it(flight, found):
+    aids = list(flight.aids)
+    for k in range(100, len(aids), 90):
+        if not isinstance(aids[k], HeadingSample) and aids[k].source is Source.RTK_POSITION:
+            aids[k] = replace(aids[k], height_m=aids[k].height_m + 3.0)
+    result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
+    told = [PARAMETERS.index(name) for name in found.told]
+    assert (np.abs(result.values - found.values)[told] < 2 * found.sigma[told]).all()
+
+
+@pytest.mark.slow
+def test_a_hover_tells_nothing():
+    still = recorded(aircraft_samples(2, 30.0, **{"route.hover_s": 600.0}))
+    result = fit(FlightRuns(still, EkfConfig()), ())
+    assert result.told == ()
+    assert "velocity varied by 0." in result.untold["position_delay"]
+    assert "turns of the nose" in result.untold["antenna_left"]
+    assert (result.values == result.first).all()
+
+
+@pytest.mark.slow
+def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
+    """Held at 25 deg off, the baseline would turn the antenna's place by as much: 13 cm."""
+    samples = aircraft_samples(3, 90.0, **{"route.shape": "hover"})
+    result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
+    assert {"antenna_forward", "antenna_left", "heading_delay"} <= set(result.told)
+    assert "baseline_azimuth" in result.untold
+    assert np.abs(errors(result)).max() < SETTLED
+
+
+@pytest.mark.slow
+def test_the_autopilots_attitude_is_not_needed():
+    samples = [
+        replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s
+        for s in aircraft_samples(4, 60.0, azimuth_deg=100.0, **TURNS)
+    ]
+    result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
+    assert "baseline_azimuth" in result.told
+    off = result.values[AZIMUTH] - math.radians(100.0)
+    assert abs(off) < SETTLED * result.sigma[AZIMUTH]
+
+
+def test_without_attitude_and_headings_it_says_what_is_missing(flight):
+    imu = [replace(sample, autopilot_q_nb=None) for sample in flight.imu[:500]]
+    aids = [s for s in flight.aids if not isinstance(s, HeadingSample)]
+    with pytest.raises(CalibrationError, match=r"does not start: needs .*orientation"):
+        fit(FlightRuns(replace(flight, imu=imu, aids=aids), EkfConfig()), ())
+
+
+def test_values_go_into_the_filter_and_its_samples(flight):
+    aircraft = AircraftConfig(
+        imu_m=(1.0, 0.0, 0.0), rtk_antenna_m=(1.1, 0.2, 0.3), second_antenna_m=(1.1, -0.8, 0.3)
+    )
+    config = EkfConfig(aircraft=aircraft)
+    values = values_of_config(config)
+    np.testing.assert_allclose(values[:3], (0.1, 0.2, 0.3), atol=1e-12)
+    np.testing.assert_allclose(values[3:5], (math.pi / 2, 0.0), atol=1e-12)
+    assert reported_direction_rad(config) == pytest.approx(math.pi / 2)
+    values[AZIMUTH] += 0.1
+    values[5] = 0.02
+    inside = configured(config, values, Floors(0.2))
+    assert inside.rtk.position_sigma_floor_m == 0.2
+    assert inside.aircraft.rtk_antenna_m == pytest.approx((0.1, 0.2, 0.3))
+    for before, after in zip(
+        flight.aids[:6], restamped(flight.aids[:6], values, math.pi / 2), strict=True
+    ):
+        if isinstance(before, HeadingSample):
+            assert after.heading_rad == pytest.approx(before.heading_rad - 0.1)
+        elif before.source is Source.RTK_POSITION:
+            assert before.stamp_ns - after.stamp_ns == 20_000_000
+        else:
+            assert before.stamp_ns == after.stamp_ns
+
+
+def test_the_longest_part_without_a_gap_is_taken(flight):
+    imu = [*flight.imu[:100], *flight.imu[150:400], *flight.imu[440:500]]
+    assert longest_piece(imu, 0.2) == (100, 350)
+    assert longest_piece(imu, 1.0) == (0, len(imu))
+
+
+def test_weights_fall_beyond_two_and_a_half_sigma():
+    assert huber_weight(2.4, 1.0) == 1.0
+    assert huber_weight(5.0, 1.0) == 0.5
+    assert huber_weight(5.0, 2.0) == 1.0
+
+
+def test_the_planted_direction_is_not_that_of_the_parameters():
+    assert abs(values_of_config(EkfConfig())[AZIMUTH]) < 1e-9 < math.radians(AZIMUTH_DEG)

@@ -1,0 +1,162 @@
+"""White noise of an IMU in flight, told between motion, lines and rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from imu_noise import pieces, white
+
+from tirgeo_ros.core.calibration.allan.flight_noise import (
+    MOTION_HZ,
+    PIECE_S,
+    PieceStream,
+    median_of_mean,
+    welch,
+)
+
+RATE_HZ = 200
+STEP_S = 1 / RATE_HZ
+DURATION_S = 120
+DENSITY = np.array([3e-3, 5e-3, 1.5e-3, 0.11, 0.07, 0.4])
+T_S = np.arange(DURATION_S * RATE_HZ) * STEP_S
+
+
+def noise(seed, density=DENSITY):
+    return white(np.random.default_rng(seed), (len(T_S), 6), density, STEP_S)
+
+
+def motion():
+    """(n, 6) turns and jolts of some hertz, many times the noise."""
+    turns = np.sin(2 * np.pi * np.outer(T_S, [0.31, 0.4, 0.2, 0.7, 1.1, 2.3]))
+    return turns * [0.8, 0.6, 0.3, 3.0, 2.0, 4.0] + [0, 0, 0, 0, 0, 9.8]
+
+
+def told(values, counts=None):
+    stream = PieceStream(STEP_S * 1e9)
+    for piece in pieces(values, (7000,), counts):
+        stream.add(piece)
+    return stream, stream.pieces()
+
+
+def sigma_of_floor(number):
+    """Relative, of the median of ``number`` pieces' floors.
+
+    The power at one frequency has ``degrees`` of freedom, the median of m of them pi/2 of the
+    variance of their mean, and neighbours under a Hann window (2/3)^2 and (1/6)^2 in common.
+    """
+    frequencies_hz, _, degrees = welch(np.zeros((PIECE_S * RATE_HZ, 1)), RATE_HZ, STEP_S)
+    bins = (frequencies_hz > MOTION_HZ).sum() / (1 + 2 * (4 / 9 + 1 / 36))
+    one = math.sqrt(math.pi / 2 * 2 / degrees / bins) / 2  # of the density: half of the power's
+    return one, one * math.sqrt(math.pi / 2 / number)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_known_noise_is_found_under_motion_and_lines(seed):
+    values = noise(seed) + motion()
+    values[:, 5] += 6.0 * np.sin(2 * np.pi * 61.3 * T_S)
+    values[:, 1] += 0.2 * np.sin(2 * np.pi * 33.0 * T_S)
+    _, found = told(values)
+    assert len(found.starts_s) == DURATION_S // PIECE_S
+    assert not found.at_rest.any()
+    one, of_median = sigma_of_floor(len(found.starts_s))
+    # 4 sigma on 18 axes; 3 % more where a line and its leakage take 5 of the 91 frequencies.
+    limit = 4 * of_median + 0.03
+    np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=limit)
+    spread = np.std(found.floors, axis=0) / DENSITY
+    np.testing.assert_allclose(spread, one, rtol=0.6)  # 40 pieces tell it to 11 %
+
+
+def test_second_differences_see_noise_and_lines_but_not_motion():
+    values = noise(4) + motion()
+    quiet = np.sqrt((told(values)[1].differences ** 2).mean(axis=0))
+    # Relative sigma of the power: sqrt(3.9 / n), for neighbours share 4/9 and 1/36 (squared).
+    np.testing.assert_allclose(quiet, DENSITY, rtol=4 * math.sqrt(3.9 / len(T_S)) / 2 + 0.01)
+    values[:, 5] += 6.0 * np.sin(2 * np.pi * 61.3 * T_S)
+    gain = (2 * math.sin(math.pi * 61.3 * STEP_S)) ** 4
+    expected = math.sqrt(DENSITY[5] ** 2 + 6.0**2 / 2 * gain * STEP_S / 6)
+    shaken = np.sqrt((told(values)[1].differences[:, 5] ** 2).mean())
+    assert shaken == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("frequency_hz", [20.0, 61.3, 88.8])
+def test_lines_are_found_with_frequency_and_amplitude(frequency_hz):
+    values = noise(5) + motion()
+    values[:, 3] += 2.0 * np.sin(2 * np.pi * frequency_hz * T_S)
+    _, found = told(values)
+    (line,) = found.lines(3)
+    assert line.channel == 3
+    assert line.frequency_hz == pytest.approx(frequency_hz, abs=0.2)
+    # The noise beneath is within 2 % of the line's power; the median takes it away but for its own
+    # scatter.
+    assert line.amplitude == pytest.approx(2.0, rel=0.02)
+    assert found.lines(4) == []
+
+
+def test_a_wandering_line_is_one():
+    values = noise(6)
+    hz = 50 + 4 * np.sin(2 * np.pi * T_S / 17)
+    values[:, 5] += 8.0 * np.sin(2 * np.pi * np.cumsum(hz) * STEP_S)
+    (line,) = told(values)[1].lines(5)
+    assert line.frequency_hz == pytest.approx(50, abs=0.5)
+    assert line.amplitude == pytest.approx(8.0, rel=0.03)
+
+
+def test_what_motion_leaves_above_eight_hertz_is_no_line():
+    values = noise(7)
+    values[:, 0] += np.cumsum(np.random.default_rng(1).standard_normal(len(T_S))) * 0.02
+    assert told(values)[1].lines(0) == []
+
+
+def test_rest_is_told_from_flight():
+    values = noise(8)
+    still = noise(9, np.repeat([1.7e-4, 1.3e-2], 3))
+    still += [0.01, -0.02, 0.005, 0.1, 0.2, 9.7]
+    values[: 60 * RATE_HZ] = still[: 60 * RATE_HZ]
+    _, found = told(values)
+    np.testing.assert_array_equal(found.at_rest, found.starts_s < 60)
+    rest = found.where(found.at_rest)
+    expected = np.repeat([1.7e-4, 1.3e-2], 3)
+    np.testing.assert_allclose(np.median(rest.floors, axis=0), expected, rtol=0.06)
+
+
+def test_idling_rotors_and_slow_turns_are_no_rest():
+    idling = noise(10, np.repeat([1.7e-4, 1.3e-2], 3))
+    idling[:, 5] += 9.8 + 1.5 * np.sin(2 * np.pi * 42 * T_S)
+    assert not told(idling)[1].at_rest.any()
+    turning = noise(11, np.repeat([1.7e-4, 1.3e-2], 3))
+    turning[:, 2] += 0.2
+    assert not told(turning)[1].at_rest.any()
+
+
+def test_vibration_is_what_a_moving_mean_leaves():
+    values = noise(12, 1e-3 * DENSITY) + motion()
+    values[:, 4] += 3.0 * np.sin(2 * np.pi * 40.0 * T_S)
+    _, found = told(values)
+    # The moving mean of 25 samples passes 1/25 at most of 40 Hz.
+    np.testing.assert_allclose(found.rms[:, 4], 3 / math.sqrt(2), rtol=0.05)
+    np.testing.assert_allclose(found.peaks[:, 4], 3.0, rtol=0.06)
+    assert found.rms[:, 0].max() < 0.05 * 0.8
+
+
+def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
+    values = noise(13)
+    counts = np.ones(len(values))
+    counts[np.random.default_rng(2).random(len(values)) < 0.005] = 0
+    counts[30 * RATE_HZ : 34 * RATE_HZ] = 0
+    stream, found = told(values, counts)
+    assert stream.skipped == 2
+    assert len(found.starts_s) == DURATION_S // PIECE_S - 2
+    # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
+    np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=0.045)
+
+
+def test_nothing_is_told_of_nothing():
+    _, found = told(noise(1)[: 2 * RATE_HZ])
+    assert found.floors.shape == (0, 6)
+
+
+def test_the_median_of_few_degrees_of_freedom_is_below_the_mean():
+    draws = np.random.default_rng(3).chisquare(9.6, 200_000) / 9.6
+    assert median_of_mean(9.6) == pytest.approx(np.median(draws), rel=0.005)

@@ -1,0 +1,158 @@
+"""Movement, drift and vibration in a record that ought to be one of rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from imu_noise import pieces, walk, white
+
+from tirgeo_ros.core.calibration.allan.spectral_lines import SpectrumStream
+from tirgeo_ros.core.calibration.allan.stillness import (
+    Interval,
+    Seconds,
+    SecondStream,
+    drifts,
+    largest_move,
+    longest_stillness,
+    movements,
+    settlings,
+)
+
+RATE_HZ = 100
+STEP_NS = 1e9 / RATE_HZ
+SIZE = 120_000  # 20 min
+NOISE = np.repeat([1.7e-4, 1.3e-2], 3)
+
+
+def rest(seed, size=SIZE):
+    rng = np.random.default_rng(seed)
+    values = white(rng, (size, 6), NOISE, 1 / RATE_HZ)
+    values[:, 5] += 9.8
+    return values
+
+
+def seconds_of(values):
+    stream = SecondStream(STEP_NS)
+    for piece in pieces(values):
+        stream.add(piece)
+    return stream.seconds()
+
+
+def lines_of(values):
+    stream = SpectrumStream(STEP_NS)
+    for piece in pieces(values, (5000,)):
+        stream.add(piece)
+    return stream.lines()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rest_is_rest(seed):
+    seconds = seconds_of(rest(seed))
+    assert len(seconds.starts_s) == 1200
+    assert movements(seconds) == []
+    assert not drifts(seconds)[1].any()
+    assert lines_of(rest(seed)) == []
+
+
+def test_seconds_are_means_and_scatters():
+    values = rest(1, 1000)
+    seconds = seconds_of(values)
+    np.testing.assert_allclose(seconds.means, values.reshape(10, 100, 6).mean(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(seconds.scatters, values.reshape(10, 100, 6).std(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(seconds.starts_s, np.arange(10.0))
+
+
+def test_a_turn_a_tilt_and_a_knock_are_named():
+    values = rest(2)
+    values[30_000:30_250, 2] += 0.05  # turned by 7 deg within 2.5 s
+    values[60_000:, 3] += 9.8 * np.sin(np.radians(2))  # laid down askew
+    values[90_050, 4] += 20.0  # a knock of one sample
+    found = movements(seconds_of(values))
+    assert found == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
+    # The turn by the means of seconds; the knock is one of a hundred samples of its second.
+    turned, pushed = largest_move(seconds_of(values), found)
+    assert turned == pytest.approx(0.05, abs=1e-3)
+    assert pushed == pytest.approx(20.0 / np.sqrt(100), rel=0.05)
+
+
+def test_a_flight_has_moved_all_along():
+    values = rest(4, 12_000)
+    values[:, 0] += 0.05 * np.sin(np.arange(12_000) / RATE_HZ)
+    assert movements(seconds_of(values)) == [Interval(0, 120)]
+    values = rest(4, 12_000)
+    values[:, :3] *= 30  # 0.3 deg/sqrt(s): the noisiest gyroscope on sale lies still
+    assert movements(seconds_of(values)) == []
+
+
+def test_the_longest_rest():
+    moved = [Interval(10, 20), Interval(500, 505)]
+    assert longest_stillness(moved, 0.0, 700.0) == (20, 500)
+    assert longest_stillness([], 5.0, 700.0) == (5, 700)
+
+
+def test_a_slow_drift_is_told_with_its_slope():
+    values = rest(3)
+    slope = 2e-5 / 60  # rad/s a second
+    values[:, 1] += slope * np.arange(SIZE) / RATE_HZ
+    slopes, steady = drifts(seconds_of(values))
+    assert steady.tolist() == [False, True, False, False, False, False]
+    # White noise of N lets a slope scatter by N sqrt(12 / T^3): 1.4e-8.
+    assert slopes[1] == pytest.approx(slope, abs=4 * 1.7e-4 * np.sqrt(12 / 1200**3))
+
+
+def test_few_random_walks_pass_for_a_drift():
+    """A slope explains nine tenths of one random walk in twenty or so."""
+    rng = np.random.default_rng(4)
+    steady = 0
+    for _ in range(60):
+        means = np.stack([walk(rng, 1200, 1.0, 1.0) for _ in range(6)], axis=1)
+        steady += drifts(Seconds(np.arange(1200.0), means, means))[1].sum()
+    assert steady < 0.2 * 360
+
+
+@pytest.mark.parametrize("time_s", [60.0, 200.0, 600.0])
+def test_a_sensor_that_warms_up_is_told_with_its_change(time_s):
+    values = rest(8)
+    t = np.arange(SIZE) / RATE_HZ
+    values[:, 2] -= 2e-3 * (1 - np.exp(-t / time_s))
+    change, settles = settlings(seconds_of(values))
+    assert settles.tolist() == [False, False, True, False, False, False]
+    # The time constants that are tried are up to 2^0.125 off: 10 % of the change at most.
+    assert change[2] == pytest.approx(-2e-3 * (1 - np.exp(-1200 / time_s)), rel=0.1)
+
+
+def test_noise_and_few_random_walks_pass_for_warming_up():
+    """Of pure random walks one in twenty; of white noise none."""
+    rng = np.random.default_rng(9)
+    assert not any(settlings(seconds_of(rest(seed)))[1].any() for seed in range(3))
+    found = 0
+    for _ in range(60):
+        means = np.stack([walk(rng, 1200, 1.0, 1.0) for _ in range(6)], axis=1)
+        found += settlings(Seconds(np.arange(1200.0), means, means))[1].sum()
+    assert found < 0.1 * 360
+
+
+def test_too_short_a_record_has_no_drift():
+    assert not settlings(seconds_of(rest(5, 3000)))[1].any()
+    slopes, steady = drifts(seconds_of(rest(5, 3000)))
+    assert not slopes.any()
+    assert not steady.any()
+    assert movements(Seconds.none()) == []
+
+
+@pytest.mark.parametrize("frequency_hz", [4.0, 12.5, 33.3])
+def test_a_vibration_is_found_with_frequency_and_amplitude(frequency_hz):
+    values = rest(6)
+    amplitude = 0.05
+    values[:, 4] += amplitude * np.sin(2 * np.pi * frequency_hz / RATE_HZ * np.arange(SIZE))
+    (line,) = lines_of(values)
+    assert line.channel == 4
+    assert line.frequency_hz == pytest.approx(frequency_hz, abs=RATE_HZ / 2048)
+    assert line.amplitude == pytest.approx(amplitude, rel=0.1)  # a Hann window's leak at the rim
+
+
+def test_flicker_and_walk_are_no_lines():
+    rng = np.random.default_rng(7)
+    values = rest(7)
+    values[:, :3] += np.stack([walk(rng, SIZE, 1e-4, 0.01) for _ in range(3)], axis=1)
+    assert lines_of(values) == []

@@ -1,0 +1,379 @@
+"""Boresight and latency from sightings: derivatives, the fit, its covariance, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.calibration.boresight.fit import LIMITS, fit, foreseen
+from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
+from tirgeo_ros.core.calibration.boresight.model import (
+    PARAMETERS,
+    Flight,
+    Sighting,
+    Stepped,
+    corrected_pose,
+    sights,
+)
+from tirgeo_ros.core.calibration.boresight.observability import check_numbers, doubt
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_euler,
+    quat_from_rotvec,
+    quat_multiply,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.camera_pose import Mount, NorthBias, from_joints
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import JointSample
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+USUAL = ("roll", "pitch", "yaw", "latency")
+LATENCY_S = 0.05
+POSE_SIGMA = np.array([0.01, 0.01, 0.02, *np.radians([0.1, 0.1, 0.2])])
+
+
+class Path:
+    """A camera 20 m up whose heading winds and whose tilt steps; the map's plane is the ground."""
+
+    def __init__(self, *, tilts_deg=(-30.0,), turning=True, speed_m_s=3.0, rpy_deg=(0, 0, 0)):
+        self.tilts, self.turning, self.speed = np.radians(tilts_deg), turning, speed_m_s
+        self.mount = Mount.from_config(
+            GimbalConfig(
+                boresight_rpy_deg=tuple(map(float, rpy_deg)),
+                aircraft=AircraftConfig(camera_from_pivot_m=(0.05, 0, 0)),
+            )
+        )
+        self.errors = None  # (6,) of the poses given out, by time
+        self.latency_s = LATENCY_S
+
+    def true_pose(self, t_s, swing_rad=0.0):
+        heading = 1.2 * math.sin(0.35 * t_s) + 0.4 * math.sin(1.1 * t_s) if self.turning else 0.3
+        tilt = self.tilts[int(t_s / 20) % len(self.tilts)]
+        place = np.array([self.speed * t_s, 4 * math.sin(0.2 * t_s) * self.turning, -20.0])
+        covariance = np.diag(POSE_SIGMA**2)
+        body = BodyPose(round(t_s * 1e9), place, np.eye(4)[0], covariance)
+        joints = JointSample(body.stamp_ns, heading + swing_rad, 0.0, float(tilt))
+        return from_joints(self.mount, body, joints)
+
+    def at(self, stamp_ns, swing_rad=0.0):
+        t_s = stamp_ns * 1e-9
+        around = [self.true_pose(t_s + step, swing_rad) for step in (-0.01, 0.0, 0.01)]
+        rates = CameraRates.between(around[0], around[2])
+        return self._wrong(around[1]), rates
+
+    def _wrong(self, pose):
+        if self.errors is None:
+            return pose
+        error = self.errors(pose.stamp_ns * 1e-9)
+        return dataclasses.replace(
+            pose,
+            position_n=pose.position_n - error[:3],
+            q_nc=quat_multiply(quat_from_rotvec(-error[3:]), pose.q_nc),
+        )
+
+
+STEP = math.radians(1.0)
+
+
+def flight_of(path, present_rpy_deg=(0, 0, 0), click_sigma_px=0.5, *, north=False):
+    """The flight as read with the present parameters; a step of north turns back by as much."""
+    return Flight(
+        XT2,
+        path.at,
+        np.radians(np.array(present_rpy_deg, float)),
+        LATENCY_S,
+        np.array([0.05, 0, 0]),
+        click_sigma_px,
+        {"gimbal_north": Stepped(lambda t: path.at(t, -STEP), STEP)} if north else {},
+    )
+
+
+def seen_by(path, rng, *, count=60, latency_s=LATENCY_S, sigma_px=0.5, span_s=60.0, area=1.0):
+    """Clicks by the true path: a point for every three, all over the picture."""
+    found = []
+    while len(found) < count:
+        t_s = float(rng.uniform(2.0, span_s))
+        uv = np.array([320, 330]) + area * rng.uniform([-270, -140], [270, 150])
+        pose = path.true_pose(t_s)
+        ray = matrix_from_quat(pose.q_nc) @ XT2.rays(uv)[0]
+        point_n = pose.position_n - ray * pose.position_n[2] / ray[2]
+        exposure_ns = round(t_s * 1e9)
+        stamp_ns = exposure_ns + round(latency_s * 1e9)
+        noise = sigma_px * rng.standard_normal(2)
+        found.append(Sighting(f"P{len(found) // 3}", stamp_ns, uv + noise, point_n))
+    return found
+
+
+def in_degrees(correction):
+    return np.degrees(correction[:3])
+
+
+def test_the_derivatives_are_those_of_differences():
+    rng = np.random.default_rng(1)
+    path = Path(tilts_deg=(-30, -50), rpy_deg=(3, -2, 4))
+    flight = flight_of(path, (3, -2, 4), north=True)
+    seen = seen_by(path, rng, count=12)
+    at = np.array([0.01, -0.02, 0.015, 0.01, 0.02, 0.0, 0.3])
+    design = sights(flight, seen, at).design
+    for k, name in enumerate(PARAMETERS):
+        step = np.zeros(7)
+        step[k] = 2e-3 if name == "latency" else 1e-4  # a stamp is whole nanoseconds
+        after, before = (sights(flight, seen, at + sign * step).residual for sign in (1, -1))
+        # the residual is observed less expected; a curve of 800 px/rad bends by less than 1e-3
+        slope = (before - after) / (2 * step[k])
+        scale = np.abs(slope).max() + 1e-9
+        # rates are means of 20 ms, in which the heading's own curve is 1e-3 of its slope
+        np.testing.assert_allclose(design[:, :, k] / scale, slope / scale, atol=5e-3)
+
+
+@settings(max_examples=5)
+@given(
+    present=st.tuples(*[st.floats(-8, 8)] * 3),
+    off=st.tuples(*[st.floats(-4, 4)] * 3),
+    late_s=st.floats(-0.1, 0.2),
+)
+def test_without_noise_the_truth_comes_out(present, off, late_s):
+    rng = np.random.default_rng(2)
+    true_rpy = np.add(present, off)
+    truth, now = Path(rpy_deg=true_rpy), Path(rpy_deg=present)
+    seen = seen_by(truth, rng, count=24, latency_s=LATENCY_S + late_s, sigma_px=0.0)
+    found = fit(flight_of(now, present), seen, USUAL)
+    assert found.used.all()
+    # the fit stops at a thousandth of its limits, and its last step is quadratic in that
+    np.testing.assert_allclose(np.add(present, in_degrees(found.correction)), true_rpy, atol=1e-3)
+    assert found.correction[3] == pytest.approx(late_s, abs=1e-4)
+    assert np.abs(found.after).max() < 0.02  # px
+    assert not found.correction[4:].any()
+
+
+def test_a_pose_under_a_correction_is_the_one_of_that_mount():
+    path, there = Path(rpy_deg=(1, 2, 3)), Path(rpy_deg=(4, -2, 5))
+    flight = flight_of(path, (1, 2, 3))
+    correction = np.array([*np.radians([3.0, -4.0, 2.0]), 0.02, 0.0, 0.0, 0.0])
+    pose, _ = corrected_pose(flight, 7_070_000_000, correction)
+    expected = there.true_pose(7.0)
+    np.testing.assert_allclose(pose.q_nc, expected.q_nc, atol=1e-12)
+    np.testing.assert_allclose(pose.position_n, expected.position_n, atol=1e-12)
+
+
+def errors_that_last(rng, time_s=4.0):
+    """Gauss-Markov errors of POSE_SIGMA, as functions of time."""
+    steps = np.arange(0.0, 100.0, 0.1)
+    values = np.empty((len(steps), 6))
+    values[0] = rng.standard_normal(6)
+    keep = math.exp(-0.1 / time_s)
+    for k in range(1, len(steps)):
+        values[k] = keep * values[k - 1] + math.sqrt(1 - keep**2) * rng.standard_normal(6)
+    return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_the_covariance_says():
+    squares = []
+    for seed in range(16):
+        rng = np.random.default_rng(100 + seed)
+        now = Path()
+        seen = seen_by(Path(rpy_deg=(1.0, -0.8, 1.5)), rng, count=30, latency_s=0.07)
+        now.errors = errors_that_last(rng)
+        found = fit(flight_of(now), seen, USUAL)
+        error = found.correction[:4] - [*np.radians([1.0, -0.8, 1.5]), 0.02]
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 4)
+    # A mean of 64 squares has a sigma of sqrt(2 / 64) = 0.18: three of them. The errors last 4 s
+    # and are taken for such of 5 s, by which the mean is a little less than 1.
+    assert 0.4 < float(np.mean(squares)) < 1.55
+
+
+def test_wrong_clicks_are_left_out_and_change_nothing():
+    rng = np.random.default_rng(5)
+    truth, flight = Path(rpy_deg=(1, -1, 2)), flight_of(Path())
+    seen = seen_by(truth, rng, latency_s=0.08)
+    wrong = list(seen)
+    wrong[4] = dataclasses.replace(seen[4], uv=seen[4].uv + np.array([45.0, -30.0]))  # a mis-click
+    wrong[17] = dataclasses.replace(seen[17], point_n=seen[50].point_n)  # another point's id
+    wrong[30] = dataclasses.replace(seen[30], stamp_ns=seen[30].stamp_ns + 1_500_000_000)
+    behind = seen[40].point_n - [300.0, 0, 0]
+    wrong[40] = dataclasses.replace(seen[40], point_n=behind)  # never in view
+    found, clean = fit(flight, wrong, USUAL), fit(flight, seen, USUAL)
+    assert np.flatnonzero(~found.used).tolist() == [4, 17, 30, 40]
+    assert np.isnan(found.after[40]).all() or np.abs(found.after[40]).max() > 100
+    # four of sixty left out: the estimate moves by less than a sigma
+    apart = (found.correction - clean.correction)[:4] / np.sqrt(np.diag(clean.covariance))
+    assert np.abs(apart).max() < 1
+    assert np.isfinite(found.covariance).all()
+
+
+def test_too_many_wrong_clicks_are_refused():
+    rng = np.random.default_rng(6)
+    seen = seen_by(Path(), rng)
+    for k in range(0, 60, 2):
+        seen[k] = dataclasses.replace(seen[k], uv=rng.uniform([0, 0], [640, 512]))
+    with pytest.raises(CalibrationError, match=r"agree with each other|does not settle"):
+        fit(flight_of(Path()), seen, USUAL)
+
+
+def test_points_never_in_view_are_refused():
+    rng = np.random.default_rng(6)
+    seen = [
+        dataclasses.replace(one, point_n=one.point_n - [500, 0, 0]) for one in seen_by(Path(), rng)
+    ]
+    with pytest.raises(CalibrationError, match="no observed point is in view"):
+        fit(flight_of(Path()), seen, USUAL)
+
+
+@pytest.mark.slow
+def test_the_estimate_without_a_point_is_the_fit_without_it():
+    rng = np.random.default_rng(7)
+    flight, seen = flight_of(Path()), seen_by(Path(rpy_deg=(1, -1, 2)), rng, latency_s=0.07)
+    found = fit(flight, seen, USUAL)
+    for name in ("P0", "P7", "P19"):
+        others = fit(flight, [one for one in seen if one.id != name], USUAL)
+        sigma = np.sqrt(np.diag(others.covariance))
+        apart = (found.by_point[name] - others.correction)[:4] / sigma
+        assert np.abs(apart).max() < 0.05  # one step from a place a fraction of a sigma away
+        assert np.abs(found.by_point[name] - found.correction).max() > 0
+
+
+def test_ground_errors_are_small_after_and_large_before():
+    rng = np.random.default_rng(8)
+    plane = TangentPlane(0.7, 2.0, 0.0)
+    flight, seen = flight_of(Path()), seen_by(Path(rpy_deg=(1, -1, 2)), rng, latency_s=0.07)
+    found = fit(flight, seen, USUAL)
+    nothing = dict.fromkeys(found.by_point, np.zeros(7))
+    before = rmse_m(ground_errors(flight, plane, seen, nothing))
+    after = rmse_m(ground_errors(flight, plane, seen, dict.fromkeys(nothing, found.correction)))
+    others = rmse_m(ground_errors(flight, plane, seen, found.by_point))
+    # 2.4 deg at 30 to 60 m; half a pixel of 1/800 rad at up to 60 m, stretched by up to 3
+    assert before > 1.0
+    assert after < others < 0.1
+
+
+def doubt_of(path, seen, names):
+    flight = flight_of(path, north="gimbal_north" in names)
+    return doubt(flight, seen, names, foreseen(flight, seen, names))
+
+
+@pytest.mark.slow
+def test_norths_at_one_tilt_are_refused_and_told_at_two():
+    rng = np.random.default_rng(9)
+    names = (*USUAL, "gimbal_north")
+    found = doubt_of(Path(), seen_by(Path(), rng), names)
+    assert found is not None
+    assert set(found.names) == {"roll", "yaw", "gimbal_north"}
+    assert "tilt varied by 0.0 deg" in str(found)
+    assert "--hold gimbal_north" in str(found)
+    two = {"tilts_deg": (-30.0, -60.0)}
+    now, truth = Path(**two), Path(**two, rpy_deg=(1, -1, 2))
+    seen = seen_by(truth, rng, count=120)
+    assert doubt_of(now, seen, names) is None
+    turned = flight_of(now, north=True)
+    # the flight as read is turned by 2 deg of north that the truth does not have
+    turned = dataclasses.replace(
+        turned,
+        poses=lambda t: now.at(t, 2 * STEP),
+        stepped={"gimbal_north": Stepped(lambda t: now.at(t, STEP), STEP)},
+    )
+    result = fit(turned, seen, names)
+    error = np.degrees(result.correction[[0, 1, 2, 4]]) - [1, -1, 2, 2]
+    sigma = np.degrees(np.sqrt(np.diag(result.covariance))[[0, 1, 2, 4]])
+    assert (np.abs(error) < 4 * sigma).all()
+    assert (sigma < 0.3).all()
+
+
+def test_both_norths_are_refused():
+    path = Path(tilts_deg=(-30, -60))
+    flight = flight_of(path, north=True)
+    same = flight.stepped["gimbal_north"]
+    flight = dataclasses.replace(flight, stepped={"gimbal_north": same, "heading_offset": same})
+    names = (*USUAL, "gimbal_north", "heading_offset")
+    seen = seen_by(path, np.random.default_rng(9))
+    found = doubt(flight, seen, names, foreseen(flight, seen, names))
+    assert "gimbal_north and heading_offset cannot be told apart: both turn" in str(found)
+
+
+def test_a_parameter_that_moves_nothing_is_said_to_be_idle():
+    found = doubt_of(Path(), seen_by(Path(), np.random.default_rng(9)), ("yaw", "heading_offset"))
+    assert found is not None
+    assert str(found).startswith("heading_offset cannot be found: nothing that this flight's")
+
+
+def test_an_error_of_ten_degrees_is_found_too():
+    # a fifth of the points is then expected beside the picture, some beyond the lens model
+    truth, rng = Path(rpy_deg=(6.0, -7.0, 10.0)), np.random.default_rng(12)
+    found = fit(flight_of(Path()), seen_by(truth, rng, latency_s=0.3), USUAL)
+    error = found.correction[:4] - [*np.radians([6.0, -7.0, 10.0]), 0.25]
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert found.used.sum() >= 59  # of 60
+
+
+def test_a_hover_that_does_not_turn_shows_no_latency():
+    path = Path(turning=False, speed_m_s=0.0)
+    found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
+    assert found is not None
+    assert found.names == ("latency",)
+    assert "latency cannot be found: the camera moved alike in all pictures" in str(found)
+    assert doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL[:3]) is None
+
+
+def test_a_height_of_points_in_a_row_of_the_picture_is_refused():
+    path = Path()
+    rng = np.random.default_rng(11)
+    # all at the same depression: a height and a pitch move them alike
+    seen = seen_by(path, rng, area=0.02)
+    found = doubt_of(path, seen, (*USUAL, "ground_height"))
+    assert found is not None
+    assert {"pitch", "ground_height"} <= set(found.names) or "roll" in found.names
+
+
+@pytest.mark.parametrize(("points", "pictures"), [(1, 60), (2, 60), (20, 1), (20, 2)])
+def test_few_points_or_pictures_are_refused(points, pictures):
+    seen = [
+        Sighting(f"P{k % points}", 10**9 * (k % pictures), np.zeros(2), np.zeros(3))
+        for k in range(60)
+    ]
+    with pytest.raises(CalibrationError, match=f"{points} surveyed points in {pictures} pictures"):
+        check_numbers(seen)
+
+
+def test_an_unknown_north_is_taken_out_of_the_covariance():
+    from tirgeo_ros.core.gimbal.camera_pose import from_reported  # noqa: PLC0415
+    from tirgeo_ros.core.types.measurements import CameraAttitudeSample  # noqa: PLC0415
+
+    aircraft = AircraftConfig(camera_from_pivot_m=(0.3, -0.2, 0.1))
+    config = GimbalConfig(aircraft=aircraft, boresight_rpy_deg=(1.0, 2.0, 3.0))
+    body = BodyPose(0, np.zeros(3), quat_from_euler(0.1, 0.05, 2.0), np.diag(POSE_SIGMA**2))
+    reported = CameraAttitudeSample(0, quat_from_euler(0.0, -0.5, 2.1))
+    known, unknown = (
+        from_reported(
+            Mount.from_config(config), body, body.q_nb, reported, NorthBias(0.0, variance)
+        )
+        for variance in (0.0, 0.003)
+    )
+    assert isinstance(known, CameraPose)
+    assert isinstance(unknown, CameraPose)
+    still = CameraRates(np.zeros(3), np.zeros(3))
+    flight = dataclasses.replace(
+        flight_of(Path()),
+        poses=lambda _: (unknown, still),
+        stepped={},
+        boresight_rpy_rad=np.radians([1.0, 2.0, 3.0]),
+        camera_offset_g=aircraft.camera_from_pivot_g,
+        north_variance=0.003,
+    )
+    pose, _ = corrected_pose(flight, 0, np.zeros(7))
+    np.testing.assert_allclose(pose.covariance, known.covariance, atol=1e-12)
+
+
+def test_the_limits_are_in_the_order_of_the_parameters():
+    by_name = dict(zip(PARAMETERS, LIMITS.tolist(), strict=True))
+    assert by_name["latency"] == pytest.approx(0.02)
+    assert by_name["ground_height"] == pytest.approx(0.2)
+    assert by_name["yaw"] == pytest.approx(math.radians(0.3))

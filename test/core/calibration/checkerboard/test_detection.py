@@ -1,0 +1,173 @@
+"""Boards in thermal pictures: found whatever their polarity, refused with the right reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from bad_boards import bad_boards
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, board_of
+from tirgeo_ros.core.calibration.checkerboard.detection import find_board
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.frames.rotations import rotation_z
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views
+
+BOARD = Checkerboard(9, 6, 0.1)
+LOOK = BoardLook()
+
+
+def off_px(found, truth):
+    """Root mean square from the true corners, counted from either end."""
+    return min(np.sqrt(((found.corners_px - c) ** 2).mean()) for c in (truth, truth[::-1]))
+
+
+LOOKS = {
+    "cold foil": LOOK,
+    "warm foil": replace(LOOK, board=LOOK.foil, foil=LOOK.board),
+    "faint, one grey value of noise": replace(
+        LOOK, foil=LOOK.board - 9, unevenness=1.0, noise=1.0
+    ),
+    "noisy": replace(LOOK, noise=4.0),
+    "out of focus": replace(LOOK, blur_px=2.0),
+    "vignette": replace(LOOK, vignetting=0.5),
+    "from warm to cold": replace(LOOK, gradient=30.0),
+    "16 bit": replace(LOOK, bits=16),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
+def test_boards_are_found_whatever_they_look_like(look):
+    for view in board_views(XT2, BOARD, 2, 7, look):
+        found = find_board(view.image, BOARD)
+        assert isinstance(found, Sighting), found
+        assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
+        assert found.sigma_px < 0.15
+
+
+def test_a_hot_spot_does_not_hide_a_16_bit_board():
+    view = board_views(XT2, BOARD, 1, 7, replace(LOOK, bits=16))[0]
+    image = view.image.copy()
+    image[5:80, 5:80] = 60000
+    assert off_px(find_board(image, BOARD), view.corners_px) < 0.1
+
+
+def test_a_large_picture_is_searched_in_small_and_fitted_as_it_is():
+    camera = Camera(1400, 1120, 1750.0, 1750.0, 705.0, 552.0)
+    view = board_views(camera, BOARD, 1, 7, parts=1)[0]
+    found = find_board(view.image, BOARD)
+    assert isinstance(found, Sighting), found
+    assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
+
+
+def test_colour_pictures_are_read_as_grey():
+    view = board_views(XT2, BOARD, 1, 7)[0]
+    found = find_board(cv2.cvtColor(view.image, cv2.COLOR_GRAY2BGR), BOARD)
+    assert off_px(found, view.corners_px) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("columns", "rows"), [(9, 6), (8, 6), (4, 3)])
+@pytest.mark.parametrize("turn", [0.1, 3.1])
+def test_the_order_is_right_handed_and_tells_which_end_is_dark(columns, rows, turn):
+    board = Checkerboard(columns, rows, 0.1)
+    rotation = rotation_z(turn)
+    position = np.array([0, 0, 2.2]) - rotation @ board.points_m.mean(0)
+    rng = np.random.default_rng(3)
+    view = BoardRenderer(XT2, board).view(rotation, position, LOOK, rng)
+    found = find_board(view.image, board)
+    assert isinstance(found, Sighting), found
+    grid = found.corners_px.reshape(rows, columns, 2)
+    along, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+    assert along[0] * down[1] - along[1] * down[0] > 0
+    # The foil, which is darker, is diagonally outside the board's own first corner.
+    own = np.argmin(np.hypot(*(found.corners_px - view.corners_px[0]).T))
+    assert found.dark_first == (parity(board)[own] == 0)
+
+
+def parity(board):
+    return board.grid.sum(1) % 2
+
+
+@pytest.fixture(scope="module")
+def found_in_bad():
+    """By name, what is found in each of the bad pictures."""
+    return {name: find_board(image, BOARD) for name, image in bad_boards(XT2, BOARD).items()}
+
+
+@pytest.mark.slow
+def test_none_of_twenty_bad_pictures_is_taken(found_in_bad):
+    assert len(found_in_bad) == 20
+    assert [n for n, found in found_in_bad.items() if isinstance(found, Sighting)] == []
+
+
+EXPECTED = {
+    "half out to the left": Reason.PARTIAL,
+    "larger board": Reason.OTHER_BOARD,
+    "out of focus": Reason.BLURRED,
+    "overexposed": Reason.NO_BOARD,
+    "a finger on one corner": Reason.COVERED,
+    "torn": Reason.UNEVEN,
+    "windows of a house": Reason.NO_BOARD,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "reason"), EXPECTED.items())
+def test_the_reason_is_told(found_in_bad, name, reason):
+    found = found_in_bad[name]
+    assert isinstance(found, Refused)
+    assert found.reason is reason, found
+    assert found.detail
+
+
+def test_a_moderate_motion_is_told_from_a_blur():
+    look = replace(LOOK, motion_px=(10.0, 0.0))
+    position = np.array([0, 0, 2.0]) - BOARD.points_m.mean(0)
+    view = BoardRenderer(XT2, BOARD).view(np.eye(3), position, look, np.random.default_rng(5))
+    found = find_board(view.image, BOARD)
+    assert isinstance(found, Refused)
+    assert found.reason is Reason.SMEARED, found
+
+
+def test_small_and_steep_boards_are_refused():
+    draw = BoardRenderer(XT2, BOARD)
+    rng = np.random.default_rng(4)
+    far = draw.view(np.eye(3), np.array([-0.4, -0.25, 10.5]), replace(LOOK, noise=0.5), rng)
+    found = find_board(far.image, BOARD)
+    assert isinstance(found, Refused)
+    assert found.reason in {Reason.SMALL, Reason.PARTIAL, Reason.NO_BOARD}
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((512, 640), np.uint8), np.full((64, 80), 9, np.uint16)]
+)
+def test_empty_pictures_show_no_board(image):
+    found = find_board(image, BOARD)
+    assert isinstance(found, Refused)
+    assert found.reason is Reason.NO_BOARD
+
+
+def test_boards_are_read_from_text():
+    assert board_of("9x6", 0.1) == BOARD
+    assert board_of(" 9 X 6 ", 0.1) == BOARD
+
+
+@pytest.mark.parametrize(
+    ("text", "square", "message"),
+    [
+        ("9", 0.1, "give inner corners as COLUMNSxROWS"),
+        ("9x-6", 0.1, "give inner corners as COLUMNSxROWS"),
+        ("9x2", 0.1, "it needs 3 to 100 inner corners"),
+        ("9x6", 0.0, "its side must be positive"),
+        ("9x6", float("nan"), "its side must be positive"),
+    ],
+)
+def test_wrong_boards_are_refused(text, square, message):
+    with pytest.raises(CalibrationError, match=message):
+        board_of(text, square)

@@ -1,0 +1,142 @@
+"""Lenses from corners that are known to a figure: values, honest sigmas, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensModel, fit_lens
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Sighting
+from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.tools.simulate.board import calibration_poses
+
+BOARD = Checkerboard(9, 6, 0.1)
+SIZE = XT2.width, XT2.height
+TRUTH = np.array([XT2.fx, XT2.fy, XT2.cx, XT2.cy, *XT2.distortion])
+
+
+def sighting(uv, blur_px=1.0):
+    return Sighting(uv, 0.05, np.full(2, blur_px), 30.0, 20.0, dark_first=True)
+
+
+def views_of(count, seed, sigma_px=0.05, camera=XT2, tilt_deg=45.0):
+    rng = np.random.default_rng(seed)
+    made = {}
+    for rotation, position in calibration_poses(camera, BOARD, count, rng, tilt_deg):
+        uv = camera.project(BOARD.points_m @ rotation.T + position)[0]
+        made[f"v{len(made)}"] = sighting(uv + rng.normal(0, sigma_px, uv.shape))
+    return made
+
+
+def test_exact_corners_give_the_exact_lens():
+    fit = fit_lens(views_of(10, 1, sigma_px=0.0), BOARD, SIZE)
+    # OpenCV takes corners in single precision: 3e-5 px at 640.
+    assert fit.values == pytest.approx(TRUTH, rel=1e-4, abs=1e-4)
+    assert fit.rms_px < 1e-4
+    assert fit.camera.distortion == tuple(fit.values[4:])
+
+
+@pytest.mark.slow
+def test_errors_over_sigmas_are_those_of_a_normal_distribution():
+    fits = [fit_lens(views_of(15, seed), BOARD, SIZE) for seed in range(20)]
+    z = np.array([(fit.values - TRUTH) / fit.sigma for fit in fits])
+    # The mean of 160 squares, some of them correlated: 1 +- 0.2 or so.
+    assert 0.6 < (z**2).mean() < 1.6
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_noisier_view_weighs_in_its_own_variance():
+    views = views_of(15, 3)
+    rng = np.random.default_rng(5)
+    for name in ("v0", "v1"):
+        noisy = views[name].corners_px + rng.normal(0, 0.1, (BOARD.count, 2))
+        views[name] = replace(views[name], corners_px=noisy)
+    calm, rough = fit_lens(views_of(15, 3), BOARD, SIZE), fit_lens(views, BOARD, SIZE)
+    assert (rough.sigma > calm.sigma).all()
+
+
+def test_views_that_do_not_fit_leave_with_their_reason():
+    views = views_of(14, 2)
+    bent = views["v3"].corners_px.copy()
+    bent[:, 1] += 3.0 * np.sin(bent[:, 0] / 60)  # a board that is not flat
+    views["v3"] = sighting(bent)
+    views["v7"] = sighting(views["v7"].corners_px * [1.0, 1.04])  # a board of other squares
+    fit = fit_lens(views, BOARD, SIZE)
+    assert set(fit.refused) == {"v3", "v7"}
+    assert {refused.reason for refused in fit.refused.values()} == {Reason.OUTLIER}
+    assert np.abs((fit.values - TRUTH) / fit.sigma).max() < 4
+
+
+def test_k3_and_the_rational_model_are_found_on_request():
+    with_k3 = replace(XT2, distortion=(-0.30, 0.20, 0.001, -0.002, -0.15))
+    fit = fit_lens(views_of(25, 4, camera=with_k3), BOARD, SIZE, LensModel(k3=True))
+    assert fit.names[-1] == "k3"
+    assert np.abs((fit.values[4:] - with_k3.distortion) / fit.sigma[4:]).max() < 4
+    rational = fit_lens(views_of(25, 4, camera=with_k3), BOARD, SIZE, LensModel("rational"))
+    assert len(rational.values) == len(rational.sigma) == 12
+    # Another formula of the same lens: the same pixels, but for the less certain middle.
+    rays = np.array([[0.2, 0.1, 1.0], [-0.3, 0.2, 1.0], [0.0, -0.25, 1.0]])
+    there, here = with_k3.project(rays)[0], rational.camera.project(rays)[0]
+    assert there == pytest.approx(here, abs=4 * rational.sigma[2:4].max())
+
+
+def test_few_views_are_refused():
+    with pytest.raises(CalibrationError, match="3 usable views are left, 4 are the fewest"):
+        fit_lens(views_of(3, 1), BOARD, SIZE)
+
+
+def test_views_from_straight_ahead_are_refused():
+    with pytest.raises(CalibrationError, match="tilt the board by 20 to 45 deg"):
+        fit_lens(views_of(8, 1, tilt_deg=2.0), BOARD, SIZE)
+
+
+def test_too_few_good_views_are_left():
+    views = views_of(4, 1)
+    views["v0"] = sighting(views["v0"].corners_px * [1.0, 1.3])
+    with pytest.raises(CalibrationError, match=r"3 usable views are left after 1 that do not fit"):
+        fit_lens(views, BOARD, SIZE)
+
+
+def test_an_unknown_model_is_refused():
+    with pytest.raises(CalibrationError, match="'fisheye': use plumb_bob or rational"):
+        LensModel("fisheye")
+
+
+def test_of_like_views_the_sharpest_stays():
+    views = views_of(4, 6)
+    again = views["v1"].corners_px[::-1] + 0.5  # counted from the other end
+    views["again"] = replace(views["v1"], corners_px=again, sigma_px=0.01)
+    refused = doubtful_views(views, 640)
+    assert set(refused) == {"v1"}
+    assert refused["v1"].reason is Reason.DUPLICATE
+
+
+def test_a_view_that_is_blurred_beside_the_others_is_refused():
+    views = views_of(5, 7)
+    views["v2"] = replace(views["v2"], blur_px=np.array([1.0, 2.2]))
+    refused = doubtful_views(views, 640)
+    assert {name: why.reason for name, why in refused.items()} == {"v2": Reason.BLURRED}
+    assert doubtful_views({}, 640) == {}
+
+
+def test_the_most_different_views_are_chosen():
+    views = views_of(6, 8)
+    crowd = {
+        f"c{i}": replace(views["v0"], corners_px=views["v0"].corners_px + 4.0 * i)
+        for i in range(5)
+    }
+    chosen = most_distinct(views | crowd, 6)
+    assert len(chosen) == 6
+    assert len([name for name in chosen if name.startswith("c") or name == "v0"]) <= 2
+
+
+def test_a_narrow_camera_of_another_size():
+    camera = Camera(320, 256, 600.0, 600.0, 158.0, 130.0, (-0.1, 0.05, 0.001, 0.0))
+    fit = fit_lens(views_of(15, 9, camera=camera), BOARD, (320, 256))
+    truth = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
+    assert np.abs((fit.values - truth) / fit.sigma).max() < 4

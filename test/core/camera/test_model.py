@@ -1,0 +1,193 @@
+"""The camera against OpenCV's own projection, its inverse, and the limits of its lens."""
+
+import contextlib
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.camera.model import NEAR_M, XT2, Camera
+from tirgeo_ros.core.types.errors import CameraError
+
+BROWN = (-0.28, 0.09, 0.001, -0.0005)
+BROWN5 = (-0.31, 0.12, 0.0004, 0.0006, -0.02)
+RATIONAL = (0.9, 0.3, 0.0006, -0.0004, 0.01, 1.25, 0.55, 0.06)
+FOLDING = (-0.30, 0.0, 0.0, 0.0)  # 1 - 0.9 r^2 = 0 at r = 1.0541
+CAMERAS = [
+    Camera(640, 512, 800.0, 790.0, 320.0, 255.0),
+    XT2,
+    Camera(640, 512, 420.0, 425.0, 318.0, 250.0, BROWN),
+    Camera(800, 600, 600.0, 605.0, 390.0, 310.0, BROWN5),
+    Camera(1280, 720, 600.0, 601.0, 640.0, 350.0, RATIONAL),
+]
+EACH = pytest.mark.parametrize("camera", CAMERAS, ids=["pinhole", "xt2", "k2", "k3", "rational"])
+# A pixel coordinate near 1e3 in float64 is known to 1e-13; the sums add less than a hundred such.
+PIXEL = 1e-9
+
+
+def points_ahead(count, seed, half_width=0.6):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.5, 200.0, (count, 1))
+    return np.hstack([rng.uniform(-half_width, half_width, (count, 2)) * depth, depth])
+
+
+def by_opencv(camera, points_c):
+    distortion = np.array(camera.distortion or (0.0, 0.0, 0.0, 0.0))
+    zero = np.zeros(3)
+    return cv2.projectPoints(points_c, zero, zero, camera.matrix, distortion)[0].reshape(-1, 2)
+
+
+@EACH
+@pytest.mark.parametrize("count", [1, 2, 3, 5000, 20_000])  # 3: a transpose would pass unseen
+def test_projects_as_opencv(camera, count):
+    points_c = points_ahead(count, seed=count)
+    uv, valid = camera.project(points_c)
+    radius = np.hypot(points_c[:, 0], points_c[:, 1]) / points_c[:, 2]
+    assert uv.shape == (count, 2)
+    np.testing.assert_array_equal(valid, radius <= camera.max_radius)
+    np.testing.assert_allclose(uv[valid], by_opencv(camera, points_c)[valid], rtol=0, atol=PIXEL)
+    assert np.isnan(uv[~valid]).all()
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS, Camera(640, 512, 800, 800, 320, 256, FOLDING)])
+def test_the_ray_of_one_pixel_is_that_among_many(camera):
+    rng = np.random.default_rng(6)
+    uv = rng.uniform(-400, 1400, (300, 2))
+    odd = [np.nan, np.inf, -np.inf, 1e300, -1e9, camera.cx]
+    uv = np.vstack([uv, [[camera.cx, camera.cy]], [[u, v] for u in odd for v in odd]])
+    with np.errstate(invalid="ignore"):
+        many = camera.rays(uv)
+        single = np.vstack([camera.rays(one) for one in uv])
+    # Of many pixels each goes as often round as the farthest from its root: the last step is one
+    # of rounding. nan at the same ones.
+    np.testing.assert_allclose(single, many, rtol=0, atol=1e-13)
+    assert 50 < np.isfinite(single[:, 0]).sum() < 330
+
+
+@EACH
+def test_rays_invert_the_projection_over_the_whole_image(camera):
+    columns, rows = np.meshgrid(
+        np.linspace(-0.5, camera.width - 0.5, 161), np.linspace(-0.5, camera.height - 0.5, 121)
+    )
+    uv = np.column_stack([columns.ravel(), rows.ravel()])
+    rays = camera.rays(uv)
+    assert (rays[:, 2] == 1.0).all()
+    back, valid = camera.project(rays)
+    assert valid.all()
+    np.testing.assert_allclose(back, uv, rtol=0, atol=PIXEL)
+
+
+@EACH
+@given(u=st.floats(-1e9, 1e9), v=st.floats(-1e9, 1e9))
+def test_a_ray_is_right_or_absent(camera, u, v):
+    ray = camera.rays(np.array([[u, v]]))
+    if np.isnan(ray).any():
+        assert np.isnan(ray).all()
+        assert not (-0.5 <= u <= camera.width - 0.5 and -0.5 <= v <= camera.height - 0.5)
+    else:
+        back, valid = camera.project(ray)
+        assert valid.all()
+        np.testing.assert_allclose(back, [[u, v]], rtol=0, atol=PIXEL)
+
+
+@EACH
+@given(x=st.floats(), y=st.floats(), z=st.floats(max_value=NEAR_M) | st.just(math.nan))
+def test_nothing_at_or_behind_the_lens_is_valid(camera, x, y, z):
+    uv, valid = camera.project(np.array([[x, y, z]]))
+    assert not valid[0]
+    assert np.isnan(uv).all()
+
+
+@given(x=st.floats(-1e300, 1e300), y=st.floats(-1e300, 1e300), z=st.floats(NEAR_M, 1e300))
+def test_valid_pixels_stay_near_the_image(x, y, z):
+    uv, valid = XT2.project(np.array([[x, y, z]]))
+    # 1.1 times the corner's radius moves the corner's 420 px by about 12 % with this lens.
+    assert not valid[0] or (np.abs(uv - [320, 256]) < 600).all()
+
+
+def test_the_fold_of_a_lens_is_its_limit():
+    camera = Camera(640, 512, 400.0, 400.0, 319.5, 255.5, FOLDING)
+    assert camera.max_radius == pytest.approx(0.98 / math.sqrt(0.9), rel=1e-12)
+    radius = np.linspace(0, camera.max_radius, 200)
+    uv, valid = camera.project(np.column_stack([radius, 0 * radius, 1 + 0 * radius]))
+    assert valid.all()
+    assert (np.diff(uv[:, 0]) > 0).all()
+    beyond = np.array([[1.01 * camera.max_radius, 0.0, 1.0], [3.0, 0.0, 1.0]])
+    assert not camera.project(beyond)[1].any()
+
+
+def test_the_corner_is_the_limit_of_a_lens_that_does_not_fold():
+    camera = CAMERAS[0]
+    corner = math.hypot(320.5 / 800, 256.5 / 790)  # (-0.5, 511.5) from (320, 255)
+    assert camera.max_radius == pytest.approx(1.1 * corner, rel=1e-12)
+
+
+@given(
+    k=st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8),
+    few=st.sampled_from([4, 5, 8]),
+)
+def test_the_distorted_radius_grows_up_to_the_limit(k, few):
+    k = [*k[:2], 0.0, 0.0, *k[4:]][:few]
+    with contextlib.suppress(CameraError):  # of a lens that folds within the image
+        camera = Camera(640, 512, 500.0, 500.0, 319.5, 255.5, tuple(k))
+        assert_grows(camera)
+
+
+def assert_grows(camera):
+    radius = np.linspace(0, camera.max_radius, 400)
+    points = np.column_stack([radius, 0 * radius, 1 + 0 * radius])
+    assert (np.diff(by_opencv(camera, points)[:, 0]) > 0).all()
+
+
+def test_table_9():
+    assert XT2.matrix.tolist() == [
+        [803.5593, 0.0, 349.3325],
+        [0.0, 797.627, 251.8215],
+        [0.0, 0.0, 1.0],
+    ]
+    # Section 5.3 gives the largest radial shifts in the image, 11.72 px and 9.37 px.
+    u, v = -0.5, 511.5
+    ray = XT2.rays(np.array([[u, v]]))[0]
+    plain = XT2.matrix @ ray
+    shift = np.abs(plain[:2] - [u, v])
+    assert 8 < shift[0] < 14
+    assert 5 < shift[1] < 12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((640, 512, 0.0, 800.0, 320, 256), "focal lengths 0, 800 must be positive"),
+        ((640, 512, 800.0, -1.0, 320, 256), "must be positive"),
+        ((0, 512, 800.0, 800.0, 320, 256), "size 0x512"),
+        ((640, 512, math.nan, 800.0, 320, 256), "not finite"),
+        ((640, 512, 800.0, 800.0, 320, 256, (0.1, math.inf, 0.0, 0.0)), "not finite"),
+        ((640, 512, 800.0, 800.0, 320, 256, (0.1, 0.1)), "2 distortion coefficients"),
+        ((640, 512, 800.0, 800.0, 320, 256, (0.0,) * 14), "14 distortion coefficients"),
+        ((640, 512, 800.0, 800.0, 320, 256, (-9.0, 0.0, 0.0, 0.0)), "folds 103 px"),
+        ((640, 512, 800.0, 800.0, 320, 256, (-1e308, 0.0, 0.0, 0.0)), "impossible numbers"),
+        ((640, 512, 800.0, 800.0, 1e12, 256), "impossible numbers"),
+        ((640, 512, 800.0, 800.0, 320, 256, (1e5, 0.0, 0.0, 0.0)), "bends too steeply"),
+        ((640, 512, 1e-9, 800.0, 320, 256), "folds 0 px"),
+    ],
+)
+def test_a_wrong_calibration_is_refused(arguments, message):
+    with pytest.raises(CameraError, match=message):
+        Camera(*arguments)
+
+
+@EACH
+def test_slopes_against_differences(camera):
+    rng = np.random.default_rng(5)
+    angle, radius = rng.uniform(0, 2 * np.pi, 500), camera.max_radius * rng.uniform(0, 1, 500)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    # third derivatives of these lenses stay below 1e5 px, so a step of 1e-5 leaves 1e-5 px of
+    # truncation; rounding leaves 1e3 * 1e-16 / 1e-5 = 1e-8
+    step = 1e-5
+    by_x = np.subtract(camera.pixels(x + step, y), camera.pixels(x - step, y)) / (2 * step)
+    by_y = np.subtract(camera.pixels(x, y + step), camera.pixels(x, y - step)) / (2 * step)
+    expected = [by_x[0], by_y[0], by_x[1], by_y[1]]
+    np.testing.assert_allclose(camera.slopes(x, y), expected, rtol=0, atol=1e-5)

@@ -1,0 +1,384 @@
+"""Covariances in the picture, against differences and against drawn errors."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.camera.model import NEAR_M, XT2, Camera
+from tirgeo_ros.core.camera.projection_covariance import (
+    CHI2_95,
+    MOST_DEPTH_SIGMA,
+    CameraRates,
+    FrameConfidence,
+    ellipse_95,
+    pixel_jacobian,
+    radius_95,
+    rays_to,
+    screen_covariance,
+    timed_covariance,
+)
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_from_euler,
+    quat_from_matrix,
+    quat_multiply,
+)
+from tirgeo_ros.core.types.poses import CameraPose
+
+PINHOLE = Camera(640, 512, 880.0, 880.0, 319.5, 255.5)
+BARREL = Camera(640, 512, 420.0, 425.0, 318.0, 250.0, (-0.28, 0.09, 0.001, -0.0005))
+RATIONAL = Camera(
+    1280, 720, 600.0, 601.0, 640.0, 350.0, (0.9, 0.3, 0.0006, -0.0004, 0.01, 1.25, 0.55, 0.06)
+)
+CAMERAS = {"pinhole": PINHOLE, "xt2": XT2, "barrel": BARREL, "rational": RATIONAL}
+EACH = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+#: Nothing but the pose's own error.
+EXACT = ConfidenceConfig(
+    latency_sigma_s=0.0, lens_sigma_px=0.0, map_sigma_m=0.0, ground_sigma_m=0.0
+)
+
+
+def pose_at(height_m=20.0, down_deg=30.0, covariance=None, yaw_deg=25.0, roll_deg=3.0):
+    q_ng = quat_from_euler(*np.radians([roll_deg, -down_deg, yaw_deg]))
+    covariance = np.zeros((6, 6)) if covariance is None else covariance
+    position_n = np.array([7.0, -4.0, -height_m])
+    return CameraPose(0, position_n, quat_multiply(q_ng, Q_BODY_OPTICAL), covariance)
+
+
+def some_covariance(position_m=0.3, attitude_deg=0.4, seed=0):
+    """Full: every error goes with every other."""
+    mixed = np.random.default_rng(seed).normal(size=(6, 6)) / np.sqrt(6)
+    scale = np.repeat([position_m, math.radians(attitude_deg)], 3)
+    return scale[:, None] * (mixed @ mixed.T) * scale
+
+
+def euler_covariance(pose, position_m, roll_deg, pitch_deg, yaw_deg):
+    """Of a position, and of turns about the optical axis, the camera's right and the vertical."""
+    rotation = matrix_from_quat(pose.q_nc)
+    axes = np.stack([rotation[:, 2], rotation[:, 0], [0.0, 0.0, 1.0]], axis=1)
+    turns = axes * np.radians([roll_deg, pitch_deg, yaw_deg])
+    covariance = np.diag([position_m**2] * 3 + [0.0] * 3)
+    covariance[3:, 3:] = turns @ turns.T
+    return covariance
+
+
+def ground_at(camera, pose, uv):
+    """(N, 3) where pixels (N, 2) meet the plane at 0 m down; nan from 3 deg under the horizon."""
+    rays_n = camera.rays(np.asarray(uv, float)) @ matrix_from_quat(pose.q_nc).T
+    rays_n[rays_n[:, 2] < 0.05 * np.linalg.norm(rays_n, axis=1)] = np.nan
+    return pose.position_n - pose.position_n[2] / rays_n[:, 2:] * rays_n
+
+
+def moved(pose, error):
+    """The pose that a position error and phi_n (6,) lead to, as the charter defines them."""
+    q = quat_from_matrix(matrix_from_rotvec(error[3:]) @ matrix_from_quat(pose.q_nc))
+    return dataclasses.replace(pose, position_n=pose.position_n + error[:3], q_nc=q)
+
+
+def seen(camera, pose, points_n):
+    return camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))[0]
+
+
+@EACH
+@settings(max_examples=25)
+@given(st.floats(15.0, 90.0), st.floats(-180.0, 180.0), st.integers(0, 1000))
+def test_jacobians_against_differences(camera, down_deg, yaw_deg, seed):
+    pose = pose_at(down_deg=down_deg, yaw_deg=yaw_deg)
+    rng = np.random.default_rng(seed)
+    # 3 points: a transpose would pass unseen with 2
+    points_c = np.column_stack([rng.uniform(-0.3, 0.3, (3, 2)), np.ones(3)])
+    points_c *= rng.uniform(5, 80, (3, 1))
+    points_n = pose.position_n + points_c @ matrix_from_quat(pose.q_nc).T
+    by_pose, by_point = pixel_jacobian(camera, pose, points_n)
+    step = 1e-5
+    for k, turn in enumerate(step * np.eye(6)):
+        ends = [seen(camera, moved(pose, sign * turn), points_n) for sign in (1, -1)]
+        # third derivatives below 1e4 px leave 1e-6, rounding 1e3 px * 1e-16 / 1e-5 leaves 1e-8
+        assert by_pose[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
+    for k, shift in enumerate(step * np.eye(3)):
+        ends = [seen(camera, pose, points_n + sign * shift) for sign in (1, -1)]
+        assert by_point[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
+
+
+def drawn_pixels(camera, pose, point_n, config, rates, count, rng):
+    """(count, 2) where a point truly appears, if pose, time, lens and map err as they may."""
+    pose_error = rng.multivariate_normal(np.zeros(6), pose.covariance, count)
+    late_s = rng.normal(0, config.latency_sigma_s, (count, 1))
+    sigma = [config.map_sigma_m, config.map_sigma_m, config.ground_sigma_m]
+    point = point_n + rng.normal(size=(count, 3)) * sigma
+    turned = matrix_from_rotvec(pose_error[:, 3:]) @ matrix_from_rotvec(rates.rate_n * late_s)
+    rotation = turned @ matrix_from_quat(pose.q_nc)
+    offset = point - (pose.position_n + rates.velocity_n * late_s + pose_error[:, :3])
+    uv, _ = camera.project(np.einsum("nji,nj->ni", rotation, offset))
+    return uv + rng.normal(0, config.lens_sigma_px, (count, 2))
+
+
+def share_inside(uv, middle, covariance):
+    """Of true pixels, the share in the ellipse of 95 %; one that nobody sees is not."""
+    off = uv - middle
+    return np.mean(np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off) <= CHI2_95)
+
+
+STILL = CameraRates(np.zeros(3), np.zeros(3))
+TURNING = CameraRates(np.array([4.0, -3.0, 0.0]), np.radians([2.0, -3.0, 20.0]))
+COUNT = 10_000  # one standard deviation of a share of 95 % is 0.2 %
+PLACES = {
+    "20 m, 30 deg": (20.0, 30.0),
+    "nadir": (20.0, 90.0),
+    "100 m, 60 deg": (100.0, 60.0),
+    "5 m, 45 deg": (5.0, 45.0),
+}
+
+
+@EACH
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize("rates", [STILL, TURNING], ids=["still", "turning"])
+def test_95_percent_of_true_places_are_inside(camera, place, rates):
+    """The middle of the picture, its top, its corner; the requirement is 93 to 97 %."""
+    config = ConfidenceConfig(latency_sigma_s=0.02)
+    position_m = 0.02 * place[0]
+    rng = np.random.default_rng(7)
+    columns = np.array([0.5, 0.45, 0.9, 0.1]) * camera.width
+    rows = np.array([0.5, 0.05, 0.9, 0.8]) * camera.height
+    shown = 0
+    for seed, uv in enumerate(np.column_stack([columns, rows])):
+        pose = pose_at(*place, some_covariance(position_m, 0.4, seed))
+        point_n = ground_at(camera, pose, uv[None])
+        if np.isnan(point_n).any():
+            continue  # a wide lens sees the sky there
+        shown += 1
+        covariance, linear = screen_covariance(camera, pose, point_n, config, rates)
+        true = drawn_pixels(camera, pose, point_n, config, rates, COUNT, rng)
+        assert linear[0]
+        assert 0.93 <= share_inside(true, uv, covariance[0]) <= 0.97
+    assert shown >= 3
+
+
+def test_what_is_left_out_is_missed():
+    """The check can fail: without latency, or with position and attitude apart, it does."""
+    config = ConfidenceConfig(latency_sigma_s=0.02)
+    pose = pose_at(covariance=some_covariance(0.05, 0.1))
+    uv = np.array([320.0, 256.0])
+    point_n = ground_at(XT2, pose, uv[None])
+    rng = np.random.default_rng(8)
+    true = drawn_pixels(XT2, pose, point_n, config, TURNING, COUNT, rng)
+    without = screen_covariance(XT2, pose, point_n, config).covariance[0]
+    assert share_inside(true, uv, without) < 0.8
+    # a position that errs as the attitude does, so that what is seen hardly moves
+    arm = 40.0
+    tied = np.zeros((6, 6))
+    rotation = matrix_from_quat(pose.q_nc)
+    error = np.concatenate([0.01 * arm * rotation[:, 0], -0.01 * rotation[:, 1]])
+    tied[:] = np.outer(error, error)
+    apart = tied.copy()
+    apart[:3, 3:] = apart[3:, :3] = 0
+    point_n = (pose.position_n + arm * rotation[:, 2])[None]
+    wide, narrow = (
+        screen_covariance(XT2, pose_at(covariance=one), point_n, EXACT).covariance[0]
+        for one in (apart, tied)
+    )
+    # apart: twice 0.01 rad of 804 px, squared; tied, one cancels the other
+    assert wide[0, 0] == pytest.approx(2 * (0.01 * XT2.fx) ** 2, rel=1e-2)
+    assert narrow[0, 0] < 1e-6 * wide[0, 0]
+
+
+def test_where_the_first_order_holds_it_says_so_truly():
+    """Over all sizes of errors: where ``linear``, 93 to 97 % are inside."""
+    rng = np.random.default_rng(11)
+    shares, refused = [], 0
+    for seed in range(200):
+        camera = list(CAMERAS.values())[seed % 4]
+        size = 10 ** rng.uniform(-1, 1)
+        place = (20.0, rng.uniform(25, 90))
+        pose = pose_at(*place, some_covariance(0.3 * size, 0.5 * size, seed))
+        uv = rng.uniform(0.1, 0.9, 2) * [camera.width, camera.height]
+        point_n = ground_at(camera, pose, uv[None])
+        if np.isnan(point_n).any():
+            continue
+        covariance, linear = screen_covariance(camera, pose, point_n, EXACT)
+        true = drawn_pixels(camera, pose, point_n, EXACT, STILL, 4000, rng)
+        if linear[0]:
+            shares.append(share_inside(true, uv, covariance[0]))
+        else:
+            refused += 1
+    # 0.3 % is one standard deviation of a share among 4000
+    assert min(shares) >= 0.93 - 0.003
+    assert max(shares) <= 0.97 + 0.003
+    assert len(shares) > 100
+    assert refused > 10
+
+
+def test_a_depth_that_is_hardly_known_is_not_linear():
+    covariance = np.zeros((6, 6))
+    pose = pose_at(covariance=covariance)
+    axis = matrix_from_quat(pose.q_nc)[:, 2]
+    point_n = (pose.position_n + 10 * axis)[None]
+    for share, expected in ((0.9, True), (1.1, False)):
+        along = share * MOST_DEPTH_SIGMA * 10 * axis
+        covariance[:3, :3] = np.outer(along, along)
+        assert screen_covariance(XT2, pose, point_n, EXACT).linear[0] == expected
+
+
+def ground_ellipse(camera, pose, point_n):
+    """Semi-axes (m) on level ground: where the pixel's point may lie instead."""
+    by_pose, by_point = pixel_jacobian(camera, pose, point_n)
+    by_pose = np.linalg.solve(by_point[:, :, :2], by_pose)
+    return ellipse_95(by_pose @ pose.covariance @ by_pose.transpose(0, 2, 1))[0][0]
+
+
+def test_the_example_of_20_m_and_30_deg():
+    """1 deg of yaw, 0.5 deg of pitch and roll, 0.5 m: 1.9 x 3.0 m, and 3.7 x 9.0 m above.
+
+    By hand for the middle: across, 34.6 m * 0.01745 and 0.5 m; along, 20 m / sin^2 30 * 0.00873,
+    0.5 m, and 0.5 m / tan 30 of height; times 2.448.
+    """
+    pose = pose_at(20.0, 30.0, roll_deg=0.0)
+    pose = dataclasses.replace(pose, covariance=euler_covariance(pose, 0.5, 0.5, 0.5, 1.0))
+    middle = ground_at(PINHOLE, pose, [[319.5, 255.5]])
+    across = math.sqrt(CHI2_95) * math.hypot(34.641 * math.radians(1), 0.5)
+    along = math.sqrt(CHI2_95) * math.hypot(
+        80 * math.radians(0.5), 0.5, 0.5 / math.tan(math.pi / 6)
+    )
+    assert ground_ellipse(PINHOLE, pose, middle) == pytest.approx([along, across], rel=1e-4)
+    assert ground_ellipse(PINHOLE, pose, middle).round(1).tolist() == [3.0, 1.9]
+    # the line of sight 16.1 deg above: 13.9 deg under the horizon
+    top = ground_at(PINHOLE, pose, [[319.5, 255.5 - 880 * math.tan(math.radians(16.13))]])
+    assert ground_ellipse(PINHOLE, pose, top).round(1).tolist() == [9.0, 3.7]
+
+
+def test_each_sigma_alone():
+    """The picture's middle from 20 m above, in px: f / 20 m times each metre."""
+    pose = pose_at(20.0, 90.0, yaw_deg=0.0, roll_deg=0.0)
+    point_n = ground_at(PINHOLE, pose, [[319.5, 255.5]])
+    per_metre = 880 / 20.0
+
+    def sigmas(rates=None, sigma_m=None, **changes):
+        config = dataclasses.replace(EXACT, **changes)
+        found = screen_covariance(PINHOLE, pose, point_n, config, rates, sigma_m).covariance[0]
+        assert found[0, 1] == pytest.approx(0, abs=1e-9)
+        return np.sqrt(np.diag(found))
+
+    assert sigmas(map_sigma_m=0.3) == pytest.approx([0.3 * per_metre] * 2)
+    assert sigmas(map_sigma_m=0.3, sigma_m=2.0) == pytest.approx([2.0 * per_metre] * 2)
+    assert sigmas(map_sigma_m=0.3, sigma_m=math.nan) == pytest.approx([0.3 * per_metre] * 2)
+    assert sigmas(ground_sigma_m=5.0) == pytest.approx([0, 0], abs=1e-9)  # along the axis
+    assert sigmas(lens_sigma_px=0.7) == pytest.approx([0.7, 0.7])
+    east = CameraRates(np.array([0.0, 5.0, 0.0]), np.zeros(3))
+    assert sigmas(latency_sigma_s=0.02, rates=east) == pytest.approx([0.1 * per_metre, 0])
+    # turning about the aircraft's right tips the picture along its column
+    tipping = CameraRates(np.zeros(3), np.array([0.0, 0.1, 0.0]))
+    assert sigmas(latency_sigma_s=0.02, rates=tipping) == pytest.approx([0, 0.002 * 880])
+
+
+@pytest.mark.parametrize("count", [1, 3, 2500, 2501, 6000])
+def test_many_points_are_each_as_if_alone(count):
+    pose = pose_at(covariance=some_covariance())
+    rng = np.random.default_rng(count)
+    points_n = ground_at(XT2, pose, rng.uniform(0, 1, (count, 2)) * [639, 511])
+    sigma_m = rng.choice([0.05, 1.0, math.nan], count)
+    config = ConfidenceConfig()
+    together = screen_covariance(XT2, pose, points_n, config, TURNING, sigma_m)
+    frame = FrameConfidence(config, XT2, pose, TURNING)
+    spread, _ = frame.spread(rays_to(XT2, pose, points_n), sigma_m)
+    radius = radius_95(spread)
+    assert together.covariance.shape == (count, 2, 2)
+    for i in {0, count // 2, count - 1}:
+        alone = screen_covariance(XT2, pose, points_n[i], config, TURNING, sigma_m[i])
+        # sums in another order: 1e-16 of terms a thousand times as large
+        np.testing.assert_allclose(together.covariance[i], alone.covariance[0], rtol=1e-11)
+    np.testing.assert_allclose(radius, ellipse_95(together.covariance)[0][:, 0], rtol=1e-11)
+    # and as the Jacobians have it
+    by_pose, by_point = pixel_jacobian(XT2, pose, points_n)
+    spread = np.broadcast_to(np.zeros((3, 3)), (count, 3, 3)).copy()
+    level = np.where(np.isnan(sigma_m), config.map_sigma_m, sigma_m) ** 2
+    spread[:, 0, 0] = spread[:, 1, 1] = level
+    spread[:, 2, 2] = config.ground_sigma_m**2
+    timed = timed_covariance(pose, TURNING, config.latency_sigma_s)
+    expected = by_pose @ timed @ by_pose.transpose(0, 2, 1)
+    expected += by_point @ spread @ by_point.transpose(0, 2, 1)
+    expected += config.lens_sigma_px**2 * np.eye(2)
+    np.testing.assert_allclose(together.covariance, expected, rtol=1e-8, atol=1e-9)
+
+
+def test_half_widths_are_of_the_direction_across():
+    pose = pose_at(covariance=some_covariance())
+    rays = rays_to(XT2, pose, ground_at(XT2, pose, [[100.0, 300.0], [500.0, 60.0]]))
+    frame = FrameConfidence(ConfidenceConfig(), XT2, pose)
+    covariance = frame.covariance(rays).covariance
+    normals = np.array([[0.6, 1.0], [-0.8, 0.0]])
+    across = np.einsum("in,nij,jn->n", normals, covariance, normals)
+    # 1.96 standard deviations
+    assert frame.half_width_95(rays, normals) == pytest.approx(1.959964 * np.sqrt(across))
+
+
+def test_what_the_camera_does_not_see_has_no_ellipse():
+    pose = pose_at(covariance=some_covariance())
+    rotation = matrix_from_quat(pose.q_nc)
+    points_c = [
+        [0, 0, -10],
+        [0, 0, NEAR_M / 2],
+        [0, 0, 0],
+        [60, 0, 10],
+        [0, 0, 10],
+        [math.nan] * 3,
+    ]
+    points_n = pose.position_n + np.array(points_c, float) @ rotation.T
+    covariance, linear = screen_covariance(XT2, pose, points_n, ConfidenceConfig())
+    assert linear.tolist() == [False] * 4 + [True, False]
+    assert np.isfinite(covariance).all(axis=(1, 2)).tolist() == linear.tolist()
+    by_pose, by_point = pixel_jacobian(XT2, pose, points_n)
+    assert np.isfinite(by_pose).all(axis=(1, 2)).tolist() == linear.tolist()
+    assert np.isfinite(by_point).all(axis=(1, 2)).tolist() == linear.tolist()
+
+
+def test_no_points_have_no_covariance():
+    covariance, linear = screen_covariance(XT2, pose_at(), np.empty((0, 3)), ConfidenceConfig())
+    assert covariance.shape == (0, 2, 2)
+    assert linear.shape == (0,)
+
+
+def test_a_covariance_that_is_none_trusts_nothing():
+    wrong = np.diag([1.0, 1.0, 1.0, 1e-4, 1e-4, -1e-4])
+    tangled = np.diag([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])
+    tangled[0, 3] = tangled[3, 0] = 0.02  # a correlation of 2
+    for covariance in (wrong, tangled):
+        pose = pose_at(covariance=covariance)
+        point_n = ground_at(XT2, pose, [[320.0, 256.0]])
+        found = screen_covariance(XT2, pose, point_n, ConfidenceConfig())
+        assert np.isnan(found.covariance).all()
+        assert not found.linear.any()
+
+
+def test_a_covariance_rounded_on_its_way_is_one():
+    """float32 keeps 7 digits; perfectly correlated errors then have tiny negative variances."""
+    error = np.array([0.3, -0.2, 0.1, 0.01, -0.02, 0.005])
+    rounded = np.outer(error, error).astype(np.float32).astype(float)
+    assert np.isfinite(timed_covariance(pose_at(covariance=rounded), None, 0.0)).all()
+
+
+@given(st.floats(0.1, 50), st.floats(0.1, 50), st.floats(-1.5, 1.5))
+def test_ellipses_of_known_axes(a, b, angle):
+    major, minor = max(a, b), min(a, b)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    covariance = turn @ np.diag([major**2, minor**2]) @ turn.T
+    semi, found = ellipse_95(covariance)
+    # the minor axis is a difference of squares up to 500 apart
+    assert semi[0] == pytest.approx(np.sqrt(5.991465) * np.array([major, minor]), rel=1e-6)
+    if major > 1.01 * minor:
+        assert math.sin(found[0] - angle) == pytest.approx(0, abs=1e-9)
+
+
+def test_rates_between_two_poses():
+    first = pose_at()
+    last = dataclasses.replace(moved(first, np.array([1, 2, -0.5, 0.01, -0.02, 0.04])))
+    last = dataclasses.replace(last, stamp_ns=first.stamp_ns + 100_000_000)
+    rates = CameraRates.between(first, last)
+    assert rates.velocity_n == pytest.approx([10, 20, -5])
+    assert rates.rate_n == pytest.approx([0.1, -0.2, 0.4])

@@ -1,0 +1,239 @@
+"""The parameter tree: types, ranges, messages, and the trees of the nodes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import NODE_CONFIGS, EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config.schema import (
+    Parameter,
+    config_from,
+    group,
+    param,
+    parameters_of,
+    values_of,
+)
+from tirgeo_ros.core.types.errors import ConfigError
+
+nodes = pytest.mark.parametrize("kind", NODE_CONFIGS.values(), ids=list(NODE_CONFIGS))
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    length_m: float = param(1.5, "a length", unit="m", low=-2, high=3)
+    unset_m: float = param(math.nan, "unset unless given", unit="m", low=0, high=10)
+    arms_m: tuple[float, ...] = param((1.0, 2.0, 3.0), "three numbers", unit="m", low=0, high=9)
+    place: tuple[float, ...] = param((), "none or three", sizes=(0, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    mode: str = param("a", "a mode", choices=("a", "b"))
+    title: str = param("", "any text")
+    count: int = param(2, "a count", low=1, high=5)
+    quick: bool = param(False, "a switch")
+    leaf: Leaf = group(Leaf)
+
+
+def test_names_defaults_and_ranges_of_a_tree():
+    found = {p.name: p for p in parameters_of(Tree)}
+    assert list(found) == [
+        "mode", "title", "count", "quick",
+        "leaf.length_m", "leaf.unset_m", "leaf.arms_m", "leaf.place",
+    ]  # fmt: skip
+    assert found["leaf.length_m"] == Parameter("leaf.length_m", 1.5, "a length", "m", -2, 3)
+    assert found["leaf.arms_m"].sizes == (3,)
+    assert found["leaf.place"].sizes == (0, 3)
+    assert found["mode"].choices == ("a", "b")
+
+
+def test_nothing_given_is_the_default():
+    assert repr(config_from(Tree, {})) == repr(Tree())
+
+
+def test_values_are_put_where_they_belong():
+    made = config_from(
+        Tree,
+        {
+            "mode": "b",
+            "count": 5,
+            "quick": True,
+            "leaf.length_m": -2,
+            "leaf.arms_m": [0, 9, 4.5],
+            "leaf.place": [1, 2, 3],
+        },
+    )
+    assert (made.mode, made.title, made.count, made.quick) == ("b", "", 5, True)
+    assert made.leaf.arms_m == (0.0, 9.0, 4.5)
+    assert made.leaf.place == (1.0, 2.0, 3.0)
+    assert math.isnan(made.leaf.unset_m)
+
+
+def test_whole_numbers_are_doubles_where_doubles_are_wanted():
+    """YAML's 3 is an int; the tree holds what it says."""
+    made = config_from(Tree, {"leaf.length_m": 3, "leaf.arms_m": [1, 2, 3]})
+    assert type(made.leaf.length_m) is float
+    assert all(type(number) is float for number in made.leaf.arms_m)
+
+
+def test_nan_is_a_value_only_where_it_is_the_default():
+    assert math.isnan(config_from(Tree, {"leaf.unset_m": math.nan}).leaf.unset_m)
+    with pytest.raises(ConfigError, match=r"leaf\.length_m: nan m is outside -2 to 3$"):
+        config_from(Tree, {"leaf.length_m": math.nan})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("leaf.length_m", 3.5, "parameter leaf.length_m: 3.5 m is outside -2 to 3"),
+        ("leaf.length_m", "1.5", "parameter leaf.length_m: '1.5' is not of type double"),
+        ("leaf.length_m", True, "parameter leaf.length_m: True is not of type double"),
+        ("leaf.length_m", None, "parameter leaf.length_m: None is not of type double"),
+        ("leaf.length_m", math.inf, "parameter leaf.length_m: inf is not finite"),
+        ("leaf.unset_m", 11.0, "parameter leaf.unset_m: 11 m is outside 0 to 10"),
+        ("leaf.unset_m", -math.inf, "parameter leaf.unset_m: -inf is not finite"),
+        ("count", 0, "parameter count: 0 is outside 1 to 5"),
+        ("count", 2.0, "parameter count: 2.0 is not of type int"),
+        ("count", True, "parameter count: True is not of type int"),
+        ("quick", 1, "parameter quick: 1 is not of type bool"),
+        ("quick", "true", "parameter quick: 'true' is not of type bool"),
+        ("mode", "c", "parameter mode: 'c' is not one of a, b"),
+        ("mode", 1, "parameter mode: 1 is not of type string"),
+        ("title", [], "parameter title: [] is not of type string"),
+        ("leaf.arms_m", 1.0, "parameter leaf.arms_m: 1.0 is not a list of numbers"),
+        ("leaf.arms_m", "1, 2, 3", "parameter leaf.arms_m: '1, 2, 3' is not a list of numbers"),
+        ("leaf.arms_m", b"123", "parameter leaf.arms_m: b'123' is not a list of numbers"),
+        ("leaf.arms_m", [1, 2], "parameter leaf.arms_m: needs 3 numbers, has 2"),
+        ("leaf.arms_m", [1, 2, 10], "parameter leaf.arms_m: 10 m is outside 0 to 9"),
+        ("leaf.arms_m", [1, 2, "3"], "parameter leaf.arms_m: '3' is not of type double"),
+        ("leaf.arms_m", [1, math.nan, 3], "parameter leaf.arms_m: nan m is outside 0 to 9"),
+        ("leaf.place", [1, 2], "parameter leaf.place: needs 0 or 3 numbers, has 2"),
+        ("leaf.place", [1, 2, math.inf], "parameter leaf.place: inf is not finite"),
+        ("leaf.place", [1, 2, math.nan], "parameter leaf.place: nan is outside -inf to inf"),
+    ],
+)
+def test_messages(name, value, message):
+    with pytest.raises(ConfigError) as caught:
+        config_from(Tree, {name: value})
+    assert str(caught.value) == message
+    with pytest.raises(ConfigError) as caught:
+        config_from(Tree, {name: value}, "aircraft.yaml")
+    assert str(caught.value) == f"aircraft.yaml: {message}"
+
+
+def test_unknown_names_are_refused_with_the_nearest_known():
+    with pytest.raises(ConfigError) as caught:
+        config_from(Tree, {"leaf.lenght_m": 1.0}, "aircraft.yaml")
+    expected = "unknown parameter leaf.lenght_m (did you mean leaf.length_m?)"
+    assert str(caught.value) == f"aircraft.yaml: {expected}"
+
+
+def test_unknown_names_like_none_are_answered_with_the_list():
+    with pytest.raises(ConfigError) as caught:
+        config_from(Tree, {"xyz": 1.0})
+    expected = "unknown parameter xyz (known: mode, title, count, quick, leaf.length_m, "
+    assert str(caught.value).startswith(expected)
+
+
+def test_a_group_is_not_a_parameter():
+    with pytest.raises(ConfigError, match=r"unknown parameter leaf \("):
+        config_from(Tree, {"leaf": 1.0})
+
+
+def test_empty_list_where_it_may_be():
+    assert config_from(Tree, {"leaf.place": []}).leaf.place == ()
+
+
+@given(
+    st.floats(-2, 3),
+    st.floats(0, 10) | st.just(math.nan),
+    st.lists(st.floats(0, 9), min_size=3, max_size=3),
+    st.sampled_from(["a", "b"]),
+    st.text(),
+    st.integers(1, 5),
+)
+def test_values_come_back(length, unset, arms, mode, title, count):
+    given_values = {
+        "leaf.length_m": length,
+        "leaf.unset_m": unset,
+        "leaf.arms_m": arms,
+        "mode": mode,
+        "title": title,
+        "count": count,
+    }
+    made = config_from(Tree, given_values)
+    again = config_from(Tree, values_of(made))
+    assert repr(again) == repr(made)  # nan is not equal to itself
+    assert repr(values_of(made)["leaf.arms_m"]) == repr(tuple(arms))
+
+
+# The nodes' own trees
+
+
+@nodes
+def test_defaults_of_a_node_come_back(kind):
+    values = values_of(kind())
+    assert list(values) == [p.name for p in parameters_of(kind)]
+    assert repr(config_from(kind, values)) == repr(kind())
+
+
+@nodes
+def test_every_parameter_of_a_node_is_described_and_allows_its_default(kind):
+    for parameter in parameters_of(kind):
+        assert parameter.description, parameter.name
+        assert repr(parameter.checked(parameter.default)) == repr(parameter.default)
+        assert parameter.low <= parameter.high
+        if parameter.name.endswith(("_m", "_s", "_deg", "_hz")):
+            assert parameter.unit in {"m", "s", "deg", "Hz", "m/s"}, parameter.name
+
+
+def test_every_number_of_a_node_has_a_range():
+    """Without one, nothing refuses a value that makes no sense."""
+    for kind in NODE_CONFIGS.values():
+        for parameter in parameters_of(kind):
+            if isinstance(parameter.default, float | int) and type(parameter.default) is not bool:
+                assert math.isfinite(parameter.low), parameter.name
+                assert math.isfinite(parameter.high), parameter.name
+
+
+def test_imu_defaults_are_the_paper_s():
+    """Table 5 of Ren et al. 2022, x, y, z."""
+    imu = EkfConfig().imu
+    assert imu.angle_random_walk == (1.6828e-4, 1.9601e-4, 1.6542e-4)
+    assert imu.velocity_random_walk == (1.2917e-2, 1.2996e-2, 1.2921e-2)
+    assert imu.gyro_bias_instability == (1.5289e-6, 3.7010e-5, 2.2793e-6)
+    assert imu.gyro_bias_time_s == (7000, 100, 9000)
+    assert imu.accel_bias_instability == (6.0546e-3, 2.8561e-3, 7.9284e-3)
+    assert imu.accel_bias_time_s == (20, 600, 10000)
+
+
+def test_contract_s_names_are_there():
+    known = {name: {p.name for p in parameters_of(kind)} for name, kind in NODE_CONFIGS.items()}
+    assert known["ekf_node"] >= {
+        "method", "position_update", "publish_rate_hz", "max_delay_s", "max_imu_gap_s",
+        "imu.angle_random_walk", "imu.velocity_random_walk", "imu.gyro_bias_instability",
+        "imu.gyro_bias_time_s", "imu.accel_bias_instability", "imu.accel_bias_time_s",
+        "rtk.median_window", "rtk.delay_s", "heading.sigma_floor_deg", "origin_lat_lon_h",
+    }  # fmt: skip
+    assert known["gimbal_node"] >= {"composition", "boresight_rpy_deg"}
+    aircraft = {f"aircraft.{name}" for name in (
+        "rtk_antenna_m", "second_antenna_m", "gps_antenna_m", "gimbal_pivot_m",
+        "camera_from_pivot_m", "imu_m", "imu_rpy_deg",
+    )}  # fmt: skip
+    for node in ("dji_node", "ekf_node", "gimbal_node", "bag_player"):
+        assert known[node] >= aircraft
+    wanted = {"map", "ground_height_m", "video_latency_s", "max_pose_wait_s"}
+    assert known["overlay_node"] >= wanted
+    assert OverlayConfig().video_latency_s == 0.05
+    assert EkfConfig().method == "ekf_heading"
+
+
+def test_a_boresight_is_written_forward_left_up_and_used_forward_right_down():
+    gimbal = config_from(GimbalConfig, {"boresight_rpy_deg": [180, 90, -90]})
+    np.testing.assert_allclose(gimbal.boresight_rpy_rad, [np.pi, -np.pi / 2, np.pi / 2])

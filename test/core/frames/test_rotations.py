@@ -1,0 +1,235 @@
+"""Rotations: closed forms, round trips, batches, and the angles where formulas break."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.frames import rotations as att
+
+#: Products of a few numbers of order one: some tens of roundings of 1.1e-16.
+ROUNDING = 5e-15
+
+angles = st.floats(-math.pi, math.pi)
+vectors = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
+
+
+@st.composite
+def quats(draw):
+    q = np.array(draw(st.lists(st.floats(-1, 1), min_size=4, max_size=4)))
+    assume(q @ q > 1e-4)
+    return q / math.sqrt(q @ q)
+
+
+def series_exponential(rotvec):
+    """exp([v x]) from its definition: 40 terms reach 5.4^40 / 40! = 2e-19."""
+    term, total = np.eye(3), np.eye(3)
+    for k in range(1, 41):
+        term = term @ att.skew(rotvec) / k
+        total = total + term
+    return total
+
+
+# Wrapping
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 0, 1, 3])
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    [(math.pi, -math.pi), (-math.pi, -math.pi), (0.0, 0.0), (3.0, 3.0), (-3.0, -3.0)],
+)
+def test_wrapping_of_known_angles(start, turns, expected):
+    # Adding turns rounds at 20 rad: 4e-15; at pi itself the two ends are one angle.
+    gap = float(att.wrap_pi(start + turns * 2 * math.pi)) - expected
+    assert abs(math.remainder(gap, 2 * math.pi)) < 1e-14
+
+
+def test_exactly_half_a_turn_is_minus_pi():
+    assert att.wrap_pi(np.array([math.pi, -math.pi])).tolist() == [-math.pi, -math.pi]
+
+
+@pytest.mark.parametrize("angle", [math.pi, -math.pi, 3 * math.pi, -3 * math.pi, 7 * math.pi])
+@pytest.mark.parametrize("towards", [-math.inf, math.inf])
+def test_wrapping_next_to_half_a_turn_stays_below_pi(angle, towards):
+    wrapped = float(att.wrap_pi(np.nextafter(angle, towards)))
+    assert -math.pi <= wrapped < math.pi
+
+
+@given(st.floats(-1e4, 1e4))
+def test_wrapping_keeps_the_angle(angle):
+    wrapped = float(att.wrap_pi(angle))
+    assert -math.pi <= wrapped < math.pi
+    # The remainder is exact; adding pi at 1e4 rad rounds by 1.8e-12.
+    assert abs(math.remainder(wrapped - angle, 2 * math.pi)) < 4e-12
+
+
+# Matrices and quaternions
+
+
+@given(vectors, vectors)
+def test_skew_is_the_vector_product(v, w):
+    np.testing.assert_allclose(att.skew(v) @ w, np.cross(v, w), atol=ROUNDING)
+
+
+@given(quats())
+def test_matrix_is_a_rotation_and_gives_the_quaternion_back(q):
+    m = att.matrix_from_quat(q)
+    np.testing.assert_allclose(m @ m.T, np.eye(3), atol=ROUNDING)
+    assert np.linalg.det(m) == pytest.approx(1, abs=ROUNDING)
+    back = att.quat_from_matrix(m)
+    assert back[0] >= 0
+    # q and -q are one rotation; where w is zero to rounding either may come.
+    assert min(np.abs(back - q).max(), np.abs(back + q).max()) < ROUNDING
+
+
+@given(quats(), vectors)
+def test_q_and_minus_q_are_one_rotation(q, v):
+    np.testing.assert_array_equal(att.matrix_from_quat(q), att.matrix_from_quat(-q))
+    if abs(q[0]) > 0:
+        np.testing.assert_array_equal(att.canonical(q), att.canonical(-q))
+        np.testing.assert_array_equal(att.rotvec_from_quat(q), att.rotvec_from_quat(-q))
+
+
+@given(quats(), st.floats(1e-3, 1e3))
+def test_canonical_has_unit_norm(q, scale):
+    made = att.canonical(scale * q)
+    assert math.sqrt(made @ made) == pytest.approx(1, abs=1e-15)
+    assert made[0] >= 0
+    np.testing.assert_allclose(made, q if q[0] >= 0 else -q, atol=1e-15)
+
+
+@given(quats(), quats(), vectors)
+def test_composition(p, q, v):
+    together = att.matrix_from_quat(att.quat_multiply(p, q))
+    apart = att.matrix_from_quat(p) @ att.matrix_from_quat(q)
+    np.testing.assert_allclose(together, apart, atol=ROUNDING)
+    np.testing.assert_allclose(together @ v, apart @ v, atol=ROUNDING)
+
+
+@given(quats())
+def test_conjugate_is_the_inverse(q):
+    one = att.quat_multiply(q, att.quat_conjugate(q))
+    np.testing.assert_allclose(one, [1, 0, 0, 0], atol=ROUNDING)
+    np.testing.assert_array_equal(
+        att.matrix_from_quat(att.quat_conjugate(q)), att.matrix_from_quat(q).T
+    )
+
+
+def test_hamilton_table():
+    i, j, k = np.eye(4)[1:]
+    np.testing.assert_array_equal(att.quat_multiply(i, j), k)
+    np.testing.assert_array_equal(att.quat_multiply(j, k), i)
+    np.testing.assert_array_equal(att.quat_multiply(k, i), j)
+    np.testing.assert_array_equal(att.quat_multiply(j, i), -k)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_half_turns_come_back(axis):
+    """Trace -1: the form with w as divisor would divide by zero."""
+    matrix = -np.eye(3)
+    matrix[axis, axis] = 1
+    np.testing.assert_array_equal(np.abs(att.quat_from_matrix(matrix)), np.eye(4)[axis + 1])
+
+
+# Rotation vectors
+
+
+@given(vectors)
+def test_matrix_of_a_rotation_vector_is_the_exponential(rotvec):
+    # The series' terms grow to 3.1^3 / 3! = 5 before they fall.
+    np.testing.assert_allclose(
+        att.matrix_from_rotvec(rotvec), series_exponential(rotvec), atol=1e-14
+    )
+
+
+@given(vectors)
+def test_rotation_vector_comes_back(rotvec):
+    assume(np.linalg.norm(rotvec) < math.pi - 1e-6)  # half a turn has two
+    back = att.rotvec_from_quat(att.quat_from_rotvec(rotvec))
+    np.testing.assert_allclose(back, rotvec, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-15, 1e-12, 1e-9, 1e-7])
+def test_small_rotation_vectors_keep_their_digits(size):
+    rotvec = size * np.array([0.6, -0.48, 0.64])
+    back = att.rotvec_from_quat(att.quat_from_rotvec(rotvec))
+    np.testing.assert_allclose(back, rotvec, rtol=1e-14)
+
+
+@given(quats())
+def test_rotation_vector_is_the_shortest(q):
+    assert np.linalg.norm(att.rotvec_from_quat(q)) <= math.pi + ROUNDING
+
+
+# Euler angles
+
+
+def test_known_attitudes():
+    """Nose, right wing and belly of three attitudes, in north, east, down."""
+    east = att.matrix_from_euler(0, 0, math.pi / 2)
+    np.testing.assert_allclose(east, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    up = att.matrix_from_euler(0, math.pi / 2, 0)
+    np.testing.assert_allclose(up[:, 0], [0, 0, -1], atol=1e-15)  # pitch raises the nose
+    right = att.matrix_from_euler(math.pi / 2, 0, 0)
+    np.testing.assert_allclose(right[:, 1], [0, 0, 1], atol=1e-15)  # roll drops the right wing
+
+
+@given(angles, st.floats(-1.5, 1.5), angles)
+def test_euler_angles_come_back(roll, pitch, yaw):
+    found = att.euler_from_quat(att.quat_from_euler(roll, pitch, yaw))
+    # Rounding over cos(1.5 rad) = 0.07.
+    np.testing.assert_allclose(att.wrap_pi(found - [roll, pitch, yaw]), 0, atol=2e-13)
+
+
+@given(
+    angles,
+    st.sampled_from([-1, 1]),
+    st.sampled_from([0.0, 1e-17, 1e-12, 1e-9, 1e-8, 1e-6, 1e-3]),
+    angles,
+)
+def test_euler_angles_give_the_matrix_at_gimbal_lock(roll, sign, off, yaw):
+    matrix = att.matrix_from_euler(roll, sign * (math.pi / 2 - off), yaw)
+    found = att.euler_from_matrix(matrix)
+    np.testing.assert_allclose(att.matrix_from_euler(*found), matrix, atol=ROUNDING)
+    assert abs(found[1]) <= math.pi / 2
+
+
+@given(quats())
+def test_euler_angles_give_the_matrix_anywhere(q):
+    matrix = att.matrix_from_quat(q)
+    again = att.matrix_from_euler(*att.euler_from_matrix(matrix))
+    np.testing.assert_allclose(again, matrix, atol=ROUNDING)
+
+
+@given(angles, angles)
+def test_rotations_about_one_axis_add(a, b):
+    for rotation, axis in ((att.rotation_x, 0), (att.rotation_y, 1), (att.rotation_z, 2)):
+        np.testing.assert_allclose(rotation(a) @ rotation(b), rotation(a + b), atol=ROUNDING)
+        np.testing.assert_array_equal(rotation(a)[axis], np.eye(3)[axis])
+
+
+# Slerp
+
+
+@given(quats(), vectors, st.floats(0, 1), st.sampled_from([-1, 1]))
+def test_slerp_is_a_fraction_of_the_turn(q, turn, fraction, sign):
+    assume(np.linalg.norm(turn) < math.pi - 1e-3)
+    end = sign * att.quat_multiply(q, att.quat_from_rotvec(turn))
+    expected = att.quat_multiply(q, att.quat_from_rotvec(fraction * turn))
+    found = att.slerp(q, end, fraction)
+    # The direction across is known to rounding over its length, at worst sin(half of 1e-3).
+    np.testing.assert_allclose(
+        att.matrix_from_quat(found), att.matrix_from_quat(expected), atol=1e-12
+    )
+    assert math.sqrt(found @ found) == pytest.approx(1, abs=1e-15)
+
+
+@given(quats(), quats())
+def test_slerp_meets_its_ends(p, q):
+    for fraction, end in ((0.0, p), (1.0, q)):
+        found = att.matrix_from_quat(att.slerp(p, q, fraction))
+        np.testing.assert_allclose(found, att.matrix_from_quat(end), atol=ROUNDING)

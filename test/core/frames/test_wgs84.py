@@ -1,0 +1,286 @@
+"""The ellipsoid and the tangent plane against PROJ over the globe, and gravity as published."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from pyproj import Transformer
+
+from tirgeo_ros.core.frames import wgs84 as geodesy
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import NavSolution
+
+#: Earth-fixed coordinates of 6.4e6 m hold 1e-9 m (half a unit in the last place is 4.7e-10).
+ECEF_M = 5e-9
+HALF_PI = math.pi / 2
+
+ECEF_OF_GEODETIC = Transformer.from_crs(4979, 4978, always_xy=True)
+
+latitudes = st.floats(-HALF_PI, HALF_PI)
+longitudes = st.floats(-math.pi, math.pi)
+heights = st.floats(-400, 9000)
+near = st.floats(-5e3, 5e3)
+
+#: Poles and their neighbourhood, the date line from both sides, the equator.
+CORNERS = [
+    (sign * (HALF_PI - off), lon)
+    for sign in (-1, 1)
+    for off in (0.0, 1e-12, 1e-9, 1e-6, 1e-3)
+    for lon in (0.0, math.pi, -math.pi, 2.0)
+] + [(0.0, 0.0), (0.0, math.pi), (-0.0, -math.pi), (0.7, np.nextafter(math.pi, 0))]
+
+
+def proj_ecef(lat, lon, height):
+    return np.array(ECEF_OF_GEODETIC.transform(lon, lat, height, radians=True))
+
+
+def proj_topocentric(plane: TangentPlane) -> Transformer:
+    """PROJ's east, north, up metres about the plane's origin from geodetic degrees."""
+    lat, lon = math.degrees(plane.latitude_rad), math.degrees(plane.longitude_rad)
+    return Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
+        " +step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84"
+        f" +lat_0={lat!r} +lon_0={lon!r} +h_0={plane.height_m!r}"
+    )
+
+
+def axes_by_differences(lat, lon, height):
+    """North, east, down (columns) at a place, from PROJ's positions a little apart."""
+    step = 1e-5  # 64 m: rounding 1e-9 / 64, third order (1e-5)^2 / 6
+    north = proj_ecef(lat + step, lon, height) - proj_ecef(lat - step, lon, height)
+    east = proj_ecef(lat, lon + step, height) - proj_ecef(lat, lon - step, height)
+    down = proj_ecef(lat, lon, height - 64) - proj_ecef(lat, lon, height + 64)
+    return np.stack([v / np.linalg.norm(v) for v in (north, east, down)], -1)
+
+
+# Earth-fixed coordinates
+
+
+@given(latitudes, longitudes, heights)
+def test_earth_fixed_position_is_projs(lat, lon, height):
+    found = geodesy.ecef_from_geodetic(lat, lon, height)
+    np.testing.assert_allclose(found, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
+
+
+@pytest.mark.parametrize(("lat", "lon"), CORNERS)
+@pytest.mark.parametrize("height", [-400.0, 0.0, 9000.0])
+def test_corners_of_the_globe_come_back(lat, lon, height):
+    position = geodesy.ecef_from_geodetic(lat, lon, height)
+    np.testing.assert_allclose(position, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
+    again = geodesy.ecef_from_geodetic(*geodesy.geodetic_from_ecef(position))
+    np.testing.assert_allclose(again, position, rtol=0, atol=ECEF_M)
+
+
+@given(latitudes, longitudes, heights)
+def test_geodetic_position_comes_back(lat, lon, height):
+    found = geodesy.geodetic_from_ecef(geodesy.ecef_from_geodetic(lat, lon, height))
+    assert float(found[0]) == pytest.approx(lat, abs=1e-15)  # 1e-15 rad are 6 nm
+    assert float(found[2]) == pytest.approx(height, abs=ECEF_M)
+    aside_m = 6.4e6 * math.cos(lat) * math.remainder(float(found[1]) - lon, 2 * math.pi)
+    assert abs(aside_m) < ECEF_M
+
+
+def test_poles_themselves():
+    for sign in (-1, 1):
+        position = np.array([0.0, 0.0, sign * (geodesy.SEMI_MINOR_AXIS_M + 100)])
+        lat, _, height = geodesy.geodetic_from_ecef(position)
+        assert float(lat) == sign * HALF_PI
+        assert float(height) == pytest.approx(100, abs=ECEF_M)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (4,), (3, 3)])
+def test_batches_equal_their_elements(shape):
+    rng = np.random.default_rng(1)
+    lat, lon = rng.uniform(-1.5, 1.5, shape), rng.uniform(-3, 3, shape)
+    height = rng.uniform(-400, 9000, shape)
+    found = geodesy.ecef_from_geodetic(lat, lon, height)
+    assert found.shape == (*shape, 3)
+    back = np.stack(geodesy.geodetic_from_ecef(found), -1)
+    assert back.shape == (*shape, 3)
+    for index in np.ndindex(*shape):
+        one = geodesy.ecef_from_geodetic(lat[index], lon[index], height[index])
+        np.testing.assert_allclose(found[index], one, rtol=0, atol=ECEF_M)
+        assert back[index] == pytest.approx([lat[index], lon[index], height[index]], abs=ECEF_M)
+
+
+# Radii and gravity
+
+
+@given(st.floats(-1.5, 1.5), longitudes)
+def test_radii_are_those_of_the_surface(lat, lon):
+    """The way on the surface per radian, from PROJ's positions."""
+    meridian, transverse = geodesy.radii_of_curvature(lat)
+    step = 1e-4
+    north = proj_ecef(lat + step, lon, 0) - proj_ecef(lat - step, lon, 0)
+    east = proj_ecef(lat, lon + step, 0) - proj_ecef(lat, lon - step, 0)
+    # Chord against arc: (1e-4)^2 / 6; rounding 1e-9 over 45 m (at 1.5 rad) is 2e-11.
+    assert np.linalg.norm(north) / (2 * step) == pytest.approx(meridian, rel=1e-8)
+    assert np.linalg.norm(east) / (2 * step) == pytest.approx(transverse * math.cos(lat), rel=1e-8)
+
+
+def test_radii_at_equator_and_pole():
+    """The equator has a (1 - e2) and a; at a pole both are a^2 / b = 6399593.6258 m."""
+    meridian, transverse = geodesy.radii_of_curvature(0.0)
+    assert transverse == geodesy.SEMI_MAJOR_AXIS_M
+    assert meridian == pytest.approx(6335439.3273, abs=1e-4)
+    assert geodesy.radii_of_curvature(HALF_PI) == pytest.approx([6399593.6258] * 2, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("lat_deg", "expected"),
+    [(0, 9.7803253359), (90, 9.8321849379), (-90, 9.8321849379)],
+)
+def test_gravity_on_the_ellipsoid_as_published(lat_deg, expected):
+    """NIMA TR8350.2, table 3.4; Somigliana's constant is given to 5e-10 of 9.8 m/s2."""
+    assert geodesy.gravity_down(math.radians(lat_deg), 0.0) == pytest.approx(expected, abs=5e-9)
+
+
+def test_gravity_at_45_degrees_of_grs80():
+    """Moritz, Geodetic Reference System 1980: 9.806199203 m/s2; WGS84 differs by 1.4e-6."""
+    assert geodesy.gravity_down(math.pi / 4, 0.0) == pytest.approx(9.806199203, abs=2e-6)
+
+
+@given(latitudes)
+def test_gravity_falls_with_height(lat):
+    """The free-air gradient on the ellipsoid, 0.3086 mGal/m (0.30877 to 0.30834 over latitude)."""
+    gradient = (geodesy.gravity_down(lat, 10.0) - geodesy.gravity_down(lat, -10.0)) / 20
+    assert gradient == pytest.approx(-3.086e-6, rel=1.5e-3)
+
+
+# Local axes
+
+
+@given(st.floats(-1.5, 1.5), longitudes, heights)
+def test_local_axes_are_the_ways_of_the_coordinates(lat, lon, height):
+    found = geodesy.rotation_ecef_from_ned(lat, lon)
+    # Rounding 1e-9 m over 2 x 4.5 m (east at 1.5 rad).
+    np.testing.assert_allclose(found, axes_by_differences(lat, lon, height), atol=1e-9)
+
+
+@given(latitudes, longitudes)
+def test_up_in_the_plane_is_that_of_the_local_axes(lat, lon):
+    plane = TangentPlane(0.4, -1.1, 90.0)
+    up_n = plane.up_n(np.array([lat, 0.4]), np.array([lon, -1.1]))
+    np.testing.assert_allclose(up_n[0], -plane.rotation_from_local(lat, lon)[:, 2], atol=1e-15)
+    np.testing.assert_allclose(up_n[1], [0, 0, -1], atol=1e-15)
+
+
+@given(latitudes, longitudes)
+def test_quaternion_of_the_local_axes(lat, lon):
+    q = geodesy.quat_ecef_from_ned(lat, lon)
+    rotation = geodesy.rotation_ecef_from_ned(lat, lon)
+    np.testing.assert_allclose(matrix_from_quat(q), rotation, atol=2e-15)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-15)
+
+
+# The tangent plane
+
+
+@given(latitudes, longitudes, heights, near, near, st.floats(-400, 400))
+@example(HALF_PI, 0.0, 0.0, 100.0, 100.0, 10.0)
+@example(0.3, math.pi, 50.0, 10.0, 2000.0, -10.0)
+@example(-HALF_PI + 1e-6, -math.pi, 50.0, -3000.0, -2000.0, -10.0)
+def test_plane_is_projs_topocentric_frame(lat, lon, height, north, east, down):
+    plane = TangentPlane(lat, lon, height)
+    place = plane.geodetic_from_ned(np.array([north, east, down]))
+    found = plane.ned_from_geodetic(*place)
+    np.testing.assert_allclose(found, [north, east, down], rtol=0, atol=2 * ECEF_M)
+    degrees = math.degrees(float(place[1])), math.degrees(float(place[0]))
+    east_north_up = proj_topocentric(plane).transform(*degrees, float(place[2]))
+    expected = [east_north_up[1], east_north_up[0], -east_north_up[2]]
+    # Two chains of coordinates of 6.4e6 m, and degrees: 180 deg hold 1.4e-14 deg = 1.6e-9 m.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=4 * ECEF_M)
+
+
+def test_plane_is_continuous_over_the_date_line():
+    plane = TangentPlane(0.3, math.pi - 1e-5, 20.0)
+    beyond = plane.ned_from_geodetic(0.3, -math.pi + 1e-5, 20.0)
+    _, transverse = geodesy.radii_of_curvature(0.3)
+    # 2e-5 rad of a parallel: chord against arc 1e-10 / 6 of 122 m.
+    assert beyond[1] == pytest.approx((transverse + 20) * math.cos(0.3) * 2e-5, abs=2e-8)
+    assert float(plane.geodetic_from_ned(beyond)[1]) == pytest.approx(-math.pi + 1e-5, abs=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(1,), (3,), (4,), (3, 3)])
+def test_plane_takes_leading_axes(shape):
+    plane = TangentPlane(0.7, 2.0, 30.0)
+    points = np.random.default_rng(2).uniform(-500, 500, (*shape, 3))
+    place = plane.geodetic_from_ned(points)
+    assert all(part.shape == shape for part in place)
+    np.testing.assert_allclose(plane.ned_from_geodetic(*place), points, rtol=0, atol=2 * ECEF_M)
+    for index in np.ndindex(*shape):
+        one = plane.ned_from_geodetic(*(part[index] for part in place))
+        np.testing.assert_allclose(one, points[index], rtol=0, atol=2 * ECEF_M)
+
+
+# A solution as a pose in the plane
+
+
+def solution_at(plane, ned, euler, covariance):
+    lat, lon, height = (float(x) for x in plane.geodetic_from_ned(np.array(ned)))
+    return NavSolution(
+        5,
+        lat,
+        lon,
+        height,
+        np.ones(3),
+        quat_from_euler(*euler),
+        np.zeros(3),
+        (0, 0, 0),
+        covariance,
+    )
+
+
+@given(st.floats(-1.48, 1.48), longitudes, near, near, st.floats(-3, 3), st.floats(-1.5, 1.5))
+def test_pose_is_turned_as_the_earth_is_curved(lat, lon, north, east, yaw, pitch):
+    plane = TangentPlane(lat, lon, 30.0)
+    solution = solution_at(plane, (north, east, -20.0), (0.2, pitch, yaw), np.eye(9))
+    pose = plane.body_pose(solution)
+    there = axes_by_differences(solution.latitude_rad, solution.longitude_rad, 30.0)
+    here = axes_by_differences(lat, lon, 30.0)
+    expected = here.T @ there @ matrix_from_quat(solution.q_nb)
+    np.testing.assert_allclose(matrix_from_quat(pose.q_nb), expected, atol=2e-9)
+    np.testing.assert_allclose(pose.position_n, (north, east, -20), rtol=0, atol=2 * ECEF_M)
+    assert pose.stamp_ns == 5
+
+
+def test_convergence_of_the_meridians():
+    """1 km east at 60 deg, north is turned by east tan(lat) / (N + h) = 0.27 mrad."""
+    lat, east = math.radians(60), 1000.0
+    plane = TangentPlane(lat, 0.4, 0.0)
+    pose = plane.body_pose(solution_at(plane, (0.0, east, 0.0), (0.0, 0.0, 0.0), np.eye(9)))
+    nose = matrix_from_quat(pose.q_nb)[:, 0]
+    _, transverse = geodesy.radii_of_curvature(lat)
+    # Second order: (1000 / 6.4e6)^2 times tan.
+    expected = -east * math.tan(lat) / transverse
+    assert math.atan2(nose[1], nose[0]) == pytest.approx(expected, abs=1e-7)
+    assert expected == pytest.approx(-2.708e-4, abs=1e-7)
+
+
+def test_covariance_is_turned_with_the_pose():
+    plane = TangentPlane(1.2, 0.4, 0.0)
+    root = np.random.default_rng(3).normal(size=(9, 9))
+    solution = solution_at(plane, (4000.0, -5000.0, -100.0), (0.1, 0.2, 0.3), root @ root.T)
+    pose = plane.body_pose(solution)
+    turn = plane.rotation_from_local(solution.latitude_rad, solution.longitude_rad)
+    for k in range(0, 6, 3):
+        for j in range(0, 6, 3):
+            block = solution.covariance[k : k + 3, j : j + 3]
+            np.testing.assert_allclose(
+                pose.covariance[k : k + 3, j : j + 3], turn @ block @ turn.T, atol=1e-12
+            )
+
+
+def test_pose_at_the_origin_is_the_solution():
+    plane = TangentPlane(-0.6, -2.9, 700.0)
+    solution = solution_at(plane, (0.0, 0.0, 0.0), (0.3, -0.2, 3.0), np.diag(np.arange(1.0, 10)))
+    pose = plane.body_pose(solution)
+    np.testing.assert_allclose(
+        matrix_from_quat(pose.q_nb), matrix_from_quat(solution.q_nb), atol=2e-15
+    )
+    np.testing.assert_allclose(pose.covariance, np.diag(np.arange(1.0, 7)), atol=1e-14)

@@ -1,0 +1,314 @@
+"""The camera's pose from body and gimbal: Equation 12, the encoder chain, and covariances."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    euler_from_matrix,
+    euler_from_quat,
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_from_euler,
+    quat_from_matrix,
+    quat_multiply,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    rotvec_from_quat,
+    wrap_pi,
+)
+from tirgeo_ros.core.gimbal.camera_pose import (
+    Mount,
+    NorthBias,
+    from_computed,
+    from_joints,
+    from_reported,
+    heading_row,
+)
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose
+
+PLAIN = Mount.from_config(GimbalConfig())
+CONFIG = GimbalConfig(
+    aircraft=AircraftConfig(
+        gimbal_pivot_m=(0.3, -0.1, -0.4), camera_from_pivot_m=(0.1, 0.05, -0.02)
+    ),
+    boresight_rpy_deg=(0.4, -0.7, 1.1),
+    encoder_sigma_deg=0.2,
+)
+FULL = Mount.from_config(CONFIG)
+KNOWN = NorthBias(0.0, 0.0)
+
+headings = st.floats(-3.1, 3.1)
+tilts = st.floats(-0.5, 0.5)
+attitudes = st.tuples(tilts, tilts, headings)
+# a gimbal's reach, kept off the pitch where Euler angles end: 1e-12 / cos(pitch) is the arithmetic
+camera_attitudes = st.tuples(st.floats(-0.5, 0.5), st.floats(-1.5, 0.5), headings)
+
+
+def body_at(euler, position_n=(3.0, 4.0, -20.0), covariance=None):
+    covariance = np.eye(6) * 1e-4 if covariance is None else covariance
+    return BodyPose(7, np.array(position_n), quat_from_euler(*euler), covariance)
+
+
+def some_covariance(seed=1):
+    root = np.random.default_rng(seed).normal(size=(6, 6)) * 1e-2
+    return root @ root.T
+
+
+def rotation_ng(pose):
+    """The camera body's rotation, where the mount has no boresight."""
+    return matrix_from_quat(pose.q_nc) @ BODY_OPTICAL.T
+
+
+@given(attitudes, headings, camera_attitudes, headings)
+def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler, bias):
+    autopilot = quat_from_euler(0.02, -0.03, autopilot_yaw)
+    reported = CameraAttitudeSample(7, quat_from_euler(*camera_euler))
+    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported, NorthBias(bias, 0.0))
+    roll, pitch, yaw = euler_from_matrix(rotation_ng(pose))
+    psi_coder = wrap_pi(camera_euler[2] - autopilot_yaw - bias)
+    assert roll == pytest.approx(camera_euler[0], abs=1e-9)
+    assert pitch == pytest.approx(camera_euler[1], abs=1e-9)
+    assert wrap_pi(yaw - (body_euler[2] + psi_coder)) == pytest.approx(0, abs=1e-9)
+
+
+@given(headings, headings, headings, tilts)
+def test_looking_straight_down_only_the_heading_turns(body_yaw, autopilot_yaw, camera_yaw, roll):
+    body = body_at((0.01, 0.02, body_yaw))
+    autopilot = quat_from_euler(0.01, 0.02, autopilot_yaw)
+    found = []
+    for pitch in (-np.pi / 2, -np.pi / 2 + 1e-6):
+        reported = quat_from_euler(roll, pitch, camera_yaw)
+        sample = CameraAttitudeSample(7, reported)
+        pose = from_reported(PLAIN, body, autopilot, sample, KNOWN)
+        turned = rotation_z(body_yaw - autopilot_yaw) @ matrix_from_quat(reported)
+        np.testing.assert_allclose(rotation_ng(pose), turned, atol=1e-9)
+        assert np.linalg.eigvalsh(pose.covariance)[0] > -1e-15
+        found.append(pose)
+    # continuous there: a pitch of 1e-6 moves the axes by as much and the covariance's axes too
+    np.testing.assert_allclose(rotation_ng(found[0]), rotation_ng(found[1]), atol=1.1e-6)
+
+
+@given(attitudes, camera_attitudes)
+def test_joints_are_the_whole_chain(body_euler, angles):
+    roll, pitch, yaw = angles
+    pose = from_joints(PLAIN, body_at(body_euler), JointSample(7, yaw, roll, pitch))
+    chain = rotation_z(yaw) @ rotation_x(roll) @ rotation_y(pitch)
+    expected = matrix_from_quat(quat_from_euler(*body_euler)) @ chain
+    np.testing.assert_allclose(rotation_ng(pose), expected, atol=1e-12)
+
+
+def test_signs_of_the_joints():
+    level_north = body_at((0.0, 0.0, 0.0))
+    down = from_joints(PLAIN, level_north, JointSample(7, 0.0, 0.0, np.radians(-30)))
+    axis_n = matrix_from_quat(down.q_nc)[:, 2]  # optical axis
+    np.testing.assert_allclose(axis_n, [np.cos(np.pi / 6), 0, 0.5], atol=1e-12)
+    right = from_joints(PLAIN, level_north, JointSample(7, np.radians(90), 0.0, 0.0))
+    np.testing.assert_allclose(matrix_from_quat(right.q_nc)[:, 2], [0, 1, 0], atol=1e-12)
+    rolled = from_joints(PLAIN, level_north, JointSample(7, 0.0, np.radians(10), 0.0))
+    assert matrix_from_quat(rolled.q_nc)[2, 0] > 0  # the picture's right side is down
+
+
+def test_lever_arm_and_offset_turn_with_body_and_camera():
+    aircraft = AircraftConfig(gimbal_pivot_m=(1.0, 0.0, -0.5), camera_from_pivot_m=(0.2, 0, 0))
+    mount = Mount.from_config(GimbalConfig(aircraft=aircraft))
+    east = body_at((0.0, 0.0, np.pi / 2), position_n=(0.0, 0.0, 0.0))
+    pose = from_joints(mount, east, JointSample(7, np.pi / 2, 0.0, 0.0))
+    # body looks east, camera south; 0.5 m below the IMU is +0.5 down
+    np.testing.assert_allclose(pose.position_n, [-0.2, 1.0, 0.5], atol=1e-12)
+
+
+def test_boresight_turns_about_camera_axes():
+    mount = Mount.from_config(GimbalConfig(boresight_rpy_deg=(0.0, 0.0, -2.0)))  # FLU: right
+    down = from_joints(mount, body_at((0.0, 0.0, 0.0)), JointSample(7, 0.0, 0.0, -np.pi / 2))
+    up_in_picture_n = -matrix_from_quat(down.q_nc)[:, 1]
+    forward_n = matrix_from_quat(down.q_nc)[:, 2]
+    angle = np.radians(2.0)
+    np.testing.assert_allclose(forward_n, [0, np.sin(angle), np.cos(angle)], atol=1e-12)
+    np.testing.assert_allclose(up_in_picture_n, [1, 0, 0], atol=1e-12)
+
+
+@given(attitudes)
+def test_heading_row_against_differences(euler):
+    rotation = matrix_from_quat(quat_from_euler(*euler))
+    step = 1e-6
+    for k, derivative in enumerate(heading_row(rotation[:, 0])):
+        turn = step * np.eye(3)[k]
+        ends = [
+            euler_from_matrix(matrix_from_rotvec(sign * turn) @ rotation)[2] for sign in (1, -1)
+        ]
+        assert wrap_pi(ends[0] - ends[1]) / (2 * step) == pytest.approx(derivative, abs=1e-7)
+
+
+def turned(body, error):
+    """The body that a position error (m) and phi_n (rad), (6,), lead to."""
+    q = quat_from_matrix(matrix_from_rotvec(error[3:]) @ matrix_from_quat(body.q_nb))
+    return dataclasses.replace(body, position_n=body.position_n + error[:3], q_nb=q)
+
+
+def pose_error(pose, reference):
+    """(6,) position error and phi_n that take ``reference`` to ``pose``."""
+    turn = matrix_from_quat(pose.q_nc) @ matrix_from_quat(reference.q_nc).T
+    phi_n = rotvec_from_quat(quat_from_matrix(turn))
+    return np.concatenate([pose.position_n - reference.position_n, phi_n])
+
+
+def covariance_by_differences(compose, body, variances):
+    """J S J^T with J by central differences of the whole composition."""
+    count = 6 + len(variances)
+    zero = compose(body, np.zeros(len(variances)))
+    columns = []
+    for k in range(count):
+        step = np.zeros(count)
+        step[k] = 1e-5
+        ends = [compose(turned(body, sign * step[:6]), sign * step[6:]) for sign in (1, -1)]
+        columns.append((pose_error(ends[0], zero) - pose_error(ends[1], zero)) / 2e-5)
+    jacobian = np.array(columns).T
+    spread = np.zeros((count, count))
+    spread[:6, :6], spread[6:, 6:] = body.covariance, np.diag(variances)
+    return jacobian @ spread @ jacobian.T
+
+
+NORTH_VARIANCE = np.radians(2.0) ** 2
+
+# step 1e-5: truncation 1e-10, rounding 1e-11, on covariances of order 1e-3 and arms below 1 m
+DIFFERENCE_TOLERANCE = 1e-9
+
+
+@settings(max_examples=20)  # each composes eighteen times
+@given(attitudes, camera_attitudes, st.integers(0, 1000))
+def test_covariance_by_joints_against_differences(body_euler, angles, seed):
+    roll, pitch, yaw = angles
+    body = body_at(body_euler, covariance=some_covariance(seed))
+
+    def compose(at, error):
+        return from_joints(FULL, at, JointSample(7, *(np.array([yaw, roll, pitch]) + error)))
+
+    expected = covariance_by_differences(compose, body, FULL.joint_variance)
+    found = compose(body, np.zeros(3)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
+
+
+@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
+def test_covariance_of_reported_against_differences(body_euler, camera, autopilot_yaw, seed):
+    body = body_at(body_euler, covariance=some_covariance(seed))
+    autopilot = quat_from_euler(0.0, 0.0, autopilot_yaw)
+
+    def compose(at, error):
+        euler = np.array(camera) + np.array([*error[:2], 0.0])
+        reported = CameraAttitudeSample(7, quat_from_euler(*euler))
+        north = NorthBias(0.05 - error[2], NORTH_VARIANCE)
+        return from_reported(FULL, at, autopilot, reported, north)
+
+    variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
+    expected = covariance_by_differences(compose, body, variances)
+    found = compose(body, np.zeros(3)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
+
+
+@pytest.mark.slow
+def test_covariance_covers_a_north_that_is_not_known():
+    """Monte Carlo: the normalised squared error of six states is 6 on average."""
+    rng = np.random.default_rng(11)
+    count, sigma = 3000, np.radians(2.0)
+    body, camera = body_at((0.03, -0.05, 0.7), covariance=some_covariance(4)), (0.01, -0.6, 1.1)
+    tilts_rad = np.sqrt(FULL.reported_variance)
+    root = np.linalg.cholesky(body.covariance)
+    estimate = NorthBias(0.04, sigma**2)
+    truth_q = quat_from_euler(*camera)
+    truth = from_reported(FULL, body, body.q_nb, CameraAttitudeSample(7, truth_q), KNOWN)
+    squares = []
+    for draw in rng.standard_normal((count, 9)):
+        roll, pitch, yaw = np.array(camera) + np.append(tilts_rad, sigma) * draw[:3]
+        reported = CameraAttitudeSample(7, quat_from_euler(roll, pitch, yaw + 0.04))
+        # the estimate's error is the other way about: the truth is the estimate turned by it
+        seen = turned(body, -root @ draw[3:])
+        pose = from_reported(FULL, seen, body.q_nb, reported, estimate)
+        error = pose_error(truth, pose)
+        squares.append(error @ np.linalg.solve(pose.covariance, error))
+    # chi-square of 6: its mean's sigma is sqrt(12 / 3000) = 0.06; 2 deg leave 0.1 of second order
+    assert np.mean(squares) == pytest.approx(6.0, abs=3 * 0.063 + 0.1)
+
+
+def computed(autopilot_q_nb, camera_euler):
+    """Joints as they are computed from the two attitudes that the flight controller reports."""
+    rotation_bg = matrix_from_quat(autopilot_q_nb).T @ matrix_from_quat(
+        quat_from_euler(*camera_euler)
+    )
+    return JointSample(7, *joint_angles(rotation_bg).tolist(), computed=True)
+
+
+@given(attitudes, camera_attitudes, headings, headings)
+def test_computed_joints_are_equation_12_where_the_tilts_agree(euler, camera, heading, bias):
+    """Whatever the two headings and the gimbal's north are."""
+    autopilot = quat_from_euler(*euler)
+    body = body_at((euler[0], euler[1], heading))
+    north = NorthBias(bias, NORTH_VARIANCE)
+    pose = from_computed(FULL, body, computed(autopilot, camera), north)
+    reported = CameraAttitudeSample(7, quat_from_euler(*camera))
+    expected = from_reported(FULL, body, autopilot, reported, north)
+    # some tens of roundings, and over the cosine of the chain's roll
+    np.testing.assert_allclose(pose.position_n, expected.position_n, atol=1e-12)
+    np.testing.assert_allclose(
+        matrix_from_quat(pose.q_nc), matrix_from_quat(expected.q_nc), atol=1e-12
+    )
+
+
+@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
+def test_covariance_of_computed_joints_against_differences(euler, camera, heading, seed):
+    """Where the autopilot's tilt is the body's, so that the camera's is the reported one."""
+    body = body_at((euler[0], euler[1], heading), covariance=some_covariance(seed))
+    autopilot = quat_from_euler(*euler)
+
+    def compose(at, error):
+        tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), autopilot)
+        joints = computed(tilted, np.array(camera) + np.array([*error[:2], 0.0]))
+        return from_computed(FULL, at, joints, NorthBias(0.05 - error[4], NORTH_VARIANCE))
+
+    tilt = FULL.tilt_variance
+    variances = np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))
+    expected = covariance_by_differences(compose, body, variances)
+    found = compose(body, np.zeros(5)).covariance
+    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_heading_alone_comes_from_the_filter_in_reported():
+    """A filter that errs in roll and pitch alone leaves a level aircraft's camera as reported."""
+    covariance = np.diag([0, 0, 0, 1e-2, 1e-2, 0])
+    body = body_at((0.0, 0.0, 0.4), covariance=covariance)
+    reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
+    pose = from_reported(PLAIN, body, body.q_nb, reported, KNOWN)
+    camera_n = matrix_from_quat(reported.q_ng)
+    across, forward = camera_n[:, 1], camera_n[:, 0]
+    roll_variance, pitch_variance = np.radians(GimbalConfig().reported_sigma_deg) ** 2
+    expected = roll_variance * np.outer(forward, forward) + pitch_variance * np.outer(
+        across, across
+    )
+    np.testing.assert_allclose(pose.covariance[3:, 3:], expected, atol=1e-15)
+
+
+def test_nose_straight_up_has_no_heading():
+    reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
+    up, level = quat_from_euler(0.0, np.pi / 2, 0.0), quat_from_euler(0.0, 0.0, 0.0)
+    upright = dataclasses.replace(body_at((0.0, 0.0, 0.0)), q_nb=up)
+    assert from_reported(PLAIN, upright, level, reported, KNOWN) is None
+    assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported, KNOWN) is None
+
+
+def test_camera_pose_keeps_stamp_of_body():
+    pose = from_joints(PLAIN, body_at((0.0, 0.0, 0.0)), JointSample(7, 0.0, 0.0, 0.0))
+    assert pose.stamp_ns == 7
+    np.testing.assert_allclose(euler_from_quat(quat_from_matrix(rotation_ng(pose))), 0, atol=1e-12)

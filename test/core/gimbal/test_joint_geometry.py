@@ -1,0 +1,88 @@
+"""Angles of a gimbal's joints in every order of the chain."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    wrap_pi,
+)
+from tirgeo_ros.core.gimbal.joint_geometry import chain, joint_angles
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JointSample
+
+ROUNDING = 1e-12
+TURNS = {"yaw": rotation_z, "roll": rotation_x, "pitch": rotation_y}
+
+angles = st.floats(-math.pi, math.pi)
+orders = st.sampled_from(JOINT_ORDERS)
+
+
+def turned(order, **by_name):
+    """R_bg by the matrices of the three turns."""
+    first, middle, last = (TURNS[name](by_name[name]) for name in order.split("-"))
+    return first @ middle @ last
+
+
+def by_name(order, first, middle, last):
+    return dict(zip(order.split("-"), (first, middle, last), strict=True))
+
+
+def test_the_usual_order_is_that_of_the_contract():
+    assert USUAL_ORDER == "yaw-roll-pitch"
+    assert len(set(JOINT_ORDERS)) == 6
+
+
+@given(orders, angles, st.floats(-math.pi / 2, math.pi / 2), angles)
+def test_joint_angles_give_the_matrix_anywhere(order, first, middle, last):
+    matrix = turned(order, **by_name(order, first, middle, last))
+    said = dict(zip(TURNS, joint_angles(matrix, order), strict=True))
+    np.testing.assert_allclose(turned(order, **said), matrix, atol=ROUNDING)
+    assert abs(said[order.split("-")[1]]) <= math.pi / 2
+
+
+@given(orders, angles, st.floats(-1.5, 1.5), angles)
+def test_joint_angles_come_back(order, first, middle, last):
+    given_angles = by_name(order, first, middle, last)
+    said = joint_angles(turned(order, **given_angles), order)
+    off = wrap_pi(said - [given_angles[name] for name in TURNS])
+    # The first and the last are divided by the middle one's cosine, 0.07 at 1.5 rad.
+    np.testing.assert_allclose(off, 0, atol=ROUNDING / math.cos(1.5))
+
+
+@pytest.mark.parametrize("order", JOINT_ORDERS)
+def test_joint_angles_of_a_batch_are_those_of_each(order):
+    given_angles = np.random.default_rng(4).uniform(-1.4, 1.4, (3, 3))
+    yaw, roll, pitch = given_angles.T
+    matrices = turned(order, yaw=yaw, roll=roll, pitch=pitch)
+    np.testing.assert_allclose(joint_angles(matrices, order), given_angles, atol=1e-12)
+
+
+@given(orders, angles, angles, angles)
+def test_a_chain_is_the_turns_in_their_order(order, yaw, roll, pitch):
+    q_bg, _ = chain(JointSample(0, yaw, roll, pitch), order)
+    expected = turned(order, yaw=yaw, roll=roll, pitch=pitch)
+    np.testing.assert_allclose(matrix_from_quat(np.array(q_bg)), expected, atol=ROUNDING)
+
+
+@given(orders, angles, angles, angles)
+def test_the_axes_are_what_small_turns_of_the_joints_turn_about(order, yaw, roll, pitch):
+    at = np.array([yaw, roll, pitch])
+    q_bg, axes_b = chain(JointSample(0, *at.tolist()), order)
+    rotation = matrix_from_quat(np.array(q_bg))
+    for joint, axis_b in enumerate(axes_b.T):
+        moved = at + 1e-6 * np.eye(3)[joint]
+        more = chain(JointSample(0, *moved.tolist()), order)[0]
+        expected = matrix_from_rotvec(1e-6 * axis_b) @ rotation
+        # a turn about one axis is exact; 1e-16 of rounding beside 1e-6
+        np.testing.assert_allclose(matrix_from_quat(np.array(more)), expected, atol=ROUNDING)

@@ -1,0 +1,185 @@
+"""Poses between poses: interpolation, its refusals and its memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory, StampedHistory
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+STEP_NS = 10_000_000
+
+
+def body(stamp_ns, position_n=(0.0, 0.0, 0.0), rotvec=(0.0, 0.0, 0.0), variance=1.0):
+    q = quat_from_rotvec(np.array(rotvec, float))
+    return BodyPose(stamp_ns, np.array(position_n, float), q, np.diag(np.full(6, variance)))
+
+
+def constant_motion(stamp_ns, velocity_n, rate_b, start_q):
+    """Straight line and constant body rate: interpolation has no error on it."""
+    t = stamp_ns * 1e-9
+    q = quat_multiply(start_q, quat_from_rotvec(np.asarray(rate_b) * t))
+    return BodyPose(stamp_ns, np.asarray(velocity_n) * t, q, np.eye(6) * (1 + t))
+
+
+def angle_between(p, q):
+    return float(np.linalg.norm(rotvec_from_quat(quat_multiply(quat_conjugate(p), q))))
+
+
+vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
+
+
+@given(vectors, vectors, vectors, st.integers(0, 20 * STEP_NS))
+def test_constant_motion_is_met_at_every_instant(velocity_n, rate_b, rotvec, stamp_ns):
+    history: PoseHistory[BodyPose] = PoseHistory()
+    start_q = quat_from_rotvec(rotvec)
+    for k in range(21):
+        history.add(constant_motion(k * STEP_NS, velocity_n, rate_b, start_q))
+    truth = constant_motion(stamp_ns, velocity_n, rate_b, start_q)
+    found = history.at(stamp_ns)
+    assert isinstance(found, BodyPose)
+    assert found.stamp_ns == stamp_ns
+    # arithmetic on numbers of order one
+    np.testing.assert_allclose(found.position_n, truth.position_n, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, truth.covariance, atol=1e-12)
+    assert angle_between(found.q_nb, truth.q_nb) < 1e-7  # 2 atan2 near zero: root of epsilon
+
+
+@given(vectors, vectors, st.floats(0, 1))
+def test_sign_of_quaternion_does_not_matter(rotvec, turn, fraction):
+    stamp_ns = round(fraction * STEP_NS)
+    q0 = quat_from_rotvec(rotvec)
+    q1 = quat_multiply(q0, quat_from_rotvec(turn))
+    found = []
+    for sign in (1, -1):
+        history: PoseHistory[BodyPose] = PoseHistory()
+        history.add(BodyPose(0, np.zeros(3), q0, np.eye(6)))
+        history.add(BodyPose(STEP_NS, np.zeros(3), sign * q1, np.eye(6)))
+        found.append(history.at(stamp_ns))
+    if np.linalg.norm(turn) < np.pi - 1e-3:  # half a turn has two shortest ways
+        matrices = [matrix_from_quat(pose.q_nb) for pose in found]
+        np.testing.assert_allclose(matrices[0], matrices[1], atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1))
+def test_covariance_between_stays_symmetric_and_positive(seed, fraction):
+    rng = np.random.default_rng(seed)
+    history: PoseHistory[BodyPose] = PoseHistory()
+    for stamp_ns in (0, STEP_NS):
+        root = rng.normal(size=(6, 6))
+        pose = BodyPose(stamp_ns, np.zeros(3), np.array([1.0, 0, 0, 0]), root @ root.T)
+        history.add(pose)
+    covariance = history.at(round(fraction * STEP_NS)).covariance
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance)[0] > -1e-12
+
+
+def test_camera_poses_come_out_as_camera_poses():
+    history: PoseHistory[CameraPose] = PoseHistory()
+    for k in range(2):
+        q = quat_from_rotvec(np.array([0.0, 0.0, 0.2 * k]))
+        history.add(CameraPose(k * STEP_NS, np.array([k, 0.0, 0.0]), q, np.eye(6)))
+    found = history.at(STEP_NS // 2)
+    assert isinstance(found, CameraPose)
+    np.testing.assert_allclose(found.position_n, [0.5, 0, 0])
+    np.testing.assert_allclose(rotvec_from_quat(found.q_nc), [0, 0, 0.1], atol=1e-15)
+
+
+def test_never_outside_the_poses():
+    history: PoseHistory[BodyPose] = PoseHistory()
+    assert history.at(0) is Miss.EMPTY
+    first, last = body(STEP_NS), body(2 * STEP_NS)
+    history.add(first)
+    history.add(last)
+    assert history.at(STEP_NS - 1) is Miss.TOO_OLD
+    assert history.at(STEP_NS) is first
+    assert history.at(2 * STEP_NS) is last
+    assert history.at(2 * STEP_NS + 1) is Miss.TOO_NEW
+
+
+def test_gap_is_not_bridged_but_its_ends_stand():
+    history: PoseHistory[BodyPose] = PoseHistory(max_gap_s=0.1)
+    for stamp_ns in (0, 100_000_000, 200_000_001):
+        history.add(body(stamp_ns))
+    assert isinstance(history.at(50_000_000), BodyPose)  # 0.1 s exactly is no gap
+    assert history.at(150_000_000) is Miss.GAP
+    assert isinstance(history.at(200_000_001), BodyPose)
+
+
+def test_bounded_by_time():
+    history: PoseHistory[BodyPose] = PoseHistory(span_s=1.0)
+    for k in range(1000):
+        history.add(body(k * STEP_NS))
+    assert len(history) == 101
+    assert history.at(999 * STEP_NS - 1_000_000_001) is Miss.TOO_OLD
+    assert isinstance(history.at(999 * STEP_NS - 1_000_000_000), BodyPose)
+
+
+def test_the_latest_poses():
+    history: PoseHistory[BodyPose] = PoseHistory()
+    assert history.latest(1.0) == []
+    for k in range(5):
+        history.add(body(k * STEP_NS))
+    assert [pose.stamp_ns for pose in history.latest(0.02)] == [
+        2 * STEP_NS,
+        3 * STEP_NS,
+        4 * STEP_NS,
+    ]
+    assert len(history.latest(1.0)) == 5
+
+
+def test_stamp_going_back_starts_again():
+    history: PoseHistory[BodyPose] = PoseHistory()
+    history.add(body(5 * STEP_NS))
+    history.add(body(6 * STEP_NS))
+    history.add(body(STEP_NS))
+    assert history.went_back == 1
+    assert len(history) == 1
+    assert history.at(5 * STEP_NS) is Miss.TOO_NEW
+
+
+def test_same_stamp_again_replaces():
+    history: PoseHistory[BodyPose] = PoseHistory()
+    history.add(body(0))
+    history.add(body(0, position_n=(1.0, 2.0, 3.0)))
+    assert len(history) == 1
+    assert history.went_back == 0
+    np.testing.assert_array_equal(history.at(0).position_n, [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        body(0, position_n=(np.nan, 0, 0)),
+        body(0, position_n=(0, 0, 1e200)),
+        body(0, variance=np.inf),
+        BodyPose(0, np.zeros(3), np.zeros(4), np.eye(6)),
+        BodyPose(0, np.zeros(3), np.array([np.nan, 0, 0, 1.0]), np.eye(6)),
+        BodyPose(0, np.array([np.inf, -np.inf, 0]), np.array([np.inf, 0, 0, 1.0]), np.eye(6)),
+        BodyPose(0, np.zeros(3), np.array([1.0, 0, 0, 1.0]), np.eye(6)),
+    ],
+)
+def test_invalid_pose_is_refused_and_counted(pose):
+    history: PoseHistory[BodyPose] = PoseHistory()
+    assert not history.add(pose)
+    assert history.invalid == 1
+    assert history.fault
+    assert history.at(0) is Miss.EMPTY
+
+
+def test_any_entry_can_be_kept():
+    history: StampedHistory[str] = StampedHistory()
+    history.put(0, "a")
+    history.put(100, "b")
+    assert history.around(25) == ("a", "b", 0.25)
+    assert history.around(100) == ("b", "b", 0.0)

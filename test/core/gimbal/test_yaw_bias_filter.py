@@ -1,0 +1,203 @@
+"""The filter of the gimbal's north: what it learns, what it doubts, and how sure it is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import NorthConfig
+from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.types.verdicts import Outcome
+
+S = 1_000_000_000
+NOISE = math.radians(0.2) ** 2
+
+
+def seconds(count, start_s=0):
+    return range(start_s * S, (start_s + count) * S, S)
+
+
+def fed(readings_rad, config=None, *, centred=True):
+    """The filter after one reading a second, and what became of each."""
+    north = GimbalNorth(config or NorthConfig())
+    stamps = seconds(len(readings_rad))
+    outcomes = [
+        north.take(stamp, reading, NOISE, centred=centred)
+        for stamp, reading in zip(stamps, readings_rad, strict=True)
+    ]
+    return north, outcomes
+
+
+def deg(rad):
+    return math.degrees(rad)
+
+
+@pytest.mark.parametrize("centred", [True, False])
+def test_many_readings_are_the_least_squares_solution(centred):
+    """Without a walk P = (P0^-1 + n h h^T / R)^-1 and x = P (P0^-1 x0 + h sum z / R)."""
+    config = NorthConfig(bias_deg=1.0, walk_deg=0.0)
+    readings = np.radians(np.random.default_rng(3).normal(2.0, 0.2, 40))
+    north, _ = fed(readings, config, centred=centred)
+    prior = np.linalg.inv(np.diag(np.radians([3.0, 0.3]) ** 2))
+    h = np.array([1.0, float(centred)])
+    posterior = np.linalg.inv(prior + len(readings) * np.outer(h, h) / NOISE)
+    state = posterior @ (prior @ np.radians([1.0, 0.0]) + h * sum(readings) / NOISE)
+    # forty updates on numbers of 1e-3 and below
+    assert north.bias_rad == pytest.approx(state[0], abs=1e-12)
+    assert north.variance == pytest.approx(posterior[0, 0], rel=1e-9)
+
+
+def test_a_centred_gimbal_tells_the_bias_no_better_than_its_centre_is_known():
+    north, _ = fed([math.radians(3.0)] * 600)
+    assert deg(north.bias_rad) == pytest.approx(3.0, abs=0.05)  # 1 - 3^2 / (3^2 + 0.3^2) of 3
+    assert deg(math.sqrt(north.variance)) == pytest.approx(0.3, rel=0.1)
+    joints, _ = fed([math.radians(3.0)] * 600, centred=False)
+    assert deg(math.sqrt(joints.variance)) < 0.1
+
+
+def test_without_readings_sigma_grows_as_the_walk_and_the_mean_stays():
+    north = GimbalNorth(NorthConfig(bias_deg=1.5, sigma_deg=0.5, walk_deg=0.03))
+    north.advance(7 * S)
+    for t_s in (107, 1007):
+        north.advance(t_s * S)
+        assert deg(north.bias_rad) == pytest.approx(1.5)
+        expected_deg = math.hypot(0.5, 0.03 * math.sqrt(t_s - 7))
+        assert deg(math.sqrt(north.variance)) == pytest.approx(expected_deg)
+
+
+def test_clock_that_is_set_costs_an_hour_at_most():
+    north = GimbalNorth(NorthConfig(sigma_deg=0.5))
+    north.advance(0)
+    north.advance(1_700_000_000 * S)
+    assert deg(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
+    north.advance(0)
+    assert deg(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
+
+
+def test_one_wrong_reading_is_doubted_and_forgotten():
+    north, _ = fed([0.0] * 30)
+    before = north.bias_rad, north.variance
+    assert north.take(30 * S, math.radians(8.0), NOISE, centred=True) is Outcome.GATED
+    assert north.bias_rad == before[0]
+    assert deg(math.sqrt(north.variance)) > 8.0  # it may have stepped
+    assert north.take(31 * S, 0.0, NOISE, centred=True) is Outcome.USED
+    # two seconds of walk, 0.04 deg, and a reading of 0.2 deg change a sigma of 0.3 by a hundredth
+    assert math.sqrt(north.variance) == pytest.approx(math.sqrt(before[1]), rel=0.02)
+    assert (north.updates, north.refused, north.resets) == (31, 1, 0)
+
+
+@pytest.mark.parametrize("step_deg", [4.0, -20.0, 170.0])
+def test_a_step_is_followed_after_reset_after_s(step_deg):
+    north, _ = fed([0.0] * 30)
+    outcomes = []
+    for stamp in seconds(7, 30):
+        outcomes.append(north.take(stamp, math.radians(step_deg), NOISE, centred=True))
+        error = math.remainder(math.radians(step_deg) - north.bias_rad, math.tau)
+        # doubted from the first reading on, but for an angle that hardly can be any larger
+        assert abs(error) < 3 * math.sqrt(north.variance)
+    assert outcomes == [Outcome.GATED] * 5 + [Outcome.RESET, Outcome.USED]
+    assert deg(north.bias_rad) == pytest.approx(step_deg, abs=1e-6)
+    assert (north.refused, north.resets) == (6, 1)
+
+
+def test_a_reset_knows_what_one_reading_knows():
+    for centred, sigma_deg in ((True, math.hypot(0.2, 0.3)), (False, 0.2)):
+        north, _ = fed([0.0] * 5 + [1.0] * 6, centred=centred)
+        assert north.resets == 1
+        # the five readings before it have told a hundredth of the centre's variance
+        assert deg(math.sqrt(north.variance)) == pytest.approx(sigma_deg, rel=5e-3)
+
+
+def test_readings_that_disagree_never_set_the_bias():
+    wild = [math.radians(20.0 + 15 * (k % 2)) for k in range(60)]
+    north, outcomes = fed([0.0] * 10 + wild)
+    assert set(outcomes[10:]) == {Outcome.GATED}
+    assert deg(north.bias_rad) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_few_refusals_far_apart_do_not_set_the_bias():
+    north, _ = fed([0.0] * 10)
+    for t_s in (40, 70):
+        assert north.take(t_s * S, 0.5, NOISE, centred=True) is Outcome.GATED
+    assert north.take(100 * S, 0.5, NOISE, centred=True) is Outcome.RESET
+
+
+def test_a_bias_of_forty_degrees_is_found_though_nobody_expected_it():
+    north, outcomes = fed([math.radians(40.0)] * 8)
+    assert outcomes.count(Outcome.RESET) == 1
+    assert deg(north.bias_rad) == pytest.approx(40.0, abs=1e-6)
+
+
+@given(
+    st.floats(-math.pi, math.pi),
+    st.lists(st.integers(-2, 2), min_size=1, max_size=12),
+)
+def test_readings_are_angles(reading, turns):
+    config = NorthConfig(bias_deg=170.0, sigma_deg=10.0)
+    plain, first = fed([reading] * len(turns), config)
+    turned, second = fed([reading + math.tau * k for k in turns], config)
+    assert first == second
+    # a turn more is 6e-16 of rounding for each of the twelve
+    difference = math.remainder(plain.bias_rad - turned.bias_rad, math.tau)
+    assert difference == pytest.approx(0.0, abs=1e-13)
+
+
+steps = st.tuples(
+    st.one_of(st.integers(-5, 40), st.just(10**9)),  # seconds since the one before
+    st.one_of(st.floats(-10, 10), st.just(math.nan), st.just(math.inf)),
+    st.one_of(st.floats(1e-9, 1.0), st.sampled_from([0.0, -1.0, math.nan, math.inf])),
+    st.booleans(),
+)
+
+
+@given(st.lists(steps, max_size=40), st.floats(0, 100), st.floats(0, 10), st.floats(0, 90))
+def test_whatever_comes_the_answer_is_a_number(given_steps, sigma_deg, walk_deg, centre_deg):
+    north = GimbalNorth(
+        NorthConfig(sigma_deg=sigma_deg, walk_deg=walk_deg, centred_sigma_deg=centre_deg)
+    )
+    stamp_s, sound = 0, 0
+    for elapsed_s, reading, variance, centred in given_steps:
+        stamp_s += elapsed_s
+        outcome = north.take(stamp_s * S, reading, variance, centred=centred)
+        sound += outcome is not Outcome.INVALID
+        assert -math.pi <= north.bias_rad <= math.pi
+        # rounding: a covariance of 3 rad2 loses 1e-15 of itself in each of forty updates
+        assert -1e-13 < north.variance <= math.pi**2 / 3
+    assert north.updates + north.refused == sound + north.resets
+
+
+def test_error_over_sigma_in_every_phase():
+    """Prior, readings, silence, joints: 200 seeds; their rms has a sigma of 1 / sqrt(400)."""
+    config = NorthConfig(sigma_deg=3.0, walk_deg=0.03, centred_sigma_deg=0.3)
+    ratios = np.array([_phases(config, seed) for seed in range(200)])
+    rms = np.sqrt(np.mean(ratios**2, axis=0))
+    assert rms.shape == (5,)
+    assert np.all(rms > 0.7), rms
+    assert np.all(rms < 1.3), rms
+    np.testing.assert_allclose(rms, 1.0, atol=4 / math.sqrt(400))
+
+
+def _phases(config, seed):
+    """Error over sigma at the end of each phase of a simulated bias."""
+    rng = np.random.default_rng(seed)
+    bias_deg = rng.normal(0.0, config.sigma_deg)
+    centre_deg = rng.normal(0.0, config.centred_sigma_deg)
+    north = GimbalNorth(config)
+    north.advance(0)
+    found, t_s = [], 0
+    for kind, count in (("none", 100), ("centred", 3), ("centred", 60), ("none", 200), ("j", 20)):
+        for _ in range(count):
+            t_s += 1
+            bias_deg += rng.normal(0.0, config.walk_deg)
+            north.advance(t_s * S)
+            if kind != "none":
+                shown = bias_deg + (centre_deg if kind == "centred" else 0.0)
+                reading = math.radians(shown + rng.normal(0.0, 0.2))
+                north.take(t_s * S, reading, NOISE, centred=kind == "centred")
+        error = math.remainder(math.radians(bias_deg) - north.bias_rad, math.tau)
+        found.append(error / math.sqrt(north.variance))
+    return found

@@ -1,0 +1,114 @@
+"""Where a map is, seen from a place, and what may have put it there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from overlays import PLANE, geo
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.distance import (
+    Whereabouts,
+    compass_word,
+    distance_words,
+    likely_mistake,
+    way_words,
+)
+from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import lay_layers
+
+HERE = TangentPlane(math.radians(48.1), math.radians(11.5), 500.0)  # UTM zone 32
+
+
+def whereabouts(*features):
+    return Whereabouts(lay_layers([MapLayer("m", features)], PLANE, 25.0).map)
+
+
+def place_n(latitude_deg, longitude_deg, plane=HERE):
+    return plane.ned_from_geodetic(math.radians(latitude_deg), math.radians(longitude_deg), 0.0)
+
+
+def nearest_of_all(features_n, at):
+    """By another way than the code: points a decimetre apart along every line."""
+    best = math.inf
+    for points in features_n:
+        dense = [points[:1]]
+        for a, b in itertools.pairwise(points):
+            count = max(int(np.linalg.norm(b - a) * 10), 2)
+            dense.append(a + np.linspace(0, 1, count)[:, None] * (b - a))
+        best = min(best, np.hypot(*(np.concatenate(dense) - at)[:, :2].T).min())
+    return best
+
+
+def test_the_nearest_feature_of_a_large_map():
+    """Lines of all lengths and points, 60 pieces and more; from inside and from beside."""
+    rng = np.random.default_rng(3)
+    features_n = []
+    for _number in range(80):
+        steps = rng.normal(0, 30, (int(rng.integers(1, 4)), 3)) * [1, 1, 0]
+        middle = np.append(rng.uniform(300, 3000, 2), 0.0)
+        features_n.append(middle + np.cumsum(steps, axis=0))
+    seen = whereabouts(*(GeoFeature("", False, geo(p).points) for p in features_n))
+    for at in ([0.0, 0, -60], [1500, 1500, -60], [3000, -200, -120], [-5000, 900, -20]):
+        found = seen.nearest(np.array(at))
+        # the Earth bends by 2 m at 5 km, the dense points are 10 cm apart
+        assert found.distance_m == pytest.approx(nearest_of_all(features_n, np.array(at)), abs=0.1)
+
+
+def test_direction_and_distance_of_one_point():
+    found = whereabouts(geo([[200.0, 200.0, 0.0]], "")).nearest(np.array([0.0, 0.0, -60.0]))
+    assert way_words(found.distance_m, found.azimuth_rad) == "280 m away to the north-east"
+
+
+def test_a_map_without_parts_is_nowhere():
+    assert whereabouts().nearest(np.zeros(3)) is None
+
+
+def test_a_map_90_degrees_away_is_10_000_km_away():
+    """Along the Earth, not through it; a sphere of the equator's radius is wrong by 0.5 %."""
+    south_rad = HERE.latitude_rad - math.pi / 2
+    point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
+    laid = lay_layers([MapLayer("m", [point])], HERE, 0.0)
+    found = Whereabouts(laid.map).nearest(np.zeros(3))
+    assert found.distance_m == pytest.approx(10_002_000, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "question"),
+    [
+        (11.5, 48.1, "are latitude and longitude swapped?"),
+        (48.1, -11.5, "is the sign of longitude wrong?"),
+        (-48.1, 11.5, "is the sign of latitude wrong?"),
+        (48.15, 17.4, "is it UTM zone 32 instead of 33?"),
+        (48.05, 5.5, "is it UTM zone 32 instead of 31?"),
+        (48.1, -0.5, "is it UTM zone 32 instead of 30?"),
+        (0.003, 0.001, "are its coordinates metres of a local system?"),
+        (52.0, 13.4, ""),
+        (48.1, 14.5, ""),  # half a zone away is no zone
+    ],
+)
+def test_what_put_a_map_so_far_away(latitude_deg, longitude_deg, question):
+    assert likely_mistake(HERE, place_n(latitude_deg, longitude_deg)) == question
+
+
+def test_a_zone_across_the_antimeridian():
+    fiji = TangentPlane(math.radians(-17.0), math.radians(-179.0), 0.0)
+    assert likely_mistake(fiji, place_n(-17.0, 175.0, fiji)) == "is it UTM zone 1 instead of 60?"
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "words"),
+    [(7.04, "7 m"), (304.0, "300 m"), (996.0, "1 km"), (1234.0, "1.2 km"), (431_000.0, "430 km")],
+)
+def test_distances_in_two_digits(distance_m, words):
+    assert distance_words(distance_m) == words
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "word"), [(0, "north"), (-44, "north-west"), (180, "south"), (-170, "south")]
+)
+def test_compass_words(azimuth_deg, word):
+    assert compass_word(math.radians(azimuth_deg)) == word

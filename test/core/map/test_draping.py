@@ -1,0 +1,123 @@
+"""Maps on an elevation model: they follow it, and are not drawn where it ends."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map import draping
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.types.errors import ConfigError
+
+PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
+CELL_M = 5.0
+SIZE = 201  # nodes: a square of 1 km about the origin
+RADIUS_M = 6.37e6
+
+
+def grid_of(latitude, longitude):
+    north = (latitude - PLANE.latitude_rad) * RADIUS_M
+    east = (longitude - PLANE.longitude_rad) * RADIUS_M * math.cos(PLANE.latitude_rad)
+    return east / CELL_M + SIZE // 2, SIZE // 2 - north / CELL_M
+
+
+def wavy(column, row):
+    return 200.0 + 10.0 * np.sin(column / 15) + 8.0 * np.cos(row / 20)
+
+
+def terrain(hole=False):
+    row, column = np.mgrid[:SIZE, :SIZE].astype(float)
+    heights = wavy(column, row)
+    if hole:
+        heights[60:80, 60:80] = np.nan
+    return Terrain(heights, grid_of)
+
+
+def feature(points_ne, *, closed=False, label="", group=-1):
+    points_n = np.column_stack([points_ne, np.zeros(len(points_ne))])
+    places = np.column_stack(PLANE.geodetic_from_ned(points_n))
+    places[:, 2] = np.nan
+    return GeoFeature(label, closed, places, group)
+
+
+def draped(*features, ground=None, style=LayerStyle()):  # noqa: B008 frozen
+    ground = terrain() if ground is None else ground
+    return VectorMap.from_layers([MapLayer("m", features, style)], PLANE, ground)
+
+
+def height_above(model, points_n):
+    latitude, longitude, height = PLANE.geodetic_from_ned(points_n)
+    return height - model.height_m(latitude, longitude)
+
+
+def test_a_long_line_follows_the_ground():
+    model = terrain()
+    line = draped(feature([[-450, -400], [430, 410]]), ground=model).lines.split()[0]
+    assert len(line) > 230  # 1190 m of cells of 5 m
+    between = (line[:-1] + line[1:]) / 2
+    assert np.abs(height_above(model, line)).max() < 1e-6
+    # Sagitta of the surface over half a cell's diagonal: its curvature is below 10 / 15^2 and
+    # 8 / 20^2 m a node squared; 1/8 of their sum.
+    assert np.abs(height_above(model, between)).max() < 0.01 + (10 / 15**2 + 8 / 20**2) / 8
+    assert np.ptp(line[:, 2]) > 10
+
+
+def test_a_line_ends_where_the_model_ends():
+    got = draped(feature([[0, -5000], [0, 5000]], label="far"), feature([[10, 0], [20, 9]]))
+    far = [
+        part for part, owner in zip(got.lines.split(), got.lines.owner, strict=True) if not owner
+    ]
+    assert len(far) == 1
+    assert np.abs(far[0][:, 1]).max() == pytest.approx(500, abs=CELL_M * 1.5)
+    assert np.diff(far[0][:, 1]).max() < 1.01 * CELL_M
+    assert got.without_ground == 1
+    assert "1 of 2 features lie where the elevation model has no height" in got.notes[0]
+
+
+def test_a_hole_of_the_model_parts_a_line_and_unfills_its_ring():
+    model, fill = terrain(hole=True), LayerStyle(fill_bgr=(0, 0, 255))
+    north, east = (SIZE // 2 - 70) * CELL_M, (70 - SIZE // 2) * CELL_M
+    across = feature([[north, east - 200], [north, east + 200]])
+    ring = [[north - 20, east], [north - 20, east + 300], [north - 200, east + 300]]
+    whole = [[-200, 0], [-200, 50], [-250, 50]]
+    got = draped(
+        across, feature(ring, closed=True), feature(whole, closed=True), ground=model, style=fill
+    )
+    assert got.without_ground == 2
+    assert np.isfinite(got.lines.points).all()
+    assert (got.lines.owner == 0).sum() == 2
+    assert got.rings.owner.tolist() == [2]
+
+
+def test_marks_off_the_model_are_left_out():
+    got = draped(feature([[10, 10]], label="in"), feature([[9e3, 0]], label="out"))
+    assert [got.labels[i] for i in got.marks.owner] == ["in"]
+    assert np.abs(height_above(terrain(), got.marks.points.T)).max() < 1e-6
+    assert got.without_ground == 1
+
+
+def test_a_map_beside_the_model_is_empty_and_counted():
+    got = draped(feature([[9e3, 0], [9e3, 50]]), feature([[1e6, 0]]))
+    assert len(got.lines) == len(got.marks) == 0
+    assert got.without_ground == 2
+
+
+def test_too_fine_a_model_is_touched_less_often(monkeypatch):
+    monkeypatch.setattr(draping, "MOST_VERTICES", 50)
+    got = draped(feature([[-450, 0], [450, 0]]))
+    assert 40 < got.lines.points.shape[1] < 70
+    assert "every 3.6 cells" in got.notes[0]
+
+
+def test_outlines_stay_closed():
+    got = draped(feature([[0, 0], [0, 100], [100, 100]], closed=True)).lines.split()[0]
+    np.testing.assert_array_equal(got[0], got[-1])
+
+
+def test_unknown_heights_name_their_layer():
+    layer = MapLayer("roads", [feature([[0, 0], [1, 1]])])
+    with pytest.raises(ConfigError, match=r"layer 'roads': 1 of 1 features have no height"):
+        VectorMap.from_layers([layer], PLANE, math.nan)

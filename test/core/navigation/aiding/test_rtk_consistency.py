@@ -1,0 +1,236 @@
+"""RTK judged against itself: the test's statistic, who is refused, and for how long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding import rtk_consistency
+from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency, distance
+from tirgeo_ros.core.navigation.kalman import chi_square_limit
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
+
+FIX_M, VELOCITY_M_S = np.array((0.01, 0.01, 0.02)), 0.02
+PLANE = TangentPlane(0.695, 2.04, 31.5)
+BEGIN_NS = 1_000_000_000_000
+FAULT_S = (20.0, 30.0)
+
+Motion = Callable[[np.ndarray], np.ndarray]  # seconds (n,) to NED (n, 3)
+
+
+def circle(radius_m: float, speed_m_s: float) -> tuple[Motion, Motion]:
+    """Place (m) and velocity (m/s) on a level circle; with no speed, at rest."""
+    turn = speed_m_s / radius_m
+
+    def place(t_s: np.ndarray) -> np.ndarray:
+        north, east = np.cos(turn * t_s), np.sin(turn * t_s)
+        return radius_m * np.stack([north, east, 0 * t_s], axis=1)
+
+    def velocity(t_s: np.ndarray) -> np.ndarray:
+        north, east = -np.sin(turn * t_s), np.cos(turn * t_s)
+        return speed_m_s * np.stack([north, east, 0 * t_s], axis=1)
+
+    return place, velocity
+
+
+REST = circle(1.0, 0.0)
+STEADY = circle(20.0, 5.0)
+
+
+def kept_over(
+    motion: tuple[Motion, Motion] = STEADY,
+    *,
+    seed: int = 1,
+    seconds: float = 40.0,
+    rate_hz: float = 5.0,
+    late_s: float = 0.0,
+    ramp_n: tuple[float, float, float] = (0, 0, 0),
+    faster_n: tuple[float, float, float] = (0, 0, 0),
+    status: FixStatus = FixStatus.FIXED,
+) -> list[Consistency]:
+    """What is kept after each epoch; faults last over ``FAULT_S``, the IMU is perfect."""
+    place, velocity = motion
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(0, seconds, 1 / rate_hz)
+    during = (t_s >= FAULT_S[0]) & (t_s < FAULT_S[1])
+    fixes_n = place(t_s) + rng.normal(size=(len(t_s), 3)) * FIX_M
+    fixes_n += np.where(during, t_s - FAULT_S[0], 0)[:, None] * ramp_n
+    velocities_n = velocity(t_s - late_s) + rng.normal(size=(len(t_s), 3)) * VELOCITY_M_S
+    velocities_n += during[:, None] * np.array(faster_n)
+    alone_n = velocities_n - velocity(t_s)
+    stamps = BEGIN_NS + np.round(t_s * 1e9).astype(int)
+    kept, found = Consistency(), []
+    for number, stamp_ns in enumerate(stamps.tolist()):
+        at = [float(x) for x in PLANE.geodetic_from_ned(fixes_n[number])]
+        noise = np.diag(FIX_M**2)
+        fix = PositionSample(stamp_ns, Source.RTK_POSITION, status, *at, noise)
+        kept = kept.with_fix(fix, noise)
+        noise = np.eye(3) * VELOCITY_M_S**2
+        sample = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocities_n[number], noise)
+        kept = kept.with_velocity(sample, noise, tuple(alone_n[number].tolist()))
+        found.append(kept)
+    return found
+
+
+def against(found: list[Consistency], source: Source, rate_hz: float = 5.0) -> np.ndarray:
+    """The seconds at which a source is refused."""
+    return np.flatnonzero([kept.against is source for kept in found]) / rate_hz
+
+
+def squares(found: list[Consistency], rate_hz: float = 5.0) -> np.ndarray:
+    """The test's statistic of windows that do not overlap."""
+    step = round(rtk_consistency.WINDOW_NS * 1e-9 * rate_hz)
+    pairs = [kept.pairs[-1] for kept in found][5::step]
+    return np.array([distance(a, b, found[-1].lag)[0] for a, b in pairwise(pairs)])
+
+
+def squares_of_many(motion: tuple[Motion, Motion], rate_hz: float) -> np.ndarray:
+    """The same of 20 flights of 100 s."""
+    flights = [kept_over(motion, seed=seed, seconds=100.0, rate_hz=rate_hz) for seed in range(20)]
+    return np.concatenate([squares(found, rate_hz) for found in flights])
+
+
+# The statistic
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0])
+def test_statistic_is_chi_square(rate_hz):
+    """1000 windows: mean 3 within 3 sqrt(6 / 1000) = 0.23, and 8 % for what is allowed too much.
+
+    Allowed: the ends of the integral counted whole, and the bends.
+    """
+    found = squares_of_many(REST, rate_hz)
+    assert len(found) >= 960
+    assert 3 * 0.92 - 0.23 < found.mean() < 3 + 0.23
+    beyond = np.mean(found > chi_square_limit(2.0, 3))
+    assert beyond == pytest.approx(0.0455, abs=0.02)  # 3 sqrt(0.0455 / 1000)
+
+
+def test_lag_takes_one_of_three_degrees_at_most():
+    """In a turn the velocity changes by 2.4 m/s within the window, which 10 ms make 2.4 cm."""
+    assert 2 * 0.92 - 0.23 < squares_of_many(STEADY, 5.0).mean() < 3 + 0.23
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 2.0, 5.0, 20.0])
+@pytest.mark.parametrize("motion", [REST, STEADY, circle(24.0, 12.0)])
+def test_nobody_is_refused_without_a_fault(motion, rate_hz):
+    for seed in range(5):
+        found = kept_over(motion, seed=seed, rate_hz=rate_hz)
+        assert not any(kept.since_ns for kept in found)
+
+
+def test_a_lag_is_learned_and_forgiven():
+    """118 ms, as of the recorded walk: known to 10 ms, and nobody is refused meanwhile."""
+    found = kept_over(late_s=0.118)
+    assert found[-1].lag.mean_s == pytest.approx(0.118, abs=0.02)
+    assert not any(kept.against for kept in found)
+
+
+# Who is refused
+
+
+AXES = np.eye(3)
+SEEDS = range(15)
+
+
+def test_velocities_that_are_off_are_refused():
+    """0.1 m/s is 5 sigma after 1.2 s (down, of 2 cm: 1.8 s); 43 of these 45 are found."""
+    flights = [
+        kept_over(seed=seed, faster_n=tuple((0.1 * axis).tolist()))
+        for seed in SEEDS
+        for axis in AXES
+    ]
+    right = [times for f in flights if len(times := against(f, Source.RTK_VELOCITY))]
+    assert len(right) >= 40
+    assert sum(len(against(f, Source.RTK_POSITION)) > 0 for f in flights) <= 1
+    for times in right:
+        assert FAULT_S[0] < times[0] < FAULT_S[0] + 3.0
+        assert times[-1] < FAULT_S[1] + 2.0  # the window's length
+
+
+def test_fixes_that_drift_away_are_refused_until_they_step_back():
+    """0.1 m/s; the step back tells at once that it is over."""
+    flights = [
+        kept_over(seed=seed, ramp_n=tuple((0.1 * axis).tolist()))
+        for seed in SEEDS
+        for axis in AXES
+    ]
+    right = [times for f in flights if len(times := against(f, Source.RTK_POSITION))]
+    assert len(right) >= 40
+    assert sum(len(against(f, Source.RTK_VELOCITY)) > 0 for f in flights) <= 1
+    for times in right:
+        assert FAULT_S[0] < times[0] < FAULT_S[0] + 3.4
+        assert times[-1] < FAULT_S[1]
+
+
+def test_what_is_clear_is_refused_without_a_break():
+    for faults, source in (
+        ({"faster_n": (0.3, 0, 0)}, Source.RTK_VELOCITY),
+        ({"ramp_n": (0.3, 0, 0)}, Source.RTK_POSITION),
+    ):
+        times = against(kept_over(**faults), source)
+        assert times[0] < FAULT_S[0] + 1.6
+        assert times[-1] > FAULT_S[1] - 0.5
+        assert np.diff(times) == pytest.approx(0.2)
+
+
+def test_the_reason_says_by_how_much_and_off_what():
+    kept = kept_over(seconds=26.0, faster_n=(0.1, 0, 0))[-1]
+    assert kept.reason(Source.RTK_POSITION) == ""
+    reason = kept.reason(Source.RTK_VELOCITY)
+    assert reason.endswith(" m/s off the differences of rtk/fix")
+    assert float(reason.split()[0]) == pytest.approx(0.1, abs=0.03)
+    kept = kept_over(seconds=26.0, ramp_n=(0.1, 0, 0))[-1]
+    assert kept.reason(Source.RTK_POSITION).endswith(" m/s off rtk/vel")
+
+
+def test_fixes_are_not_refused_for_ever(monkeypatch):
+    monkeypatch.setattr(rtk_consistency, "_LONGEST_AGAINST_FIXES_NS", 3_000_000_000)
+    times = against(kept_over(ramp_n=(0.2, 0, 0)), Source.RTK_POSITION)
+    assert 2.0 < times[-1] - times[0] < 3.0  # of three, some until it was clear who it is
+
+
+# Who is not
+
+
+def test_what_is_there_from_the_start_is_nobodys_fault():
+    """A receiver whose velocity has another frame or place: the gates are there for that."""
+    place, velocity = STEADY
+    found = kept_over((place, lambda t_s: velocity(t_s) + np.array((0.1, 0, 0))))
+    assert found[-1].since_ns
+    assert not any(kept.against for kept in found)
+
+
+@pytest.mark.parametrize("size_m", [0.3, 3.0])
+def test_a_step_of_the_fixes_is_left_to_the_gates(size_m):
+    place, velocity = STEADY
+    stepped = kept_over(
+        (lambda t_s: place(t_s) + size_m * (t_s > 20)[:, None] * np.array((1, 0, 0)), velocity)
+    )
+    assert not any(kept.against for kept in stepped)
+
+
+def test_one_velocity_that_is_off_is_left_to_the_gates():
+    place, velocity = STEADY
+    found = kept_over(
+        (
+            place,
+            lambda t_s: velocity(t_s) + 5.0 * (np.abs(t_s - 20) < 0.1)[:, None] * np.eye(3)[1],
+        )
+    )
+    assert not any(kept.against for kept in found)
+
+
+@pytest.mark.parametrize("status", [FixStatus.NONE, FixStatus.SINGLE, FixStatus.FLOAT])
+def test_only_fixed_positions_are_compared(status):
+    assert kept_over(status=status, faster_n=(5, 0, 0))[-1].pairs == ()
+
+
+def test_a_window_is_kept_no_longer_than_it_is_needed():
+    found = kept_over(rate_hz=20.0)
+    assert max(len(kept.pairs) for kept in found) <= 3 * 20 + 2

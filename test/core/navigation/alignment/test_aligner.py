@@ -1,0 +1,287 @@
+"""The first state: at rest and in motion, what serves where the best is missing, and doubts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from alignments import (
+    RTK,
+    WAIT_S,
+    aligned,
+    assert_right,
+    duration_s,
+    error,
+    samples_from,
+    source_of,
+)
+from flights import config_for, flight
+
+from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.navigation.alignment.aligner import Aligner
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+pytestmark = pytest.mark.slow
+
+#: The filter's default for the biases at start is for a worse IMU than the simulated one.
+SIMULATED = {"imu__gyro_turn_on_bias": 3e-4, "imu__accel_turn_on_bias": 1e-2}
+
+
+@pytest.mark.parametrize("shape", ["lawnmower", "hover", "figure_eight"])
+def test_error_over_sigma_at_starts_in_motion(shape):
+    """Forty starts of each shape, turns among them, within a second and two RTK intervals."""
+    ratios = []
+    for seed in range(4):
+        flown = flight(seed, 50.0, shape)
+        config = config_for(flown, **SIMULATED)
+        for start_s in np.arange(5.3, 45.0, 4.0):
+            samples = samples_from(flown, start_s, length_s=2.0)
+            found, _ = aligned(samples, config)
+            assert duration_s(samples, found) <= 1.4
+            ratios.append(error(flown, found) / np.sqrt(np.diag(found.covariance)))
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    # Forty draws: rms 1 +- 0.11. The heading's sigma stands on a floor and may be too large.
+    assert (rms[:9] > 0.65).all()
+    assert (rms[:9] < 1.3).all()
+
+
+def test_the_covariance_is_that_of_the_errors_cross_terms_too():
+    """NEES of all 15 states over 100 seeds, with biases unknown and known from before."""
+    values = {"duration_s": 2.4, "route.shape": "figure_eight", "route.hover_s": 0.0}
+    distances = []
+    for seed in range(100):
+        flown = fly(scenario_from(values), 1000 + seed)
+        samples, config = samples_from(flown, 0.9), config_for(flown, **SIMULATED)
+        for prior in (None, known_biases(flown, 1.4)):
+            found, _ = aligned(samples, config, prior=prior)
+            wrong = error(flown, found)
+            distances.append(wrong @ np.linalg.solve(found.covariance, wrong))
+    # Mean of chi-square with 15 degrees over 100 draws: 15 +- 0.55; less for the heading's floor,
+    # up to one degree of freedom.
+    for mean in np.mean(np.reshape(distances, (100, 2)), axis=0):
+        assert 15 - 1 - 3 * 0.55 < mean < 15 + 3 * 0.55
+
+
+def known_biases(flown, t_s):
+    """Biases with an error drawn from their covariance."""
+    i = round(t_s * flown.scenario.imu.rate_hz)
+    root = np.diag([5e-5] * 3 + [3e-3] * 3) @ (np.eye(6) + 0.4)
+    drawn = root @ np.random.default_rng(flown.seed).standard_normal(6)
+    guess = np.concatenate([flown.truth.gyro_bias_b[i], flown.truth.accel_bias_b[i]]) + drawn
+    return Biases(tuple(guess[:3].tolist()), tuple(guess[3:].tolist()), root @ root.T)
+
+
+def test_tilt_and_accelerometer_bias_err_together():
+    """A level start: a bias b tilts the vertical by b / g, so both share most of the error."""
+    flown = flight(3, 50.0, "hover")
+    config = config_for(flown, rtk__velocity_sigma_floor_m_s=1e-3, imu__gyro_turn_on_bias=1e-3)
+    found, _ = aligned(samples_from(flown), config)
+    sigma = np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(sigma, sigma)
+    assert np.hypot(*correlation[0, 12:14]) > 0.5
+    assert np.hypot(*correlation[1, 12:14]) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "longest_s"),
+    [
+        ({"site.latitude_deg": 80.0, "site.longitude_deg": 180.0}, 1.4),
+        ({"site.latitude_deg": -33.0, "site.ground_height_m": -300.0}, 1.4),
+        ({"imu.rate_hz": 400.0, "route.speed_m_s": 10.0, "route.turn_radius_m": 12.0}, 1.4),
+        ({"imu.rate_hz": 50.0}, 1.4),
+        ({"rtk.rate_hz": 1.0}, 4.0),  # three instants over more than 2.5 s
+    ],
+)
+def test_anywhere_at_any_rate(values, longest_s):
+    flown = fly(scenario_from({"duration_s": 26.0, "route.shape": "figure_eight", **values}), 5)
+    for start_s in (0.0, 7.3, 15.3):
+        samples = samples_from(flown, start_s)
+        found, _ = aligned(samples, config_for(flown))
+        assert_right(flown, found)
+        assert duration_s(samples, found) <= longest_s
+
+
+@pytest.mark.parametrize(
+    ("missing", "use_heading"),
+    [
+        ([Source.RTK_VELOCITY], True),
+        ([Source.RTK_VELOCITY, Source.GPS_VELOCITY, Source.GPS_POSITION], True),
+        ([Source.RTK_POSITION], True),
+        ([Source.RTK_HEADING], True),
+        (RTK, True),
+        (RTK, False),
+        ([*RTK, Source.GPS_VELOCITY], True),  # the longest window: 6 s
+    ],
+)
+def test_what_serves_after_a_while_where_the_best_is_missing(missing, use_heading):
+    flown = flight(6, 50.0, "figure_eight")
+    for start_s in (0.0, 17.3):
+        samples = samples_from(flown, start_s, missing)
+        found, _ = aligned(samples, config_for(flown), use_heading=use_heading)
+        assert_right(flown, found)
+        assert WAIT_S - 0.3 < duration_s(samples, found) < WAIT_S + 1.6
+
+
+def test_ordinary_gps_has_its_own_lever_arm():
+    """Each antenna a metre and more from the other, and no error but theirs."""
+    perfect = {
+        "imu.noise_scale": 0.0,
+        "gps.velocity_sigma_m_s": 0.0,
+        "gps.position_rms_m": [0.0, 0.0, 0.0],
+        "gps.lever_arm_m": [1.5, -1.0, 0.4],
+        "duration_s": 14.0,
+        "route.shape": "figure_eight",
+    }
+    flown = fly(scenario_from(perfect), 1)
+    found, _ = aligned(samples_from(flown, 4.3, RTK), config_for(flown))
+    # With the autopilot's heading 1.8 deg off, an arm of 1.8 m moves by 6 cm.
+    assert np.abs(error(flown, found)[6:9]).max() < 0.1
+
+
+def test_without_antennas_the_autopilot_gives_the_heading_at_once():
+    flown = flight(4, 50.0, "figure_eight")
+    samples = samples_from(flown, 11.3)
+    found, _ = aligned(samples, config_for(flown), use_heading=False)
+    assert_right(flown, found)
+    assert duration_s(samples, found) <= 1.4
+    sigma_deg = math.degrees(math.sqrt(found.covariance[2, 2]))
+    assert sigma_deg == pytest.approx(1.7972, rel=0.1)
+
+
+@pytest.mark.parametrize("q_nb", [None, np.zeros(4), np.full(4, math.nan), np.full(4, math.inf)])
+@pytest.mark.parametrize("use_heading", [True, False])
+def test_velocity_is_no_heading(q_nb, use_heading):
+    """Neither antennas nor autopilot: no start, however long the flight and its courses."""
+    flown = flight(4, 50.0, "figure_eight")
+    samples = [
+        replace(s, autopilot_q_nb=q_nb) if isinstance(s, ImuSample) else s
+        for s in samples_from(flown, 5.0, [Source.RTK_HEADING])
+    ]
+    found, aligner = aligned(samples, config_for(flown), use_heading=use_heading)
+    assert found is None
+    assert "orientation in imu/data" in aligner.reason
+    assert "velocity tells no heading while hovering" in aligner.reason
+    assert ("rtk/heading" in aligner.reason) == use_heading
+
+
+@pytest.mark.parametrize(
+    ("missing", "length_s", "reason"),
+    [
+        ([Source.RTK_POSITION], 3.0, "needs rtk/fix"),
+        ([Source.RTK_VELOCITY], 3.0, "needs rtk/vel over 1 s"),
+        ([Source.RTK_HEADING], 3.0, "needs rtk/heading"),
+        ([Source.IMU], 3.0, "needs imu/data"),
+        ([Source.RTK_POSITION, Source.GPS_POSITION], 14.0, "needs rtk/fix or gps/fix"),
+    ],
+)
+def test_what_is_missing_is_named(missing, length_s, reason):
+    flown = flight(4, 50.0, "figure_eight")
+    found, aligner = aligned(samples_from(flown, 0.0, missing, length_s), config_for(flown))
+    assert found is None
+    assert reason in aligner.reason
+
+
+def test_samples_of_one_instant_in_any_order():
+    """Each instant's RTK samples turned round: the same start."""
+    flown = flight(4, 50.0, "figure_eight")
+    samples = samples_from(flown, 5.0)
+    turned = sorted(samples, key=lambda s: (s.stamp_ns, RTK[::-1].index(source_of(s)))
+                    if source_of(s) in RTK else (s.stamp_ns, -1))  # fmt: skip
+    for order in (samples, turned):
+        found, _ = aligned(order, config_for(flown))
+        assert_right(flown, found)
+        assert found.imu[0].stamp_ns <= found.stamp_ns
+        assert all(s.stamp_ns > found.stamp_ns for s in found.imu[1:])
+        assert all(s.stamp_ns > found.stamp_ns for s in found.later)
+
+
+def test_what_came_after_the_stamp_is_kept():
+    """Ordinary GPS comes at once, RTK 150 ms later: that is ahead of the window's end."""
+    flown = fly(scenario_from({"duration_s": 3.0, "rtk.arrival_delay_s": 0.15}), 1)
+    samples = samples_from(flown)
+    found, _ = aligned(samples, config_for(flown))
+    end_ns = found.imu[-1].stamp_ns
+    after = [s for s in samples if found.stamp_ns < s.stamp_ns <= end_ns]
+    assert [s for s in after if isinstance(s, ImuSample)] == list(found.imu[1:])
+    assert {source_of(s) for s in found.later} == {Source.GPS_POSITION, Source.GPS_VELOCITY}
+    assert found.imu[0].stamp_ns <= found.stamp_ns < found.imu[1].stamp_ns
+
+
+@pytest.mark.parametrize("before", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
+def test_headings_count_only_once_rtk_is_fixed_for_a_while(before):
+    """Headings 60 deg off until RTK is fixed, as a receiver gives them without: not used."""
+    flown = flight(4, 50.0, "figure_eight")
+    fixed_ns = flown.truth.stamp_ns[0] + 7_000_000_000
+
+    def early(sample):
+        if sample.stamp_ns >= fixed_ns:
+            return sample
+        if isinstance(sample, HeadingSample):
+            return replace(sample, heading_rad=sample.heading_rad + 1.0)
+        return replace(sample, status=before) if source_of(sample) is RTK[0] else sample
+
+    samples = [early(s) for s in samples_from(flown, 5.0)]
+    found, _ = aligned(samples, config_for(flown))
+    assert_right(flown, found)
+    # start_after_s, then three headings of 5 Hz
+    assert 2.0 + 1.0 < duration_s(samples, found) < 2.0 + 1.0 + 1.2
+
+
+def test_float_positions_do_not_average_to_nothing():
+    flown = flight(4, 50.0, "figure_eight")
+    samples = [
+        replace(s, status=FixStatus.FLOAT) if source_of(s) is Source.RTK_POSITION else s
+        for s in samples_from(flown, 5.0)
+    ]
+    found, _ = aligned(samples, config_for(flown))
+    assert_right(flown, found)
+    sigma_m = np.sqrt(np.diag(found.covariance)[6:9])
+    assert (sigma_m > 0.3 / math.sqrt(2)).all()  # the half of the variance that lasts
+    assert (sigma_m < 0.3).all()
+
+
+def test_memory_is_bounded_and_forever_waiting_is_cheap():
+    flown = flight(4, 50.0, "figure_eight")
+    aligner = Aligner(config_for(flown), use_heading=True)
+    for sample in samples_from(flown, 0.0, [Source.RTK_POSITION, Source.GPS_POSITION], 40.0):
+        aligner.add(sample)
+    kept = aligner._samples
+    # 6 s of window, 0.5 s of delay, 1 s to spare: 100 Hz; rtk/vel, rtk/heading 5 Hz, gps/vel 10.
+    assert len(kept._imu) <= 751
+    assert len(kept._aiding) <= 7.6 * (5 + 5 + 10) + 3
+    for kind in (VelocitySample, HeadingSample):
+        assert any(isinstance(s, kind) for s in kept._aiding)
+    assert not any(isinstance(s, PositionSample) for s in kept._aiding)
+
+
+def test_attitude_right_way_up():
+    """An IMU with its axes turned over is told, and not believed."""
+    flown = flight(4, 50.0, "hover")
+    flip = np.array([1.0, -1.0, -1.0])
+    samples = [
+        replace(
+            s,
+            specific_force_b=flip * s.specific_force_b,
+            angular_rate_b=flip * s.angular_rate_b,
+            autopilot_q_nb=quat_multiply(s.autopilot_q_nb, quat_from_euler(np.pi, 0.0, 0.0)),
+        )
+        if isinstance(s, ImuSample)
+        else s
+        for s in samples_from(flown, 0.0, length_s=4.0)
+    ]
+    config = config_for(flown, aircraft__rtk_antenna_m=(0.0, 0.0, 0.0))
+    found, aligner = aligned(samples, config)
+    assert found is None
+    assert "upside down: check its axes" in aligner.reason

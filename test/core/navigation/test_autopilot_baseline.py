@@ -1,0 +1,204 @@
+"""The baselines: lever arm, velocity, ages, and what they say when something is missing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.autopilot_baseline import Passthrough
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.core.types.verdicts import Outcome
+
+SECOND_NS = 1_000_000_000
+NOW_NS = 100 * SECOND_NS
+PLANE = TangentPlane(0.7, 2.0, 30.0)
+CONFIG = config_from(
+    EkfConfig,
+    {"aircraft.rtk_antenna_m": [0.3, 0.4, 0.5], "aircraft.gps_antenna_m": [-0.1, 0.2, 0.6]},
+)
+COVARIANCE = np.array([[4.0, 1, 0], [1, 9, 0], [0, 0, 16]])
+LEVEL = np.array([1.0, 0, 0, 0])
+RATE_B = np.array([0.1, -0.2, 0.3])
+
+
+def imu(q_nb=LEVEL, stamp_ns=NOW_NS):
+    return ImuSample(stamp_ns, np.array([0, 0, -9.8]), RATE_B, q_nb)
+
+
+def position(stamp_ns=NOW_NS, source=Source.RTK_POSITION, covariance=COVARIANCE, lon=2.0):
+    return PositionSample(stamp_ns, source, FixStatus.FIXED, 0.7, lon, 30.0, covariance)
+
+
+def velocity(stamp_ns=NOW_NS, source=Source.RTK_VELOCITY, covariance=None, v=(3.0, -2.0, 1.0)):
+    covariance = 0.01 * np.eye(3) if covariance is None else covariance
+    return VelocitySample(stamp_ns, source, np.array(v), covariance)
+
+
+def fed(*samples, source=Source.RTK_POSITION, config=CONFIG):
+    made = Passthrough(config, source)
+    for sample in samples:
+        if isinstance(sample, ImuSample):
+            made.add_imu(sample)
+        else:
+            made.add_aiding(sample)
+    return made
+
+
+def place_n(solution):
+    """The solution in metres from the antenna's position."""
+    return PLANE.ned_from_geodetic(
+        solution.latitude_rad, solution.longitude_rad, solution.height_m
+    )
+
+
+@given(st.floats(-3, 3), st.floats(-1.5, 1.5), st.floats(-3, 3))
+def test_body_is_the_lever_arm_away_from_the_antenna(roll, pitch, yaw):
+    q_nb = quat_from_euler(roll, pitch, yaw)
+    for source, lever_b in (
+        (Source.RTK_POSITION, CONFIG.aircraft.rtk_lever_b),
+        (Source.GPS_POSITION, CONFIG.aircraft.gps_lever_b),
+    ):
+        solution = fed(imu(q_nb), position(source=source), source=source).solution()
+        # Curvature over 1 m: 1e-7 m; the earth-fixed coordinates hold 1e-9 m.
+        np.testing.assert_allclose(place_n(solution), -matrix_from_quat(q_nb) @ lever_b, atol=2e-7)
+        np.testing.assert_array_equal(solution.q_nb, canonical(q_nb))
+        np.testing.assert_array_equal(solution.angular_rate_b, RATE_B)
+        assert solution.stamp_ns == NOW_NS
+
+
+@pytest.mark.parametrize("age_s", [-0.05, 0.0, 0.1, 1.0])
+def test_position_is_carried_to_the_imu_s_time(age_s):
+    """Forwards for an old position, backwards for one measured after the newest IMU sample."""
+    stamp_ns = NOW_NS - round(age_s * SECOND_NS)
+    solution = fed(position(stamp_ns), velocity(stamp_ns), imu()).solution()
+    expected = np.array([3.0, -2.0, 1.0]) * age_s - CONFIG.aircraft.rtk_lever_b
+    # Curvature over 4 m: 16 / (2 x 6.4e6) = 1.3e-6 m.
+    np.testing.assert_allclose(place_n(solution), expected, atol=2e-6)
+    np.testing.assert_array_equal(solution.velocity_n, [3, -2, 1])
+    np.testing.assert_array_equal(solution.covariance[6:, 6:], 0.01 * np.eye(3))
+
+
+def test_without_velocity_the_position_stands():
+    solution = fed(position(NOW_NS - SECOND_NS // 2), imu()).solution()
+    np.testing.assert_allclose(place_n(solution), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
+    np.testing.assert_array_equal(solution.velocity_n, 0)
+    np.testing.assert_array_equal(solution.covariance[6:, 6:], np.eye(3))
+
+
+def test_old_velocity_is_as_none():
+    old = velocity(NOW_NS - SECOND_NS - 1)
+    solution = fed(position(NOW_NS - SECOND_NS // 2), old, imu()).solution()
+    np.testing.assert_array_equal(solution.velocity_n, 0)
+    np.testing.assert_array_equal(solution.covariance[6:, 6:], np.eye(3))
+
+
+def test_longitude_goes_on_behind_the_date_line():
+    east = velocity(NOW_NS - SECOND_NS, v=(0.0, 10.0, 0.0))
+    edge = position(NOW_NS - SECOND_NS, lon=math.pi - 1e-9)
+    solution = fed(edge, east, imu()).solution()
+    beyond = TangentPlane(0.7, math.pi, 30.0).ned_from_geodetic(
+        solution.latitude_rad, solution.longitude_rad, solution.height_m
+    )
+    assert -math.pi <= solution.longitude_rad < 0
+    # 10 m and the arm (left is -y), from 1e-9 rad before the line (5 mm); curvature 8e-6 m.
+    parallel_m = 6.4e6 * math.cos(0.7)
+    assert beyond[1] == pytest.approx(10 + 0.4 - 1e-9 * parallel_m, abs=5e-5)
+
+
+@pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.GPS_POSITION])
+def test_covariance_of_a_message_is_taken(source):
+    covariance = fed(imu(), position(source=source), source=source).solution().covariance
+    np.testing.assert_array_equal(covariance[:3, :3], COVARIANCE)
+    expected = np.radians(CONFIG.autopilot.attitude_sigma_deg) ** 2
+    np.testing.assert_allclose(np.diag(covariance)[3:6], expected)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance)[0] > 0
+
+
+@pytest.mark.parametrize("variance", [0.0, -1.0])
+def test_covariance_that_is_not_known_has_a_default(variance):
+    unknown = variance * np.eye(3)
+    gps = fed(
+        imu(),
+        position(source=Source.GPS_POSITION, covariance=unknown),
+        velocity(source=Source.GPS_VELOCITY, covariance=unknown),
+        source=Source.GPS_POSITION,
+    ).solution()
+    expected = np.array(CONFIG.gps.position_sigma_m) ** 2
+    np.testing.assert_allclose(np.diag(gps.covariance)[:3], expected)
+    np.testing.assert_array_equal(gps.covariance[6:, 6:], np.eye(3))
+    rtk = fed(imu(), position(covariance=unknown)).solution()
+    expected = CONFIG.rtk.position_sigma_floor_m**2
+    np.testing.assert_allclose(np.diag(rtk.covariance)[:3], expected)
+
+
+@pytest.mark.parametrize("q", [None, np.zeros(4), np.full(4, math.nan), np.ones(4)])
+def test_missing_attitude_is_said(q):
+    made = fed(position(), imu(q))
+    assert made.reason == "imu/data has no orientation"
+    assert made.solution() is None
+
+
+def test_nothing_yet_is_said():
+    made = fed(position())
+    assert made.reason == "imu/data has no orientation"
+    assert made.solution() is None
+
+
+@pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.GPS_POSITION])
+@pytest.mark.parametrize(("age_ns", "good"), [(SECOND_NS, True), (SECOND_NS + 1, False)])
+def test_age_of_the_position(source, age_ns, good):
+    for stamp_ns in (NOW_NS - age_ns, NOW_NS + age_ns):
+        made = fed(position(stamp_ns, source), imu(), source=source)
+        assert (made.solution() is not None) is good
+        assert made.reason == ("" if good else f"no {source.value} within 1 s")
+
+
+def test_no_position_is_said():
+    made = fed(imu(), velocity())
+    assert made.reason == "no rtk_position within 1 s"
+    assert made.solution() is None
+
+
+def test_only_the_chosen_receiver_is_used():
+    samples = {
+        Source.RTK_POSITION: position(),
+        Source.RTK_VELOCITY: velocity(),
+        Source.GPS_POSITION: position(source=Source.GPS_POSITION),
+        Source.GPS_VELOCITY: velocity(source=Source.GPS_VELOCITY),
+        Source.RTK_HEADING: HeadingSample(NOW_NS, 0.0, 1e-4),
+    }
+    for chosen, used in (
+        (Source.RTK_POSITION, {Source.RTK_POSITION, Source.RTK_VELOCITY}),
+        (Source.GPS_POSITION, {Source.GPS_POSITION, Source.GPS_VELOCITY}),
+    ):
+        made = Passthrough(CONFIG, chosen)
+        for source, sample in samples.items():
+            verdict = made.add_aiding(sample)
+            assert verdict.source is source
+            expected = Outcome.USED if source in used else Outcome.UNUSED
+            assert verdict.outcome is expected
+
+
+def test_samples_of_the_other_receiver_leave_the_solution():
+    other = PositionSample(
+        NOW_NS, Source.GPS_POSITION, FixStatus.SINGLE, 0.8, 1.0, 99.0, np.eye(3)
+    )
+    made = fed(position(), imu(), other, velocity(source=Source.GPS_VELOCITY))
+    np.testing.assert_allclose(place_n(made.solution()), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
+    np.testing.assert_array_equal(made.solution().velocity_n, 0)

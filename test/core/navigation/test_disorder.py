@@ -1,0 +1,103 @@
+"""Any disorder of any sensor at once: nothing raises, nothing is NaN, and it ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, errors, flight, navigation_samples
+
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.verdicts import FilterState
+
+pytestmark = pytest.mark.slow
+
+FAULTS_S, END_S = 12.0, 24.0
+
+
+def disordered(rng, sample):
+    """What becomes of a sample: lost, doubled, under another stamp, or with another value."""
+    kind = rng.integers(0, 6)
+    if kind == 0:
+        return []
+    if kind == 1:
+        return [sample, sample]
+    if kind == 2:
+        far_ns = int(rng.choice([-1, 1]) * 10 ** rng.uniform(6, 18))
+        return [replace(sample, stamp_ns=sample.stamp_ns + far_ns)]
+    if kind == 3:
+        return [replace(sample, stamp_ns=sample.stamp_ns + int(rng.normal() * 1e8))]
+    return [spoilt(rng, sample)]
+
+
+def spoilt(rng, sample):
+    bad = float(rng.choice([np.nan, np.inf, 1e300, -1e18]))
+    if isinstance(sample, ImuSample):
+        off = rng.normal(size=3) * 10 ** rng.uniform(-1, 3)
+        values = [sample.specific_force_b + off, np.full(3, bad)]
+        return replace(sample, specific_force_b=values[rng.integers(0, 2)])
+    if isinstance(sample, HeadingSample):
+        angle = sample.heading_rad + rng.uniform(-4, 4)
+        changes = [{"heading_rad": angle}, {"heading_rad": bad}, {"variance_rad2": bad}]
+        return replace(sample, **changes[rng.integers(0, 3)])
+    wild = np.diag(10.0 ** rng.uniform(-300, 29, 3))
+    if isinstance(sample, PositionSample):
+        changes = [
+            {"latitude_rad": rng.uniform(-1.57, 1.57), "longitude_rad": rng.uniform(-6, 6)},
+            {"height_m": sample.height_m + rng.normal() * 1e3},
+            {"height_m": bad},
+            {"status": FixStatus(int(rng.integers(-1, 3)))},
+            {"covariance_n": wild},
+        ]
+        return replace(sample, **changes[rng.integers(0, 5)])
+    off = rng.normal(size=3) * 10 ** rng.uniform(-1, 3)
+    changes = [{"velocity_n": sample.velocity_n + off}, {"covariance_n": wild}]
+    return replace(sample, **changes[rng.integers(0, 2)])
+
+
+def flown_through(seed, aid_share, imu_share):
+    flown = flight(duration_s=END_S)
+    start_ns, rng = flown.truth.stamp_ns[0], np.random.default_rng(seed)
+    navigation, found = Navigation(config_for(flown, publish_rate_hz=20.0)), []
+    for given in navigation_samples(flown):
+        share = imu_share if isinstance(given, ImuSample) else aid_share
+        faulty = (given.stamp_ns - start_ns) * 1e-9 < FAULTS_S and rng.random() < share
+        for sample in disordered(rng, given) if faulty else [given]:
+            solution = navigation.process(sample).solution
+            if solution is not None:
+                found.append(solution)
+    return flown, navigation, found
+
+
+@pytest.mark.parametrize(
+    ("aid_share", "imu_share"), [(0.02, 0.02), (0.2, 0.0), (0.6, 0.0), (0.2, 0.2), (0.6, 0.6)]
+)
+def test_disorder_ends_in_running(aid_share, imu_share):
+    for seed in range(5):
+        flown, navigation, found = flown_through(seed, aid_share, imu_share)
+        for solution in found:
+            place = solution.latitude_rad, solution.longitude_rad, solution.height_m
+            assert np.isfinite([*place, *solution.velocity_n, *solution.q_nb]).all()
+            covariance = solution.covariance
+            assert np.isfinite(covariance).all()
+            scales = np.sqrt(np.diag(covariance))
+            scaled = covariance / np.outer(scales, scales)
+            # Of 9 x 9 entries up to one, rounded by 1e-16 over a few hundred updates.
+            assert np.linalg.eigvalsh(scaled)[0] > -1e-10
+        assert navigation.status().state is FilterState.RUNNING
+        known = set(flown.truth.stamp_ns)
+        late = errors(flown, [s for s in found if s.stamp_ns in known]).after(FAULTS_S + 10.0)
+        assert len(late.t_s) > 30
+        assert np.abs(late.state[:, :3]).max() < 0.1  # five sigma of RTK's height
+
+
+def test_the_same_faults_give_the_same_solutions():
+    """Nothing of the filter is random or remembers another filter."""
+    runs = [flown_through(5, 0.2, 0.1)[2] for _ in range(2)]
+    assert len(runs[0]) == len(runs[1])
+    for a, b in zip(*runs, strict=True):
+        assert a.stamp_ns == b.stamp_ns
+        assert np.array_equal(a.covariance, b.covariance)
+        assert (a.latitude_rad, a.height_m) == (b.latitude_rad, b.height_m)

@@ -1,0 +1,160 @@
+"""A measurement that is sent again at a polling rate is one measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.navigation.duplicates import Repeats, Same
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+
+SECOND_NS = 1_000_000_000
+
+
+def position(t_s, north_m, source=Source.RTK_POSITION):
+    latitude = 0.7 + north_m / 6.4e6
+    return PositionSample(
+        round(t_s * SECOND_NS), source, FixStatus.FIXED, latitude, 2.0, 30.0, 1e-4 * np.eye(3)
+    )
+
+
+def velocity(t_s, north_m_s, source=Source.RTK_VELOCITY):
+    v = np.array([north_m_s, 0.0, 0.0])
+    return VelocitySample(round(t_s * SECOND_NS), source, v, 1e-4 * np.eye(3))
+
+
+def heading(t_s, degrees):
+    return HeadingSample(round(t_s * SECOND_NS), math.radians(degrees), 1e-4)
+
+
+def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
+    """(poll time, epoch of the receiver) of a driver that asks faster than there is news."""
+    rng = np.random.default_rng(seed)
+    for k in range(round(seconds * poll_hz)):
+        t_s = k / poll_hz
+        yield t_s + jitter_s * rng.uniform(-1, 1), math.floor(t_s * receiver_hz + 1e-6)
+
+
+def news(found):
+    """Epochs of what was not a repeat."""
+    return [epoch for epoch, same in found if same is not Same.MEASUREMENT]
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.005])
+@pytest.mark.parametrize(
+    ("make", "source"),
+    [
+        (position, Source.RTK_POSITION),
+        (position, Source.GPS_POSITION),
+        (velocity, Source.RTK_VELOCITY),
+        (velocity, Source.GPS_VELOCITY),
+    ],
+)
+def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
+    repeats = Repeats()
+    found = [
+        (epoch, repeats.compared(make(t_s, 0.6 * epoch, source)))
+        for t_s, epoch in polled(10.0, jitter_s=jitter_s)
+    ]
+    assert news(found) == list(range(50))
+    # And with its first stamp, which is the one nearest to the measurement.
+    assert [same for epoch, same in found[::10]] == [Same.NOTHING] * 50
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.004])
+def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s):
+    """They say the same for many epochs; the positions with them tell when there is news."""
+    repeats, found = Repeats(), []
+    for t_s, epoch in polled(20.0, jitter_s=jitter_s):
+        repeats.compared(position(t_s, 0.6 * epoch))
+        same = repeats.compared(heading(t_s, 20.0 + epoch // 7))
+        if epoch >= 10:  # eight positions tell the receiver's rate
+            found.append((epoch, same))
+    taken = news(found)
+    assert len(taken) == len(set(taken))
+    assert set(taken) == {epoch for epoch, _ in found}
+
+
+def test_whole_degrees_of_a_receiver_that_is_not_polled():
+    """Every heading is a new one, however often it says the same."""
+    repeats = Repeats()
+    for k in range(100):
+        repeats.compared(position(0.2 * k, 0.6 * k))
+        same = repeats.compared(heading(0.2 * k, 20.0))
+        if k >= 8:
+            assert same is Same.VALUE
+
+
+def test_two_fixes_of_a_burst_do_not_make_a_fast_receiver():
+    """A serial line that held one back: its headings' repeats are still known."""
+    repeats, found = Repeats(), []
+    for t_s, epoch in polled(20.0):
+        repeats.compared(position(t_s, 0.6 * epoch))
+        if epoch == 50 and t_s == pytest.approx(10.06):
+            repeats.compared(position(t_s + 0.005, 0.6 * epoch + 0.3))  # one in between
+            repeats.compared(position(t_s + 0.006, 0.6 * epoch))
+        found.append((epoch, repeats.compared(heading(t_s, 20.0))))
+    counts = [news(found).count(epoch) for epoch in range(10, 100)]
+    assert max(counts) == 1
+
+
+def test_at_rest_with_constant_values_something_is_taken():
+    """A test bench, a receiver that rounds: about one a second, so that aids are not missing."""
+    repeats = Repeats()
+    taken = [
+        t_s
+        for t_s, _ in polled(20.0)
+        if repeats.compared(position(t_s, 0.0)) is not Same.MEASUREMENT
+    ]
+    gaps = np.diff(taken)
+    assert 0.8 < gaps.min() <= gaps.max() <= 1.0
+
+
+def test_one_value_again_later_is_a_measurement():
+    repeats = Repeats()
+    assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
+    assert repeats.compared(position(0.2, 2.0)) is Same.NOTHING
+    assert repeats.compared(position(0.4, 1.0)) is Same.NOTHING
+
+
+@pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
+def test_the_same_position_with_a_worse_fix_is_news(worse):
+    """Whoever learns of it with the next position only believes centimetres until then."""
+    repeats = Repeats()
+    fixed = position(0.0, 1.0)
+    repeats.compared(fixed)
+    fallen = replace(fixed, stamp_ns=20_000_000, status=worse)
+    assert repeats.compared(fallen) is Same.NOTHING
+    assert repeats.compared(replace(fallen, stamp_ns=40_000_000)) is Same.MEASUREMENT
+    # Fixed again with the old place: it was no fixed one.
+    assert repeats.compared(replace(fixed, stamp_ns=60_000_000)) is Same.MEASUREMENT
+
+
+def test_sources_are_apart():
+    repeats = Repeats()
+    assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
+    assert repeats.compared(position(0.01, 1.0, Source.GPS_POSITION)) is Same.NOTHING
+    assert repeats.compared(position(0.02, 1.0)) is Same.MEASUREMENT
+
+
+def test_the_same_message_twice_is_the_time_line_s_concern():
+    """Not another stamp: what has been held or refused may come again."""
+    repeats = Repeats()
+    repeats.compared(position(0.0, 1.0))
+    assert repeats.compared(position(0.0, 1.0)) is Same.VALUE
+
+
+def test_headings_are_compared_as_they_are_sent():
+    repeats = Repeats()
+    assert repeats.compared(heading(0.0, 20.0)) is Same.NOTHING
+    assert repeats.compared(heading(0.02, 20.0 + 1e-9)) is Same.NOTHING
+    assert repeats.compared(heading(0.04, 20.0 + 1e-9)) is Same.MEASUREMENT

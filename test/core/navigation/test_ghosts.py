@@ -1,0 +1,157 @@
+"""Drawn pixels against a renderer that knows nothing but points, for any pose, map and lens."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import NEAR_M, XT2, Camera
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map import visibility as view_module
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import FAR_M, View
+from tirgeo_ros.core.types.poses import CameraPose
+
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+LENSES = {
+    "pinhole": Camera(640, 512, 500.0, 500.0, 319.5, 255.5),
+    "xt2": XT2,
+    "folds in the image": Camera(640, 512, 400.0, 400.0, 319.5, 255.5, (-0.30, 0, 0, 0)),
+    "runs away": Camera(640, 512, 800.0, 800.0, 320.0, 256.0, (0.3, -0.9, 0.0, 0.0, 4.0)),
+    "k3 folds": Camera(640, 512, 600.0, 600.0, 320.0, 256.0, (0.1, 0.2, 0.001, 0.001, -0.6)),
+    "rational": Camera(
+        640, 512, 400.0, 401.0, 320.0, 250.0, (0.9, 0.3, 6e-4, -4e-4, 0.01, 1.25, 0.55, 0.06)
+    ),
+    "rational with a pole": Camera(
+        640, 512, 500.0, 500.0, 320.0, 256.0, (0.1, 0.0, 0.0, 0.0, 0.0, -0.4, 0.0, 0.0)
+    ),
+    "rational that folds": Camera(
+        640, 512, 420.0, 420.0, 320.0, 256.0, (0.0, -0.1, 0.0, 0.0, 0.0, 0.2, 0.1, 0.0)
+    ),
+}
+PLAIN = LayerStyle()
+SAMPLES = 4000  # over 180 deg: below 0.7 px apart with a focal length of 800 px
+#: Half of 0.7 px between samples, half a pixel where a sample is rounded to, a pixel of
+#: anti-aliased ink, 0.1 px that a chord may leave its curve.
+REACH_PX = 2
+#: With simplified lines half a pixel more, and a row for what is drawn as spans.
+DETAIL_REACH_PX = 3
+RIM_PX = 4
+
+
+def random_lines(rng):
+    """Walks, outlines, walls and long lines: before, around and behind the camera, NED."""
+    scale = 10 ** rng.uniform(0.5, 3.5)
+    centre = rng.uniform(-scale, scale, 3) * [1, 1, 0]
+    kind = rng.integers(5)
+    if kind == 0:  # a road
+        return centre + np.cumsum(rng.normal(0, scale / 20, (40, 3)) * [1, 1, 0.05], axis=0)
+    if kind == 1:  # a house
+        corners = np.array([[0, 0], [0, 1], [0.5, 1], [0.5, 0.5], [1, 0.5], [1, 0], [0, 0]])
+        return centre + np.column_stack([corners * rng.uniform(3, 30, 2), np.zeros(7)])
+    if kind == 2:  # an outline around the camera
+        angle = np.linspace(0, 2 * np.pi, 30)
+        ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        return ring * scale * rng.uniform(0.5, 1.5, (30, 1)) * [1, 1, 0]
+    if kind == 3:  # anything, from behind to before
+        return rng.uniform(-scale, scale, (4, 3))
+    return rng.uniform(-1e5, 1e5, (2, 3)) * [1, 1, 1e-3]  # through the horizon
+
+
+def random_case(seed):
+    rng = np.random.default_rng(seed)
+    camera = list(LENSES.values())[seed % len(LENSES)]
+    lines = [random_lines(rng) for _ in range(rng.integers(1, 7))]
+    q_ng = quat_from_euler(
+        *np.radians([rng.normal(0, 15), rng.uniform(-90, 15), rng.uniform(0, 360)])
+    )
+    position_n = np.array([*rng.normal(0, 5, 2), -(10 ** rng.uniform(0, 2.5))])
+    pose = CameraPose(0, position_n, quat_multiply(q_ng, Q_BODY_OPTICAL), np.zeros((6, 6)))
+    return camera, lines, pose
+
+
+def map_of(lines, style=PLAIN, *, closed=False):
+    features = [
+        GeoFeature("", closed, np.column_stack(PLANE.geodetic_from_ned(line))) for line in lines
+    ]
+    return VectorMap.from_layers([MapLayer("", features, style)], PLANE)
+
+
+def sampled(begin_c, end_c):
+    """Points (N, 3) of segments at even angles as seen from the camera."""
+    step = end_c - begin_c
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)[:, None]
+    along = step / length
+    foot = -(begin_c * along).sum(axis=1)[:, None]
+    height = np.maximum(np.linalg.norm(begin_c + foot * along, axis=1), 1e-6)[:, None]
+    first, last = np.arctan2(-foot, height), np.arctan2(length - foot, height)
+    steps = np.ceil(SAMPLES * (last - first)[:, 0] / np.pi).astype(int) + 1
+    row = np.repeat(np.arange(len(steps)), steps + 1)
+    share = np.concatenate([np.linspace(0, 1, count + 1) for count in steps])[:, None]
+    distance = foot[row] + height[row] * np.tan(first[row] + (last - first)[row] * share)
+    return begin_c[row] + distance * along[row]
+
+
+def by_points(camera, lines, pose):
+    """The pixels of a map in the image and a rim, each sample by itself through OpenCV's lens."""
+    rotation = matrix_from_quat(pose.q_nc)
+    in_camera = [(line - pose.position_n) @ rotation for line in lines]
+    points_c = sampled(
+        np.concatenate([line[:-1] for line in in_camera]),
+        np.concatenate([line[1:] for line in in_camera]),
+    )
+    points_c = points_c[(points_c[:, 2] > NEAR_M) & (points_c[:, 2] < FAR_M)]
+    flat = points_c[:, :2] / points_c[:, 2:]
+    points_c = points_c[np.hypot(*flat.T) <= camera.max_radius]
+    image = np.zeros((camera.height + 2 * RIM_PX, camera.width + 2 * RIM_PX), np.uint8)
+    if len(points_c):
+        zero, distortion = np.zeros(3), np.array(camera.distortion or (0.0,) * 4)
+        uv, _ = cv2.projectPoints(points_c, zero, zero, camera.matrix, distortion)
+        column, row = np.rint(uv[:, 0].T).astype(int) + RIM_PX
+        height, width = image.shape
+        seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        image[row[seen], column[seen]] = 255
+    return image
+
+
+def drawn(camera, lines, pose):
+    image = np.zeros((camera.height, camera.width), np.uint8)
+    runs = View(camera).lines(map_of(lines), pose).split()
+    fixed = [np.rint(run * 16).astype(np.int32) for run in runs]
+    cv2.polylines(image, fixed, False, (255,), 1, cv2.LINE_AA, 4)
+    return image
+
+
+def grown(image, radius):
+    return cv2.dilate(image, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
+
+
+def assert_no_ghost_and_nothing_lost(seed, reach):
+    camera, lines, pose = random_case(seed)
+    wanted, got = by_points(camera, lines, pose), drawn(camera, lines, pose)
+    inner = np.s_[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX]
+    ghosts = (got > 0) & (grown(wanted, reach)[inner] == 0)
+    lost = (wanted[inner] > 0) & (grown(got, reach) == 0)
+    lost[[0, -1]] = lost[:, [0, -1]] = False  # OpenCV draws no ink of a line beside the image
+    assert not ghosts.any(), f"seed {seed}: {ghosts.sum()} pixels drawn that are not of the map"
+    assert not lost.any(), f"seed {seed}: {lost.sum()} pixels of the map not drawn"
+    return bool(wanted.any())
+
+
+def test_no_ghost_and_nothing_lost():
+    seen = [assert_no_ghost_and_nothing_lost(seed, REACH_PX) for seed in range(120)]
+    assert sum(seen) > 60
+
+
+@pytest.mark.slow
+def test_no_ghost_and_nothing_lost_in_2000_views():
+    seen = [assert_no_ghost_and_nothing_lost(seed, REACH_PX) for seed in range(1000, 3000)]
+    assert sum(seen) > 1000
+
+
+def test_simplified_lines_leave_no_ghost_either(monkeypatch):
+    monkeypatch.setattr(view_module, "_FEW_VERTICES", -1)
+    for seed in range(5000, 5120):
+        assert_no_ghost_and_nothing_lost(seed, DETAIL_REACH_PX)

@@ -1,0 +1,265 @@
+"""Stamps and readings of the IMU: order, gaps, jumps of the clock, glitches, a frozen sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.navigation.imu_checks import ImuClock
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import Outcome
+
+SECOND_NS = 1_000_000_000
+RNG = np.random.default_rng(3)
+GRAVITY = np.array([0, 0, -9.8])
+NOISE = RNG.normal(size=(4000, 6)) * 0.01
+
+
+def live(k, t_s=None):
+    """The k-th sample of a 100 Hz IMU."""
+    t_s = 0.01 * k if t_s is None else t_s
+    noise = NOISE[k % len(NOISE)]
+    return ImuSample(1000 * SECOND_NS + round(t_s * SECOND_NS), noise[:3] + GRAVITY, noise[3:])
+
+
+def outcomes(clock, samples):
+    return [clock.check(s).outcome for s in samples]
+
+
+def started(max_gap_s=0.2, number=100):
+    clock = ImuClock(max_gap_s)
+    assert set(outcomes(clock, [live(k) for k in range(number)])) == {Outcome.USED}
+    return clock
+
+
+def test_steady_samples_are_used_one_by_one():
+    clock = ImuClock(0.2)
+    for k in range(200):
+        checked = clock.check(live(k))
+        assert checked.outcome is Outcome.USED
+        assert [s.stamp_ns for s in checked.use] == [live(k).stamp_ns]
+        assert not checked.begins
+        assert clock.newest_ns == live(k).stamp_ns
+
+
+@pytest.mark.parametrize("back_s", [0.0, 0.01, 0.19])
+def test_a_late_or_doubled_sample_is_dropped(back_s):
+    clock = started()
+    newest = clock.newest_ns
+    checked = clock.check(live(100, 0.99 - back_s))
+    assert checked.outcome is Outcome.OUT_OF_ORDER
+    assert checked.use == ()
+    assert clock.newest_ns == newest
+    assert clock.check(live(101)).outcome is Outcome.USED
+
+
+@pytest.mark.parametrize("back_s", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("gap_s", [0.05, 0.08, 0.15, 0.3])
+def test_a_late_sample_before_a_gap_is_not_used(back_s, gap_s):
+    """Stamps that are given out always grow, but where another time begins."""
+    clock = started()
+    newest_ns = clock.newest_ns
+    stamps_s = [0.99 - back_s, *(0.99 + gap_s + 0.01 * k for k in range(20))]
+    for t_s in stamps_s:
+        checked = clock.check(live(3, t_s) if t_s < 0.99 else live(round(100 * t_s), t_s))
+        for used in checked.use:
+            assert used.stamp_ns > newest_ns
+            newest_ns = used.stamp_ns
+
+
+def test_stamps_grow_whatever_comes():
+    """Any disorder: what is for use is in order within each time."""
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        clock, newest_ns = ImuClock(0.2), -1
+        for k in range(400):
+            off_s = rng.choice([0.0, rng.normal() * 0.1, rng.normal() * 3], p=[0.6, 0.3, 0.1])
+            checked = clock.check(live(k, 10.0 + 0.01 * k + off_s))
+            for number, used in enumerate(checked.use):
+                if not (checked.begins and number == 0):
+                    assert used.stamp_ns > newest_ns
+                newest_ns = used.stamp_ns
+
+
+def test_every_sample_twice():
+    clock = ImuClock(0.2)
+    found = outcomes(clock, [live(k // 2) for k in range(400)])
+    assert found == [Outcome.USED, Outcome.OUT_OF_ORDER] * 200
+
+
+def test_a_burst_that_is_delivered_again():
+    """A bridge that repeats its last 15 samples: none of them is another time."""
+    clock = started()
+    found = outcomes(clock, [live(k) for k in range(85, 100)])
+    assert set(found) == {Outcome.OUT_OF_ORDER}
+    assert clock.check(live(100)).outcome is Outcome.USED
+
+
+@pytest.mark.parametrize("glitch_s", [0.06, 0.3, 5.0, 1e6, -0.3, -5.0, -900.0])
+def test_a_single_glitched_stamp_is_that_sample_s_fault(glitch_s):
+    clock = started()
+    checked = clock.check(live(100, 1.0 + glitch_s))
+    assert checked.use == ()
+    assert not checked.begins
+    for k in range(101, 150):
+        after = clock.check(live(k))
+        assert (after.outcome, after.begins, len(after.use)) == (Outcome.USED, False, 1)
+
+
+def test_glitches_here_and_there():
+    """Every tenth stamp somewhere else, each its own place."""
+    clock, used = ImuClock(0.2), 0
+    for k in range(1000):
+        glitch = k % 10 == 9
+        checked = clock.check(live(k, 0.01 * k + (37.0 * (k % 7) - 90.0 if glitch else 0.0)))
+        assert not checked.begins
+        used += len(checked.use)
+    assert used == 900
+
+
+@pytest.mark.parametrize("gap_s", [0.05, 0.1, 0.19, 0.2])
+def test_a_gap_up_to_the_limit_is_bridged_with_no_sample_lost(gap_s):
+    clock = started()
+    used = []
+    for k in range(20):
+        checked = clock.check(live(100 + k, 0.99 + gap_s + 0.01 * k))
+        assert not checked.begins
+        used += [s.stamp_ns for s in checked.use]
+    assert used == [live(0, 0.99 + gap_s + 0.01 * k).stamp_ns for k in range(20)]
+
+
+@pytest.mark.parametrize("gap_s", [0.21, 1.0, 3600.0])
+def test_a_longer_gap_begins_another_time_and_says_so(gap_s):
+    clock = started()
+    first = clock.check(live(100, 0.99 + gap_s))
+    assert (first.outcome, first.use) == (Outcome.WAITING, ())
+    assert first.reason == f"{gap_s:.3f} s after the one before: the next decides"
+    second = clock.check(live(101, 1.0 + gap_s))
+    assert (second.outcome, second.begins) == (Outcome.GAP, True)
+    assert second.reason == f"no imu/data for {gap_s + 0.01:.3f} s"
+    assert len(second.use) == 2
+    assert clock.check(live(102, 1.01 + gap_s)).outcome is Outcome.USED
+
+
+@pytest.mark.parametrize(
+    ("back_s", "number"),
+    [
+        (0.5, 5),  # might be disorder: five in order tell
+        (1.0, 5),
+        (1.2, 2),  # no network holds a sample back so long
+        (100.0, 2),
+        (1.7e9, 2),  # from epoch to a clock since power-up
+    ],
+)
+def test_a_clock_that_goes_back(back_s, number):
+    clock = ImuClock(0.2)
+    start = 3 * SECOND_NS if back_s < 1e6 else 1_800_000_000 * SECOND_NS
+    samples = [replace(live(k), stamp_ns=start + k * 10_000_000) for k in range(300)]
+    assert set(outcomes(clock, samples)) == {Outcome.USED}
+    newest = samples[-1].stamp_ns
+    late = [
+        replace(live(k), stamp_ns=newest - round(back_s * SECOND_NS) + k * 10_000_000)
+        for k in range(1, 20)
+    ]
+    found = [clock.check(s) for s in late]
+    jump = [c.begins for c in found].index(True)
+    assert [c.outcome for c in found[:jump]] == [Outcome.OUT_OF_ORDER] * jump
+    assert found[jump].outcome is Outcome.TIME_JUMP
+    assert jump + 1 == pytest.approx(number, abs=1)
+    assert "went back by" in found[jump].reason
+    assert {c.outcome for c in found[jump + 1 :]} == {Outcome.USED}
+    assert not any(c.begins for c in found[jump + 1 :])
+
+
+def test_a_clock_that_goes_back_within_the_gap_is_waited_for():
+    """Set back by 0.1 s: ten samples are out of order, then time has caught up."""
+    clock = started()
+    found = outcomes(clock, [live(100 + k, 0.9 + 0.01 * k) for k in range(30)])
+    assert found[:10] == [Outcome.OUT_OF_ORDER] * 10
+    assert found[10:] == [Outcome.USED] * 20
+
+
+# A frozen sensor
+
+
+def test_a_frozen_sensor_is_noticed_within_a_tenth_of_a_second():
+    clock = started()
+    frozen = [replace(live(99), stamp_ns=live(k).stamp_ns) for k in range(100, 200)]
+    found = outcomes(clock, frozen)
+    first = found.index(Outcome.REPEATED)
+    assert 5 <= first + 1 <= 10
+    assert Outcome.USED not in found[first:]
+    assert all(clock.check(s).use == () for s in frozen[-1:])
+
+
+def test_a_sensor_that_thaws_goes_on_or_begins():
+    """Frozen for a tenth of a second it was a gap to be bridged, for a second another time."""
+    for frozen_number, begins in ((10, False), (100, True)):
+        clock = started()
+        outcomes(
+            clock,
+            [
+                replace(live(99), stamp_ns=live(k).stamp_ns)
+                for k in range(100, 100 + frozen_number)
+            ],
+        )
+        found = [clock.check(live(k)) for k in range(100 + frozen_number, 140 + frozen_number)]
+        assert any(c.begins for c in found) is begins
+        assert {c.outcome for c in found[-30:]} == {Outcome.USED}
+
+
+def test_a_simulator_without_noise_is_not_frozen():
+    """Readings that never changed prove nothing."""
+    clock = ImuClock(0.2)
+    still = [replace(live(0), stamp_ns=live(k).stamp_ns) for k in range(500)]
+    assert set(outcomes(clock, still)) == {Outcome.USED}
+
+
+def test_a_400_hz_imu_that_is_filled_up_is_not_frozen():
+    """Each reading sent four times at 400 Hz: repeats, but not for long."""
+    clock = ImuClock(0.2)
+    found = outcomes(clock, [live(k // 4, 0.0025 * k) for k in range(4000)])
+    assert set(found) == {Outcome.USED}
+
+
+# Spikes
+
+
+def test_one_wrong_reading_is_left_out():
+    clock = started()
+    spike = replace(live(100), specific_force_b=np.array([0.0, 150.0, -9.8]))
+    assert clock.check(spike).outcome is Outcome.GATED
+    assert clock.check(live(101)).outcome is Outcome.USED
+    spin = replace(live(102), angular_rate_b=np.array([0.0, 0.0, 30.0]))
+    assert clock.check(spin).outcome is Outcome.GATED
+    assert clock.check(live(103)).outcome is Outcome.USED
+
+
+def test_a_first_sample_that_is_a_spike_does_not_stop_the_filter_for_good():
+    clock = ImuClock(0.2)
+    clock.check(replace(live(0), specific_force_b=np.array([0.0, 150.0, -9.8])))
+    found = [clock.check(live(k)) for k in range(1, 60)]
+    assert {c.outcome for c in found[-30:]} == {Outcome.USED}
+
+
+def test_a_hard_landing_ends():
+    """Readings that swing by 60 m/s2 for half a second: whatever is refused, it goes on after."""
+    clock = started()
+    swing = [
+        replace(live(k), specific_force_b=np.array([0.0, 0.0, -9.8 + (30.0 if k % 2 else -30.0)]))
+        for k in range(100, 150)
+    ]
+    outcomes(clock, swing)
+    found = [clock.check(live(k)) for k in range(150, 200)]
+    assert {c.outcome for c in found[-20:]} == {Outcome.USED}
+
+
+@pytest.mark.parametrize("max_gap_s", [0.025, 0.04])
+def test_a_gap_allowed_for_less_than_two_slow_samples_is_held_to(max_gap_s):
+    clock = started(max_gap_s)
+    first = clock.check(live(104, 1.035))  # 0.045 s after the newest: the next decides
+    assert (first.outcome, first.use) == (Outcome.WAITING, ())
+    second = clock.check(live(105, 1.045))
+    assert (second.outcome, second.begins, len(second.use)) == (Outcome.GAP, True, 2)

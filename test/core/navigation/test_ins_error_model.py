@@ -1,0 +1,276 @@
+"""F, feedback and the noise model against the non-linear mechanisation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import EkfConfig, ImuConfig
+from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_conjugate,
+    quat_from_euler,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    STATES,
+    CovariancePropagation,
+    dynamics,
+    feedback,
+    has_antenna,
+    heading_error,
+    noise_density,
+    states_of,
+)
+from tirgeo_ros.core.navigation.strapdown import NavState, propagate
+
+IMU = ImuConfig()
+MEASURED = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+CONFIG = config_from(EkfConfig, MEASURED)
+WITH_HEADING_ERROR = config_from(EkfConfig, MEASURED | {"heading.bias_sigma_deg": 2.0})
+WITH_ANTENNA = EkfConfig()  # not measured
+WITH_BOTH = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
+#: Steps of the differences: small against the curvature of the model, large against rounding.
+FORCE = (0.0, 0.0, -9.8)
+BIASES = ((1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03))
+STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [10.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
+
+
+def state_of(lat: float, roll: float, pitch: float, yaw: float, velocity) -> NavState:
+    q = tuple(quat_from_euler(roll, pitch, yaw).tolist())
+    return NavState(
+        q, tuple(velocity), lat, 1.0, 120.0, (1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03), (0.0,) * 3
+    )
+
+
+def difference(truth: NavState, estimate: NavState) -> np.ndarray:
+    """The 15 error states between two nominal states."""
+    meridian, transverse = radii_of_curvature(estimate.latitude_rad)
+    return np.concatenate(
+        [
+            rotvec_from_quat(quat_multiply(truth.q_nb, quat_conjugate(np.array(estimate.q_nb)))),
+            np.subtract(truth.velocity_n, estimate.velocity_n),
+            [
+                (truth.latitude_rad - estimate.latitude_rad) * (meridian + estimate.height_m),
+                (truth.longitude_rad - estimate.longitude_rad)
+                * (transverse + estimate.height_m)
+                * math.cos(estimate.latitude_rad),
+                estimate.height_m - truth.height_m,
+            ],
+            np.subtract(truth.gyro_bias_b, estimate.gyro_bias_b),
+            np.subtract(truth.accel_bias_b, estimate.accel_bias_b),
+        ]
+    )
+
+
+angles = st.floats(-0.5, 0.5)
+speeds = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 5))
+
+
+@given(st.floats(-1.2, 1.2), angles, angles, st.floats(-3, 3), speeds)
+def test_dynamics_are_the_derivative_of_the_mechanisation(lat, roll, pitch, yaw, velocity):
+    """Each column of F against central differences of one short step."""
+    state = state_of(lat, roll, pitch, yaw, velocity)
+    force, rate, step = (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 1e-3
+    after, rates = propagate(state, force, rate, step)
+    f = dynamics(state, rates, IMU)
+    for column in range(STATES):
+        error = np.zeros(STATES)
+        error[column] = STEPS[column]
+        plus, _ = propagate(feedback(state, error), force, rate, step)
+        minus, _ = propagate(feedback(state, -error), force, rate, step)
+        grown = (difference(plus, after) - difference(minus, after)) / 2
+        measured = (grown - error) / step / STEPS[column]
+        expected = f[:, column].copy()
+        expected[9:] = 0.0  # the nominal biases stand still; their decay is the noise model's
+        # Second order in the step: half of F^2 dt, whose largest terms are force times rate and
+        # velocity gain (10 x 1 x 1e-3 / 2). Positions' angles round to 2e-16 rad, 1.4e-9 m each.
+        bound = np.full(STATES, 6e-3)
+        bound[6:9] += 5e-9 / step / STEPS[column]
+        assert (np.abs(measured - expected) <= bound).all()
+
+
+def test_small_terms_of_the_dynamics():
+    """Transport, Coriolis and gravity terms, too small for the bound above, by a long step."""
+    state = state_of(0.7, 0.0, 0.0, 0.0, (20.0, 15.0, -2.0))
+    state = state._replace(gyro_bias_b=(0.0,) * 3, accel_bias_b=(0.0,) * 3)
+    _, rates = propagate(state, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
+    f = dynamics(state, rates, IMU)
+    for column, size in [(3, 10.0), (4, 10.0), (5, 10.0), (6, 1e4), (7, 1e4), (8, 1e3)]:
+        error = np.zeros(STATES)
+        error[column] = size
+        step = 1.0
+        plus, _ = propagate(feedback(state, error), (0.0,) * 3, (0.0,) * 3, step)
+        minus, _ = propagate(feedback(state, -error), (0.0,) * 3, (0.0,) * 3, step)
+        grown = difference(plus, minus) / 2 / size
+        measured = (grown[:6] - np.eye(STATES)[column, :6]) / step
+        # Relative to the largest term of the column; second order in the step is below 1e-3 of it.
+        bound = np.full(6, 5e-3 * np.abs(f[:6, column]).max() + 1e-12)
+        # F leaves out that gravity changes with latitude: 0.05 m/s2 over the earth's radius.
+        bound[5] += 1e-8 if column == 6 else 0.0
+        assert (np.abs(measured - f[:6, column]) <= bound).all(), column
+
+
+@given(st.lists(st.floats(-1, 1), min_size=STATES, max_size=STATES))
+def test_feedback_then_difference_is_the_error(values):
+    """Feedback and the definition of the errors are inverse to first order."""
+    state = state_of(0.7, 0.1, -0.2, 2.0, (3.0, -1.0, 0.5))
+    error = np.array(values) * np.array([1e-3] * 3 + [1.0] * 12)
+    error[9:] *= 1e-2
+    # Metres through radians at 6e6 m: 1e-9; east by the cosine at the changed latitude: 1e-7 m.
+    assert difference(feedback(state, error), state) == pytest.approx(error, abs=1e-6)
+
+
+def test_biases_accumulate():
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    error = np.zeros(STATES)
+    error[9], error[14] = 1e-4, 1e-2
+    twice = feedback(feedback(state, error), error)
+    assert twice.gyro_bias_b[0] == pytest.approx(state.gyro_bias_b[0] + 2e-4, abs=1e-15)
+    assert twice.accel_bias_b[2] == pytest.approx(state.accel_bias_b[2] + 2e-2, abs=1e-15)
+
+
+@pytest.mark.parametrize("config", [CONFIG, WITH_HEADING_ERROR, WITH_ANTENNA, WITH_BOTH])
+def test_gauss_markov_errors_keep_their_standard_deviation(config):
+    """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
+    states = states_of(config)
+    sigmas = np.zeros(states)
+    sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
+    sigmas[GPS_ERROR] = config.gps.position_sigma_m
+    if has_antenna(states):
+        sigmas[ANTENNA] = 0.1, 0.2, 0.3  # a place stays as unknown as it is
+    if heading_error(states) is not None:
+        sigmas[-1] = math.radians(config.heading.bias_sigma_deg)
+    covariance = np.diag(sigmas**2)
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    propagation = CovariancePropagation(config)
+    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.01)
+    for _ in range(2000):  # 20 s: one correlation time of the fastest axis
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
+    # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.
+    assert np.diag(covariance)[9:] == pytest.approx(sigmas[9:] ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("place", "time_s"), [(GPS_ERROR.start, 45.0), (GPS_ERROR.start + 2, 45.0), (18, 600.0)]
+)
+def test_receivers_errors_lose_what_was_learned(place, time_s):
+    """From certain, the variance of a Gauss-Markov error is s^2 (1 - exp(-2 t / tau))."""
+    config = WITH_HEADING_ERROR
+    sigma = math.radians(2.0) if place == 18 else config.gps.position_sigma_m[place - 15]
+    covariance = np.zeros((19, 19))
+    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
+    propagation = CovariancePropagation(config)
+    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.04)
+    for _ in range(1000):
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    expected = sigma**2 * (1 - math.exp(-2 * 40.0 / time_s))
+    assert covariance[place, place] == pytest.approx(expected, rel=2e-3)  # dt / tau
+    # Nothing ties a receiver's error to the others until a measurement does.
+    others = np.delete(covariance[place], place)
+    assert not others.any()
+
+
+def test_random_walks_grow_as_named():
+    """After one second at rest the attitude variance is the angle random walk squared."""
+    state = state_of(0.7, 0.0, 0.0, 0.5, (0.0, 0.0, 0.0))
+    covariance = np.zeros((18, 18))
+    propagation = CovariancePropagation(CONFIG)
+    for _ in range(100):
+        _, rates = propagate(state, FORCE, (0.0,) * 3, 0.01)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
+    rotation = matrix_from_quat(np.array(state.q_nb))
+    expected = rotation @ np.diag(np.array(IMU.angle_random_walk) ** 2) @ rotation.T
+    # Earth rate turns the axes into each other by 7.3e-5 rad in that second; the gyroscope
+    # bias's own driving noise adds at most (37e-6)^2 2/100 / 3 = 9e-12.
+    bound = 1e-4 * np.abs(expected).max() + 1e-11
+    assert covariance[:3, :3] == pytest.approx(expected, abs=bound)
+
+
+def test_step_is_the_transition_of_the_dynamics():
+    """P to F P F' of I + F dt + (F dt)^2 / 2, with the random walks turned to n."""
+    state = state_of(0.7, 0.3, -0.2, 1.0, (5.0, -3.0, 0.5))
+    _, rates = propagate(state, (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 0.04)
+    rng = np.random.default_rng(4)
+    scales = np.r_[STEPS, np.ones(3)]
+    root = rng.normal(size=(18, 18)) * scales[:, None]
+    before = root @ root.T
+    f = np.zeros((18, 18))
+    f[:15, :15] = dynamics(state, rates, IMU)
+    f[15:, 15:] = -np.eye(3) / CONFIG.gps.position_time_s
+    phi = np.eye(18) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
+    noise = np.zeros((18, 18))
+    rotation = matrix_from_quat(np.array(state.q_nb))
+    density = noise_density(IMU)
+    noise[:3, :3] = rotation @ np.diag(density[:3]) @ rotation.T
+    noise[3:6, 3:6] = rotation @ np.diag(density[3:6]) @ rotation.T
+    noise[9:15, 9:15] = np.diag(density[9:])
+    gps = np.square(CONFIG.gps.position_sigma_m) * 2 / CONFIG.gps.position_time_s
+    noise[15:, 15:] = np.diag(gps)
+    expected = phi @ before @ phi.T + 0.04 * noise
+    step = CovariancePropagation(CONFIG).step
+    found = step(before, state, rates, rates.specific_force_n, 0.04)
+    scaled = np.outer(scales, scales)
+    # The states' sizes out of the way, entries are below 1e3 and round by 1e-16 times a few sums.
+    np.testing.assert_allclose(found / scaled, expected / scaled, rtol=0, atol=1e-10)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_covariance_stays_symmetric_and_positive(seed):
+    rng = np.random.default_rng(seed)
+    scales = np.r_[STEPS, np.ones(3), 1e-4]
+    root = rng.normal(size=(19, 19)) * scales
+    covariance = root @ root.T
+    state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
+    propagation = CovariancePropagation(WITH_HEADING_ERROR)
+    for _ in range(20):
+        after, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.02)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.02)
+        state = after
+    assert np.array_equal(covariance, covariance.T)
+    scaled = covariance / np.outer(scales, scales)
+    assert np.linalg.eigvalsh(scaled).min() > -1e-9 * np.linalg.eigvalsh(scaled).max()
+
+
+def test_propagation_gives_what_it_gave_whatever_came_between():
+    """Its workspace carries nothing from one call to the next."""
+    state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
+    other = state_of(-0.9, -0.4, 0.3, -2.0, (-8.0, 5.0, 1.0))
+    _, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.04)
+    _, other_rates = propagate(other, (-2.0, 3.0, -12.0), (1.2, 0.7, 0.9), 0.04)
+    propagation, covariance = CovariancePropagation(CONFIG), np.eye(18)
+    first = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    kept = first.copy()
+    propagation.step(covariance, other, other_rates, other_rates.specific_force_n, 0.01)
+    again = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
+    assert np.array_equal(again, kept)
+    assert np.array_equal(first, kept)  # nor is what was given out written over
+    assert np.array_equal(covariance, np.eye(18))
+
+
+def test_states_as_the_parameters_ask():
+    assert states_of(CONFIG) == 18
+    assert states_of(WITH_HEADING_ERROR) == 19
+    assert states_of(WITH_ANTENNA) == 21
+    assert states_of(WITH_BOTH) == 22
+    assert [heading_error(states) for states in (18, 19, 21, 22)] == [None, 18, None, 21]
+    assert [has_antenna(states) for states in (18, 19, 21, 22)] == [False, False, True, True]
+
+
+def test_attitude_error_is_truth_from_estimate():
+    state = state_of(0.7, 0.1, 0.2, 0.3, (0.0, 0.0, 0.0))
+    phi = np.array([0.01, -0.02, 0.03])
+    error = np.concatenate([phi, np.zeros(12)])
+    truth = matrix_from_quat(np.array(feedback(state, error).q_nb))
+    expected = matrix_from_rotvec(phi) @ matrix_from_quat(np.array(state.q_nb))
+    assert truth == pytest.approx(expected, abs=1e-12)

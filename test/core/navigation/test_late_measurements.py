@@ -1,0 +1,270 @@
+"""Measurements that come late, early or not at all: the filter's time line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, flight, navigation_samples
+
+from tirgeo_ros.core.navigation.alignment.aligner import Aligner
+from tirgeo_ros.core.navigation.ekf import Ekf
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.core.types.verdicts import Outcome
+
+
+def started(flown, samples, **values):
+    """A filter just aligned, and the samples that come after."""
+    config = config_for(flown, **values)
+    aligner = Aligner(config, use_heading=True)
+    for index, sample in enumerate(samples):
+        found = aligner.add(sample)
+        if found is not None:
+            filter_ = Ekf(config, found)
+            for imu in found.imu[1:]:
+                filter_.add_imu(imu)
+            for later in found.later:
+                filter_.add_aiding(later)
+            return filter_, samples[index + 1 :]
+    raise AssertionError("no alignment")
+
+
+def run(filter_, samples):
+    """The verdicts, those on held samples too."""
+    verdicts = []
+    for sample in samples:
+        if isinstance(sample, ImuSample):
+            verdicts += filter_.add_imu(sample)
+        else:
+            verdicts.append(filter_.add_aiding(sample))
+    return verdicts
+
+
+def is_gps(sample):
+    return getattr(sample, "source", None) in {Source.GPS_POSITION, Source.GPS_VELOCITY}
+
+
+def between_imu_samples(sample, _):
+    return replace(sample, stamp_ns=sample.stamp_ns + 3_300_000)
+
+
+def gps_between_imu_samples(sample, _):
+    return between_imu_samples(sample, _) if is_gps(sample) else sample
+
+
+def outage(sample, t_s):
+    return None if not is_gps(sample) and 4.0 < t_s < 8.0 else sample
+
+
+def float_phase(sample, t_s):
+    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
+        return replace(sample, status=FixStatus.FLOAT)
+    return sample
+
+
+def no_fix_phase(sample, t_s):
+    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
+        return replace(sample, status=FixStatus.NONE)
+    return sample
+
+
+def jump_of_position(sample, t_s):
+    """For four seconds, so the state follows: refusals, a reset, and another one back."""
+    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
+        return replace(sample, height_m=sample.height_m + 5.0)
+    return sample
+
+
+def wrong_headings(sample, t_s):
+    if isinstance(sample, HeadingSample) and 2.0 < t_s < 9.0:
+        return replace(sample, heading_rad=sample.heading_rad + 1.0)
+    return sample
+
+
+def changed_samples(flown, change):
+    """All samples but the end's, each aiding one changed with its seconds from the start."""
+    start_ns, end_ns = flown.truth.stamp_ns[0], flown.truth.stamp_ns[-1] - 500_000_000
+    kept = []
+    for sample in navigation_samples(flown):
+        if not isinstance(sample, ImuSample):
+            if sample.stamp_ns > end_ns:
+                continue
+            kept.append(change(sample, (sample.stamp_ns - start_ns) * 1e-9))
+        else:
+            kept.append(sample)
+    return [sample for sample in kept if sample is not None]
+
+
+def shuffled_by(rng, samples):
+    """In the order of arrival where each measurement has its own 0 to 0.45 s of delay."""
+    arrival = [
+        s.stamp_ns + (0 if isinstance(s, ImuSample) else int(rng.integers(0, 450_000_000)))
+        for s in samples
+    ]
+    return [samples[i] for i in np.argsort(arrival, kind="stable")]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda sample, _: sample,
+        between_imu_samples,
+        gps_between_imu_samples,
+        outage,
+        float_phase,
+        no_fix_phase,
+        jump_of_position,
+        wrong_headings,
+        lambda sample, t_s: outage(gps_between_imu_samples(sample, t_s), t_s),
+    ],
+    ids=[
+        "plain",
+        "between",
+        "gps_between",
+        "outage",
+        "float",
+        "no_fix",
+        "jump",
+        "wrong_headings",
+        "outage_between",
+    ],
+)
+def test_late_measurements_give_the_timely_result(change):
+    """Each measurement delayed by its own 0 to 0.45 s, any order: the state of timely arrival.
+
+    Of what the aids have done too, so their decisions are those of the measurements' order.
+    """
+    flown = flight(duration_s=12.0)
+    samples = changed_samples(flown, change)
+    timely, rest = started(flown, samples, heading__bias_sigma_deg=1.0)
+    by_stamp = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
+    run(timely, by_stamp)
+    expected = timely.belief()
+    for seed in range(3):
+        late, _ = started(flown, samples, heading__bias_sigma_deg=1.0)
+        run(late, shuffled_by(np.random.default_rng(seed), by_stamp))
+        found = late.belief()
+        # The same operations in the same order: equal to the last bit.
+        assert found.control == expected.control
+        assert found.state == expected.state
+        assert np.array_equal(found.covariance, expected.covariance)
+
+
+def test_the_changes_above_change_what_is_done():
+    """Each phase of the test above has the verdicts that it is there for."""
+    flown = flight(duration_s=12.0)
+
+    def counts(change):
+        filter_, rest = started(flown, changed_samples(flown, change))
+        rest = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
+        return Counter((v.source, v.outcome) for v in run(filter_, rest))
+
+    plain = counts(lambda sample, _: sample)
+    assert plain[Source.GPS_VELOCITY, Outcome.USED] == 0
+    assert plain[Source.GPS_POSITION, Outcome.STANDBY] > 60
+    assert counts(outage)[Source.GPS_VELOCITY, Outcome.USED] > 20
+    floating = counts(float_phase)
+    assert floating[Source.RTK_HEADING, Outcome.NOT_FIXED] > 15
+    assert floating[Source.GPS_POSITION, Outcome.USED] > 30
+    assert counts(no_fix_phase)[Source.RTK_VELOCITY, Outcome.NOT_FIXED] > 15
+    assert counts(jump_of_position)[Source.RTK_POSITION, Outcome.GATED] > 5
+    assert counts(wrong_headings)[Source.RTK_HEADING, Outcome.GATED] > 15
+
+
+def test_headings_of_a_float_fix_are_refused_whatever_comes_first():
+    """The receiver's status holds from its own time on, not from its arrival."""
+    flown = flight(duration_s=8.0)
+    filter_, rest = started(flown, changed_samples(flown, lambda sample, _: sample))
+    run(filter_, rest)
+    newest_ns = filter_.newest_ns
+    fix = next(s for s in rest[::-1] if isinstance(s, PositionSample) and not is_gps(s))
+    heading = next(s for s in rest[::-1] if isinstance(s, HeadingSample))
+    late = replace(heading, stamp_ns=newest_ns - 40_000_000)
+    assert filter_.add_aiding(late).outcome is Outcome.USED
+    before = filter_.belief().state
+    floating = replace(fix, stamp_ns=newest_ns - 60_000_000, status=FixStatus.FLOAT)
+    filter_.add_aiding(floating)
+    # The heading that was used does not count any more.
+    assert filter_.control.track(Source.RTK_HEADING).used_ns == heading.stamp_ns
+    assert filter_.belief().state != before
+    earlier = replace(heading, stamp_ns=newest_ns - 80_000_000)
+    assert filter_.add_aiding(earlier).outcome is Outcome.USED
+    later = replace(heading, stamp_ns=newest_ns - 20_000_000)
+    assert filter_.add_aiding(later).outcome is Outcome.NOT_FIXED
+
+
+def test_a_measurement_before_its_imu_sample_is_held_and_used():
+    flown = flight(duration_s=8.0)
+    filter_, rest = started(flown, navigation_samples(flown))
+    imu = [s for s in rest if isinstance(s, ImuSample)]
+    fix = next(
+        s
+        for s in rest
+        if isinstance(s, PositionSample) and not is_gps(s) and s.stamp_ns > imu[0].stamp_ns
+    )
+    early = [s for s in imu if s.stamp_ns < fix.stamp_ns]
+    run(filter_, early)
+    assert filter_.add_aiding(fix).outcome is Outcome.WAITING
+    assert filter_.add_aiding(fix).outcome is Outcome.REPEATED
+    found = run(filter_, imu[len(early) : len(early) + 2])
+    assert [(v.source, v.outcome) for v in found] == [(Source.RTK_POSITION, Outcome.USED)]
+    assert run(filter_, imu[len(early) + 2 : len(early) + 4]) == []
+
+
+def test_a_held_gps_position_gets_its_verdict():
+    """Those that turn out to be spare too."""
+    flown = flight(duration_s=8.0)
+    filter_, rest = started(flown, navigation_samples(flown))
+    held = [
+        between_imu_samples(s, 0)
+        for s in rest
+        if isinstance(s, PositionSample) and is_gps(s) and s.stamp_ns < rest[-1].stamp_ns - 10**9
+    ]
+    rest = [s for s in rest if not (isinstance(s, PositionSample) and is_gps(s))]
+    both = sorted([*rest, *held], key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
+    found = Counter(v.outcome for v in run(filter_, both) if v.source is Source.GPS_POSITION)
+    assert found[Outcome.WAITING] == len(held)
+    assert found[Outcome.USED] + found[Outcome.STANDBY] == len(held)
+
+
+def test_refusals():
+    flown = flight(duration_s=8.0)
+    filter_, rest = started(flown, navigation_samples(flown))
+    run(filter_, rest)
+    fix = [s for s in rest if isinstance(s, PositionSample) and not is_gps(s)][-1]
+    newest = filter_.newest_ns
+    assert filter_.add_aiding(fix).outcome is Outcome.REPEATED
+    old = replace(fix, stamp_ns=newest - 500_000_001)
+    assert filter_.add_aiding(old).outcome is Outcome.TOO_OLD
+    new = replace(fix, stamp_ns=newest + 500_000_001)
+    assert filter_.add_aiding(new).outcome is Outcome.TOO_NEW
+    before = filter_.belief().state
+    jump = replace(fix, stamp_ns=newest - 10_000_000, height_m=fix.height_m + 5)
+    assert filter_.add_aiding(jump).outcome is Outcome.GATED
+    # A measurement at the newest stamp is applied again with a covariance that took its steps at
+    # other instants: second order in 20 ms.
+    for a, b in zip(filter_.belief().state[0], before[0], strict=True):
+        assert a == pytest.approx(b, abs=1e-6)
+
+
+def test_the_history_is_as_long_as_the_delay():
+    """Memory does not grow, and what is within the delay is always there."""
+    flown = flight(duration_s=30.0)
+    filter_, rest = started(flown, navigation_samples(flown))
+    lengths = []
+    for sample in rest:
+        run(filter_, [sample])
+        lengths.append(len(filter_._epochs))
+    # 0.5 s at 100 Hz, forgotten in batches of 64, one before.
+    assert max(lengths) <= 50 + 64 + 2
+    fix = [s for s in rest if isinstance(s, PositionSample) and not is_gps(s)][-1]
+    oldest = replace(fix, stamp_ns=filter_.newest_ns - 500_000_000)
+    assert filter_.add_aiding(oldest).outcome is not Outcome.TOO_OLD

@@ -1,0 +1,233 @@
+"""Beliefs through intervals: the covariance's own rate, parts of an interval, bridged gaps."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.frames.rotations import (
+    quat_conjugate,
+    quat_from_euler,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers
+from tirgeo_ros.core.navigation.aiding.filter_state import Belief
+from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch
+from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
+from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.strapdown import NavState, propagate
+from tirgeo_ros.core.navigation.vibration_meter import VibrationMeter
+from tirgeo_ros.core.types.measurements import ImuSample
+
+CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
+START = NavState(
+    tuple(quat_from_euler(0.05, -0.03, 0.4).tolist()),
+    (3.0, -1.0, 0.2),
+    0.695,
+    2.04,
+    31.5,
+    *[(0.0,) * 3] * 3,
+)
+SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
+
+
+def belief(state=START, states=18) -> Belief:
+    sigmas = np.r_[SIGMAS, 0.02][:states]
+    return Belief(state, np.diag(sigmas**2), Control(Receivers(0)))
+
+
+def turning(t_s):
+    """Readings of an aircraft that rolls, brakes and turns."""
+    force = np.array(
+        [1.5 * math.sin(3 * t_s), 1.0 * math.cos(2 * t_s), -9.8 + 0.5 * math.sin(t_s)]
+    )
+    rate = np.array([0.5 * math.cos(4 * t_s), 0.3 * math.sin(3 * t_s), 0.6 * math.cos(t_s)])
+    return force, rate
+
+
+def epochs_of(stamps_s, readings=turning, first=None):
+    samples = [ImuSample(round(t * 1e9), *readings(t)) for t in stamps_s]
+    epochs = [Epoch.first(samples[0].stamp_ns, samples[0], first or belief())]
+    meter = VibrationMeter()
+    for sample in samples[1:]:
+        epochs.append(Epoch.after(epochs[-1], sample, meter))
+    return epochs
+
+
+def carried_through(epochs, config=CONFIG):
+    mechanisation = Mechanisation(config)
+    carried = epochs[0].carried
+    for start, end in pairwise(epochs):
+        start.carried = carried
+        carried = mechanisation.whole(carried, start, end)
+    return carried, mechanisation.followed(carried)
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
+def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
+    """Two seconds of turns, against a covariance that follows at 400 Hz."""
+    stamps = np.arange(0, 2.0 + 1e-9, 1 / rate_hz)
+    _, found = carried_through(epochs_of(stamps))
+    state, covariance = belief()[:2]
+    propagation = CovariancePropagation(CONFIG)
+    for k in range(800):
+        force, rate = turning((k + 0.5) / 400)
+        after, rates = propagate(state, tuple(force), tuple(rate), 1 / 400)
+        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 1 / 400)
+        state = after
+    sigmas = np.sqrt(np.diag(covariance))
+    # Steps of 50 ms in turns of 1 rad/s: of second order, (0.05)^2 / 2 at each quarter turn.
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigmas, rtol=5e-3)
+    correlations = (found.covariance - covariance) / np.outer(sigmas, sigmas)
+    assert np.abs(correlations).max() < 0.02
+
+
+def test_the_covariance_is_never_further_behind_than_its_step():
+    epochs = epochs_of(np.arange(0, 1.0, 0.01))
+    mechanisation, carried, lags = Mechanisation(CONFIG), epochs[0].carried, []
+    for start, end in pairwise(epochs):
+        carried = mechanisation.whole(carried, start, end)
+        lags.append(carried.lag_s)
+    assert max(lags) < 0.05 - 1e-9  # in whole samples, five of 100 Hz
+    assert lags.count(0.0) == pytest.approx(99 / 5, abs=1)
+
+
+def test_followed_twice_is_followed_once():
+    carried, found = carried_through(epochs_of(np.arange(0, 0.035, 0.01)))
+    assert carried.lag_s == pytest.approx(0.03)
+    again = Mechanisation(CONFIG).followed(found)
+    assert again is found
+    assert found.lag_s == 0.0
+
+
+@pytest.mark.parametrize("cuts_s", [(0.004,), (0.001, 0.0035, 0.0081), (0.01,)])
+def test_parts_of_an_interval_are_the_whole(cuts_s):
+    """Readings are linear in between, so the way does not matter to second order."""
+    epochs = epochs_of([0.0, 0.01])
+    mechanisation = Mechanisation(CONFIG)
+    start, end = epochs
+    whole = mechanisation.whole(start.carried, start, end)
+    carried, now_ns = start.carried, 0
+    for cut_s in (*cuts_s, 0.01):
+        carried = mechanisation.part(carried, start, end, now_ns, round(cut_s * 1e9))
+        now_ns = round(cut_s * 1e9)
+    # Third order: 0.01^3 x (2 m/s3 x 1 rad/s) / 12.
+    np.testing.assert_allclose(carried.state.velocity_n, whole.state.velocity_n, atol=1e-6)
+    np.testing.assert_allclose(carried.state.q_nb, whole.state.q_nb, atol=1e-7)
+    assert carried.lag_s == pytest.approx(whole.lag_s, abs=1e-12)
+
+
+def test_an_empty_part_is_nothing():
+    start, end = epochs_of([0.0, 0.01])
+    mechanisation = Mechanisation(CONFIG)
+    assert mechanisation.part(start.carried, start, end, 4_000_000, 4_000_000) is start.carried
+
+
+def test_with_and_without_an_error_of_the_headings():
+    """A state more that nothing ties to the others changes nothing of them."""
+    config = config_from(
+        EkfConfig, {"heading.bias_sigma_deg": 2.0, "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
+    )
+    stamps = np.arange(0, 1.0, 0.01)
+    _, plain = carried_through(epochs_of(stamps))
+    _, more = carried_through(epochs_of(stamps, first=belief(states=19)), config)
+    assert more.state == plain.state
+    # The same sums over rows that are longer by a zero may be taken in another order.
+    np.testing.assert_allclose(more.covariance[:18, :18], plain.covariance, rtol=1e-12, atol=1e-20)
+
+
+# Gaps
+
+
+@pytest.mark.parametrize(("gap_s", "bridged"), [(0.02, False), (0.035, False), (0.04, True)])
+def test_lost_samples_make_less_certain(gap_s, bridged):
+    """One sample of a 50 Hz IMU with jitter is not a loss, two are."""
+    start, end = epochs_of([0.0, gap_s])
+    mechanisation = Mechanisation(CONFIG)
+    found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
+    no_gap, _ = epochs_of([0.0, 1e-6])
+    plain = np.diag(no_gap.carried.covariance)[:3]
+    widened = np.diag(found.covariance)[:3] - plain > (0.05 * gap_s) ** 2 * 0.9
+    assert widened.all() == bridged
+
+
+def test_a_gap_is_widened_once_however_it_is_parted():
+    start, end = epochs_of([0.0, 0.1])
+    mechanisation = Mechanisation(CONFIG)
+    whole = mechanisation.followed(mechanisation.whole(start.carried, start, end))
+    first = mechanisation.part(start.carried, start, end, 0, 50_000_000)
+    second = mechanisation.part(first, start, end, 50_000_000, 100_000_000)
+    found = mechanisation.followed(second)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(whole.covariance)), rtol=0.01
+    )
+
+
+def flown(rng, seconds, rate_hz=400):
+    """A manoeuvre drawn at random: sums of sines as the gusts and the pilot make them."""
+    times = np.arange(0, seconds + 1e-9, 1 / rate_hz)
+    force = np.tile([0.0, 0.0, -9.8], (len(times), 1))
+    rate = np.zeros((len(times), 3))
+    for hz in (0.3, 0.7, 1.5):
+        phase = rng.uniform(0, 2 * math.pi, 6)
+        waves = np.sin(2 * math.pi * hz * times[:, None] + phase)
+        force += waves[:, :3] * 0.8 * rng.normal(size=3) / (1 + hz)
+        rate += waves[:, 3:] * 0.25 * rng.normal(size=3) / (1 + hz)
+    return times, force, rate
+
+
+@pytest.mark.parametrize("gap_s", [0.06, 0.12, 0.2])
+def test_monte_carlo_of_lost_samples(gap_s):
+    """What the bridge adds covers the errors that it makes: error over sigma at most one."""
+    rng = np.random.default_rng(9)
+    ratios = []
+    for _ in range(60):
+        times, force, rate = flown(rng, 0.5)
+        state = START
+        begin = 40
+        gap = round(gap_s * 400)
+        for k in range(begin):
+            mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
+            state, _ = propagate(state, *mean, 1 / 400)
+        truth = state
+        for k in range(begin, begin + gap):
+            mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
+            truth, _ = propagate(truth, *mean, 1 / 400)
+        certain = Belief(state, np.zeros((18, 18)), Control(Receivers(0)))
+        ends = [ImuSample(round(times[k] * 1e9), force[k], rate[k]) for k in (begin, begin + gap)]
+        start = Epoch.first(ends[0].stamp_ns, ends[0], certain)
+        end = Epoch.after(start, ends[1], VibrationMeter())
+        mechanisation = Mechanisation(CONFIG)
+        found = mechanisation.followed(mechanisation.whole(Carried(*certain), start, end))
+        turned = quat_multiply(np.array(truth.q_nb), quat_conjugate(np.array(found.state.q_nb)))
+        metres = 6.37e6
+        error = np.concatenate(
+            [
+                rotvec_from_quat(turned),
+                np.subtract(truth.velocity_n, found.state.velocity_n),
+                [
+                    (truth.latitude_rad - found.state.latitude_rad) * metres,
+                    (truth.longitude_rad - found.state.longitude_rad) * metres * math.cos(0.695),
+                    found.state.height_m - truth.height_m,
+                ],
+            ]
+        )
+        ratios.append(error / np.sqrt(np.diag(found.covariance)[:9]))
+    blocks = np.sqrt(np.mean(np.square(ratios), axis=0)).reshape(3, 3)
+    assert (blocks <= 1.1).all()
+
+
+def test_a_gap_covers_a_clock_that_was_set_forward():
+    """Nothing was lost, 0.15 s never were: the state is too far on, and says that it may be."""
+    start, end = epochs_of([0.0, 0.15], lambda _: (np.array([0.5, 0, -9.8]), np.zeros(3)))
+    mechanisation = Mechanisation(CONFIG)
+    found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
+    moved_m = 0.15 * math.hypot(*START.velocity_n)
+    sigma_m = math.sqrt(max(np.diag(found.covariance)[6:9]))
+    assert moved_m < 3 * sigma_m

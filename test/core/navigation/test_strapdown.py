@@ -1,0 +1,192 @@
+"""The mechanisation against motions whose closed form is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from motions import ZERO, angle_between, state_at, steady_readings
+
+from tirgeo_ros.core.frames import rotations as att
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, radii_of_curvature
+from tirgeo_ros.core.navigation import strapdown
+from tirgeo_ros.core.navigation.strapdown import propagate
+
+STEP_S = 0.01
+
+vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3)
+angles = st.floats(-math.pi, math.pi)
+
+
+def run(state, force_b, rate_b, seconds, step_s=STEP_S):
+    for _ in range(round(seconds / step_s)):
+        state, _ = propagate(state, force_b, rate_b, step_s)
+    return state
+
+
+# Small parts
+
+
+@given(vectors, vectors)
+def test_scalar_rotations_are_those_of_the_attitude_module(a, b):
+    p, expected = strapdown.quaternion_of(*a), att.matrix_from_rotvec(np.array(a))
+    np.testing.assert_allclose(p, att.quat_from_rotvec(np.array(a)), atol=1e-15)
+    turned = strapdown.rotate(rotation_of(p), tuple(b))
+    np.testing.assert_allclose(turned, expected @ b, atol=4e-15)
+    np.testing.assert_allclose(strapdown.cross(tuple(a), tuple(b)), np.cross(a, b), atol=4e-15)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1])
+def test_quaternion_of_small_turns(size):
+    v = size * np.array([0.6, -0.48, 0.64])
+    np.testing.assert_allclose(
+        strapdown.quaternion_of(*v), att.quat_from_rotvec(v), rtol=1e-15, atol=1e-300
+    )
+
+
+# Motions that keep their state
+
+
+@given(st.floats(-1.5, 1.5), angles, st.floats(-400, 9000), angles, st.floats(-1.5, 1.5), angles)
+def test_at_rest_on_the_turning_earth_nothing_moves(lat, lon, height, roll, pitch, yaw):
+    start = state_at(lat, lon, height, euler=(roll, pitch, yaw))
+    end = run(start, *steady_readings(start), seconds=2.0)
+    # Half a step's turn of the earth, once in the body and once in n, leaves its square over g.
+    left = (0.5 * EARTH_RATE_RAD_S * STEP_S) ** 2 * 9.8 * 2.0  # 2.6e-12 m/s
+    rounding = 200 * STEP_S * 1e-14
+    assert np.abs(end.velocity_n).max() < 1.01 * left + rounding
+    assert angle_between(start.q_nb, end.q_nb) < 200 * 1e-15
+    assert (end.latitude_rad - lat) * 6.4e6 == pytest.approx(0, abs=2e-9)
+    assert math.remainder(end.longitude_rad - lon, 2 * math.pi) == pytest.approx(0, abs=1e-14)
+    assert end.height_m == pytest.approx(height, abs=1e-9)
+
+
+def test_wrong_earth_rate_would_show():
+    """The same without the earth's turn in the gyroscope: attitude and velocity drift away."""
+    start = state_at(0.7, 2.0, 30.0)
+    force_b, _ = steady_readings(start)
+    end = run(start, force_b, ZERO, seconds=10.0)
+    # What velocity grows turns n too: 0.027 m/s over 6.4e6 m, a third of 10 s of it.
+    assert angle_between(start.q_nb, end.q_nb) == pytest.approx(10 * EARTH_RATE_RAD_S, rel=1e-4)
+    # The level turns about north by the rate times cos(lat): g t^2 / 2.
+    expected = 9.8 * EARTH_RATE_RAD_S * math.cos(0.7) * 50
+    assert np.hypot(*end.velocity_n[:2]) == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize("east", [-250.0, 3.0, 250.0])
+@pytest.mark.parametrize("lat", [-1.2, 0.0, 0.7])
+@pytest.mark.parametrize("lon", [2.0, math.pi - 1e-5, -math.pi + 1e-5])
+def test_flight_along_a_parallel(east, lat, lon):
+    """Constant velocity east: latitude and height stay, longitude grows by v / ((N + h) cos)."""
+    start = state_at(lat, lon, 500.0, (0.0, east, 0.0), (0.1, -0.05, math.pi / 2))
+    end = run(start, *steady_readings(start), seconds=20.0)
+    _, transverse = radii_of_curvature(lat)
+    expected = lon + east * 20 / ((transverse + 500) * math.cos(lat))
+    # 2000 steps, each rounded by 2e-16 of pi the same way, are 4.4e-13 rad: 3e-6 m.
+    np.testing.assert_allclose(end.velocity_n, start.velocity_n, rtol=0, atol=1e-10)
+    aside_rad = math.remainder(end.longitude_rad - expected, 2 * math.pi)
+    assert aside_rad == pytest.approx(0, abs=4.5e-13)
+    assert -math.pi <= end.longitude_rad <= math.pi
+    assert end.latitude_rad == pytest.approx(lat, abs=4.5e-13)
+    assert end.height_m == pytest.approx(500, abs=1e-8)
+    assert angle_between(start.q_nb, end.q_nb) < 1e-11
+
+
+# Free fall
+
+
+def test_free_fall_and_its_way_east():
+    """Height g t^2 / 2; east omega g t^3 cos(lat) / 3, the classic deflection."""
+    start, seconds = state_at(0.7, 2.0, 500.0), 4.0
+    end = run(start, ZERO, ZERO, seconds, step_s=0.001)
+    gravity = gravity_down(0.7, 500.0)
+    # Gravity grows by 3.1e-6 /s2 times 78 m, seen twice: 2.5e-5 of 78 m; Coriolis less.
+    assert 500 - end.height_m == pytest.approx(gravity * seconds**2 / 2, rel=1e-5)
+    assert end.velocity_n[2] == pytest.approx(gravity * seconds, rel=1e-5)
+    place = TangentPlane(0.7, 2.0, 500.0).ned_from_geodetic(
+        end.latitude_rad, end.longitude_rad, end.height_m
+    )
+    east = EARTH_RATE_RAD_S * gravity * seconds**3 * math.cos(0.7) / 3
+    # Coriolis is taken at the start of a step: 1.5 steps of 4000 late, and half for rounding.
+    assert place[1] == pytest.approx(east, rel=5e-4)
+    assert abs(place[0]) < 1e-5  # second order in omega t: (3e-4)^2 of 78 m
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_norm_of_the_quaternion_stays(seed):
+    rng = np.random.default_rng(seed)
+    state = state_at(0.7, 2.0, 30.0, (3.0, 1.0, 0.0), (0.3, 0.2, 0.1))
+    for rate_b in rng.normal(scale=5, size=(50, 3)):
+        state, _ = propagate(state, (0.0, 0.0, -9.8), tuple(rate_b.tolist()), STEP_S)
+    assert math.hypot(*state.q_nb) == pytest.approx(1, abs=3e-16)
+
+
+@given(vectors, vectors)
+def test_attitude_of_a_constant_rate_is_its_exponential(rate_b, gyro_bias):
+    """In one long step or in a hundred; the frame's own turn is put on top of the rate."""
+    start = state_at(0.7, 2.0, 30.0, euler=(0.3, -0.2, 0.1))
+    start = start._replace(gyro_bias_b=tuple(gyro_bias))
+    read = tuple((np.array(rate_b) + gyro_bias).tolist())
+    q = start.q_nb
+    for _ in range(100):
+        start, _ = propagate(start._replace(velocity_n=ZERO), ZERO, read, STEP_S)
+    expected = att.quat_multiply(np.array(q), att.quat_from_rotvec(np.array(rate_b)))
+    # The earth turns n by 7.3e-5 rad in this second, and nothing else does.
+    assert angle_between(expected, start.q_nb) == pytest.approx(EARTH_RATE_RAD_S, rel=1e-6)
+
+
+# Biases, rates and what is carried along
+
+
+@given(vectors, vectors, vectors, vectors)
+def test_biases_are_taken_from_the_readings(force_b, rate_b, accel_bias, gyro_bias):
+    state = state_at(0.7, 2.0, 30.0, (3.0, 1.0, 0.2), (0.3, 0.2, 0.1))
+    biased = state._replace(gyro_bias_b=tuple(gyro_bias), accel_bias_b=tuple(accel_bias))
+    clean, rates = propagate(state, tuple(force_b), tuple(rate_b), STEP_S)
+    read_force = tuple(np.add(force_b, accel_bias).tolist())
+    read_rate = tuple(np.add(rate_b, gyro_bias).tolist())
+    found, found_rates = propagate(biased, read_force, read_rate, STEP_S)
+    for part in range(5):
+        np.testing.assert_allclose(found[part], clean[part], rtol=1e-14, atol=1e-14)
+    assert found.gyro_bias_b == tuple(gyro_bias)
+    assert found.accel_bias_b == tuple(accel_bias)
+    np.testing.assert_allclose(
+        found_rates.specific_force_n, rates.specific_force_n, rtol=1e-13, atol=1e-13
+    )
+
+
+def test_rates_of_a_state():
+    state = state_at(0.7, 2.0, 100.0, (30.0, -20.0, 5.0), (0.3, 0.2, 0.1))
+    # At no turn of the body the force is the reading; over no time nothing moves meanwhile.
+    _, rates = propagate(state, (1.0, 2.0, 3.0), ZERO, 1e-9)
+    meridian, transverse = radii_of_curvature(0.7)
+    assert (rates.meridian_m, rates.transverse_m) == (meridian + 100, transverse + 100)
+    assert rates.gravity_m_s2 == gravity_down(0.7, 100.0)
+    assert rates.rotation_nb == rotation_of(state.q_nb)
+    # Along the earth's axis, which stands 0.7 rad above north.
+    axis = np.array([math.cos(0.7), 0, -math.sin(0.7)])
+    np.testing.assert_allclose(rates.earth_rate_n, EARTH_RATE_RAD_S * axis, rtol=1e-15)
+    # Axes that move with the aircraft: dR_en/dt = R_en [w_en x].
+    plane = TangentPlane(0.7, 2.0, 100.0)
+    step = 1e-3
+    turn = plane.rotation_from_local(
+        0.7 + 30.0 / rates.meridian_m * step,
+        2.0 - 20.0 / (rates.transverse_m * math.cos(0.7)) * step,
+    )
+    rotvec = att.rotvec_from_quat(att.quat_from_matrix(turn)) / step
+    # A turn of 6e-9 rad from a matrix of rounding 1e-16, over 1e-3 s: 1e-13 of 6e-6 rad/s.
+    np.testing.assert_allclose(rates.transport_rate_n, rotvec, atol=3e-13)
+    np.testing.assert_allclose(
+        rates.specific_force_n, att.matrix_from_euler(0.3, 0.2, 0.1) @ [1, 2, 3], atol=2e-15
+    )
+
+
+def test_correction_is_carried_along():
+    state = state_at(0.7, 2.0, 30.0, correction_n=(1.0, 2.0, 3.0))
+    found, _ = propagate(state, (0.0, 0.0, -9.8), ZERO, STEP_S)
+    assert found.correction_n == (1.0, 2.0, 3.0)

@@ -1,0 +1,139 @@
+"""Clicks are located with the picture and the pose that were clicked on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Reason
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.overlay.clicks import MARKER_S, MARKERS, REMEMBERED_S, Clicks
+from tirgeo_ros.core.types.poses import CameraPose
+
+PLANE = TangentPlane(0.6955, 2.0368, 30.0)
+S = 1_000_000_000
+DOWN = quat_multiply(quat_from_euler(0, -math.pi / 2, 0), Q_BODY_OPTICAL)
+
+
+def pose_over(north_m):
+    return CameraPose(0, np.array([north_m, 0.0, -50.0]), DOWN, np.eye(6) * 1e-4)
+
+
+@pytest.fixture
+def clicks():
+    """Three pictures, a second and ten metres apart."""
+    made = Clicks(ConfidenceConfig())
+    made.set_plane(PLANE)
+    made.set_ground(30.0)
+    for k in range(1, 4):
+        made.show(k * S, XT2, pose_over(10.0 * k))
+    return made
+
+
+CENTRE = (XT2.cx, XT2.cy)
+
+
+@pytest.mark.parametrize(("stamp_ns", "north_m"), [(S, 10), (2 * S, 20), (3 * S, 30), (0, 30)])
+def test_the_pose_of_the_pictures_own_stamp_is_used(clicks, stamp_ns, north_m):
+    answer = clicks.locate(CENTRE, stamp_ns)
+    assert isinstance(answer, Located)
+    assert answer.stamp_ns == (stamp_ns or 3 * S)
+    np.testing.assert_allclose(answer.point_n, [north_m, 0, 0], atol=1e-3)
+    assert clicks.counts == {"located": 1}
+
+
+def test_the_camera_of_the_picture_is_used(clicks):
+    straight = dataclasses.replace(XT2, distortion=())
+    clicks.show(4 * S, straight, pose_over(30.0))
+    bent, flat = clicks.locate((600.0, 40.0), 3 * S), clicks.locate((600.0, 40.0), 4 * S)
+    apart = np.linalg.norm(bent.point_n - flat.point_n)
+    uv, _ = XT2.project(straight.rays(np.array([[600.0, 40.0]])))
+    # as far as the lens bends there, at 50 m of height
+    assert apart == pytest.approx(50 / 800 * np.linalg.norm(uv[0] - (600.0, 40.0)), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "reason"),
+    [
+        (S - 1, Reason.TOO_OLD),
+        (2 * S + 1, Reason.UNKNOWN_PICTURE),
+        (4 * S, Reason.UNKNOWN_PICTURE),
+    ],
+)
+def test_a_stamp_that_was_not_shown_is_refused(clicks, stamp_ns, reason):
+    answer = clicks.locate(CENTRE, stamp_ns)
+    assert isinstance(answer, Refusal)
+    assert (answer.reason, answer.stamp_ns) == (reason, stamp_ns)
+    assert clicks.counts == {f"refused_{reason.name.lower()}": 1}
+    assert clicks.markers() == []
+
+
+def test_pictures_are_forgotten_in_time(clicks):
+    late_ns = 2 * S + round(REMEMBERED_S * 1e9)
+    clicks.show(late_ns, XT2, pose_over(0.0))
+    assert clicks.locate(CENTRE, S).reason is Reason.TOO_OLD
+    assert isinstance(clicks.locate(CENTRE, 2 * S), Located)
+
+
+def test_what_must_be_known():
+    clicks = Clicks(ConfidenceConfig())
+    assert clicks.locate(CENTRE).reason is Reason.NO_PICTURE
+    clicks.set_plane(PLANE)
+    clicks.show(S, XT2, None)
+    assert clicks.locate(CENTRE).reason is Reason.NO_POSE
+    clicks.show(2 * S, XT2, pose_over(0.0))
+    assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
+    clicks.set_ground(math.nan)
+    assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
+    clicks.set_ground(31.0)
+    assert clicks.locate((700.0, 3.0)).reason is Reason.OUTSIDE_PICTURE
+    assert isinstance(clicks.locate(CENTRE), Located)
+    clicks.set_ground(None)
+    assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
+
+
+def test_marks_stay_for_a_time_and_a_number(clicks):
+    answer = clicks.locate(CENTRE, S)
+    (mark,) = clicks.markers()
+    assert mark.label == answer.label
+    np.testing.assert_array_equal(mark.point_n, answer.point_n)
+    clicks.show(S + round(MARKER_S * 1e9), XT2, None)
+    assert len(clicks.markers()) == 1
+    clicks.show(S + round(MARKER_S * 1e9) + 1, XT2, pose_over(5.0))
+    assert clicks.markers() == []
+    for _ in range(MARKERS + 3):
+        clicks.locate(CENTRE)
+    assert len(clicks.markers()) == MARKERS
+
+
+def test_another_plane_forgets_pictures_and_moves_marks(clicks):
+    before = clicks.locate(CENTRE, S)
+    other = TangentPlane(0.6955 + 1e-6, 2.0368, 25.0)
+    clicks.set_plane(other)
+    assert clicks.locate(CENTRE, S).reason is Reason.NO_PICTURE
+    (mark,) = clicks.markers()
+    expected = other.ned_from_geodetic(
+        *(float(x) for x in PLANE.geodetic_from_ned(before.point_n))
+    )
+    np.testing.assert_allclose(mark.point_n, expected, atol=1e-6)
+    clicks.show(9 * S, XT2, pose_over(0.0))
+    clicks.set_plane(TangentPlane(other.latitude_rad, other.longitude_rad, other.height_m))
+    assert isinstance(clicks.locate(CENTRE), Located)  # the same plane said again
+
+
+def test_motion_widens_the_point_along_it(clicks):
+    rates = CameraRates(np.array([0.0, 20.0, 0.0]), np.zeros(3))
+    clicks.show(4 * S, XT2, pose_over(30.0), rates)
+    still, moving = clicks.locate(CENTRE, 3 * S), clicks.locate(CENTRE, 4 * S)
+    grown = (moving.covariance_n - still.covariance_n).diagonal()
+    late_m = 20 * ConfidenceConfig().latency_sigma_s
+    np.testing.assert_allclose(grown, [0, late_m**2, 0], atol=1e-9)

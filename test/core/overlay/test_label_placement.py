@@ -1,0 +1,277 @@
+"""Labels: by their features, off each other and off what must be seen, and calm."""
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_matrix,
+    rotation_y,
+    rotation_z,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import View
+from tirgeo_ros.core.overlay.label_placement import MOST, Labels
+from tirgeo_ros.core.overlay.text_rendering import Box, text_px
+from tirgeo_ros.core.types.poses import CameraPose
+
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+CAMERA = Camera(640, 512, 640.0, 640.0, 319.5, 255.5)
+HEIGHT_M = 64.0  # a metre is ten pixels, straight down
+STRIP = Box(0, 484, 640, 512)
+
+
+def pose(north=0.0, east=0.0, yaw_deg=0.0, down_deg=90.0):
+    attitude = rotation_z(math.radians(yaw_deg)) @ rotation_y(math.radians(-down_deg))
+    return CameraPose(
+        0,
+        np.array([north, east, -HEIGHT_M]),
+        quat_from_matrix(attitude @ BODY_OPTICAL),
+        np.eye(6) * 1e-4,
+    )
+
+
+def feature(label, *places_px, closed=False, group=-1):
+    """A feature whose points lie at these pixels of the plain pose."""
+    uv = np.array(places_px, float)
+    north, east = (255.5 - uv[:, 1]) / 10, (uv[:, 0] - 319.5) / 10
+    places = PLANE.geodetic_from_ned(np.stack([north, east, np.zeros(len(uv))], -1))
+    return GeoFeature(label, closed, np.stack(places, -1), group)
+
+
+def laid(*layers):
+    return VectorMap.from_layers([MapLayer("", each, LayerStyle()) for each in layers], PLANE)
+
+
+class Placed(NamedTuple):
+    box: Box
+    anchor: np.ndarray  # pixel
+    ray: np.ndarray
+
+
+class Scene:
+    """One map's labels on frames of a video."""
+
+    def __init__(self, *layers, camera=CAMERA):
+        self.map = laid(*layers)
+        self.labels, self.view = Labels(self.map), View(camera)
+        self.size = camera.height, camera.width, 3
+
+    def place(self, at=None, taken=(STRIP,)):
+        at = at or pose()
+        lines, marks = self.view.lines(self.map, at), self.view.marks(self.map, at)
+        labels, points = self.labels.place(np.zeros(self.size, np.uint8), lines, marks, taken)
+        assert [label.feature for label in labels] == points.owner.tolist()
+        rows = zip(labels, points.uv.T, points.rays.T, strict=True)
+        return {self.map.labels[label.feature]: Placed(label.box, *rest) for label, *rest in rows}
+
+
+def middle(label):
+    box = label.box
+    return np.array([(box.left + box.right) / 2, (box.top + box.bottom) / 2])
+
+
+def square(label, left, top, size):
+    right, bottom = left + size, top + size
+    corners = (left, top), (right, top), (right, bottom), (left, bottom)
+    return feature(label, *corners, closed=True)
+
+
+# where
+
+
+def test_a_label_stands_in_the_middle_of_a_large_outline():
+    found = Scene([square("Park", 200, 150, 160)]).place()
+    np.testing.assert_allclose(middle(found["Park"]), [280, 230], atol=1)
+
+
+def test_a_label_stands_under_an_outline_smaller_than_itself():
+    box = Scene([square("Park", 300, 200, 12)]).place()["Park"].box
+    assert box.top >= 211
+    assert abs((box.left + box.right) / 2 - 306) <= 1
+
+
+def test_a_label_of_a_bent_outline_stands_in_it_and_not_in_its_bay():
+    bay = feature(
+        "Bay", *[(100, 100), (500, 100), (500, 170), (180, 170)],
+        *[(180, 330), (500, 330), (500, 400), (100, 400)], closed=True,
+    )  # fmt: skip
+    u, v = middle(Scene([bay]).place()["Bay"])
+    assert 100 < u < 180
+    assert 170 < v < 330
+
+
+def test_a_label_of_a_line_is_at_its_middle_on_the_line():
+    bent = feature("Way", (100, 400), (100, 100), (500, 100))
+    label = Scene([bent]).place()["Way"]
+    u, v = label.anchor
+    assert min(abs(u - 100), abs(v - 100)) < 0.1
+    assert math.hypot(u - 100, v - 100) < 160  # near the bend, where the middle is
+
+
+def test_a_mark_is_not_hidden_by_its_label():
+    found = Scene([feature("Tree", (300, 200))]).place()["Tree"]
+    box = found.box
+    assert box.left >= 300 + 5
+    assert box.top < 200 < box.bottom
+    assert found.anchor == pytest.approx((300, 200), abs=1e-6)
+
+
+@pytest.mark.parametrize("corner", [(1, 1), (638, 1), (1, 470), (638, 470), (320, 1), (1, 300)])
+def test_labels_stay_in_the_picture_and_off_the_strip(corner):
+    box = Scene([feature("A long label", corner)]).place()["A long label"].box
+    assert box.left >= 0
+    assert box.top >= 0
+    assert box.right <= 640
+    assert not box.meets(STRIP)
+    assert not (box.left <= corner[0] < box.right and box.top <= corner[1] < box.bottom)
+
+
+def test_layers_without_labels_have_none():
+    silent = MapLayer("", [feature("Quiet", (300, 200))], LayerStyle(labels=False))
+    vector_map = VectorMap.from_layers([silent], PLANE)
+    view = View(CAMERA)
+    seen = view.lines(vector_map, pose()), view.marks(vector_map, pose())
+    assert Labels(vector_map).place(np.zeros((512, 640, 3), np.uint8), *seen)[0] == []
+
+
+def test_parts_of_a_feature_have_one_label_together():
+    parts = [
+        feature("Way", (100, 100), (200, 100), group=1),
+        feature("Way", (400, 100), (500, 100), group=1),
+    ]
+    assert len(Scene(parts).place()) == 1
+
+
+def test_no_map_in_view():
+    assert Scene([feature("Tree", (300, 200))]).place(pose(north=9e3)) == {}
+    assert Scene([]).place() == {}
+
+
+def test_an_anchor_knows_where_on_the_map_it_is():
+    """Of a mark, of a way and of an outline, on level ground: the ray meets the ground there."""
+    features = [feature("Tree", (120, 90)), feature("Way", (400, 300), (400, 100), (600, 90))]
+    bay = [(100, 200), (350, 200), (350, 230), (140, 230), (140, 400), (350, 400), (350, 430)]
+    scene = Scene([*features, feature("Bay", *bay, (100, 430), closed=True)])
+    for at in (pose(), pose(north=-60.0, down_deg=50.0)):
+        found = scene.place(at).values()
+        assert len(found) == 3
+        for label in found:
+            x, y, nearness = label.ray
+            point_c = np.array([[x, y, 1.0]]) / nearness
+            np.testing.assert_allclose(CAMERA.project(point_c)[0][0], label.anchor, atol=1e-6)
+            point_n = at.position_n + matrix_from_quat(at.q_nc) @ point_c[0]
+            assert abs(point_n[2]) < 1e-3  # the earth's curvature over 100 m
+
+
+# which
+
+
+def crowd(count, seed=1, spread=((40, 40), (600, 450))):
+    places = np.random.default_rng(seed).uniform(*spread, (count, 2))
+    return [feature(f"tree {i}", place) for i, place in enumerate(places)]
+
+
+@pytest.mark.parametrize("count", [5, 60, 400])
+def test_labels_do_not_meet_each_other(count):
+    boxes = [label.box for label in Scene(crowd(count)).place().values()]
+    for i, box in enumerate(boxes):
+        assert not any(box.meets(other) for other in boxes[:i])
+    assert len(boxes) == {5: 5, 60: len(boxes), 400: len(boxes)}[count]
+    assert min(count, 20) <= len(boxes) <= MOST or count == 5
+
+
+def test_labels_keep_off_what_is_taken():
+    rose = Box(250, 150, 400, 250)
+    box = Scene([feature("Tree", (245, 200))]).place(taken=[STRIP, rose])["Tree"].box
+    assert not box.meets(rose)
+
+
+def test_upper_layers_come_first():
+    """On one place there is room for some of many labels: those of the upper layer."""
+    low = [feature(f"low {i}", (300, 200)) for i in range(20)]
+    high = [feature(f"high {i}", (300, 200)) for i in range(2)]
+    found = Scene(low, high).place()
+    assert {"high 0", "high 1"} <= set(found)
+    assert len(found) < 22
+
+
+def test_marks_come_before_lines_and_near_ones_before_far():
+    lines = [feature(f"way {i}", (290, 200), (310, 200)) for i in range(20)]
+    found = Scene([*lines, feature("tree", (300, 200))]).place()
+    assert "tree" in found
+    oblique = pose(down_deg=30.0)
+    scene = Scene(crowd(400, spread=((0, -1500), (640, 100))))
+    names = scene.place(oblique)
+    rows = [label.anchor[1] for label in names.values()]
+    marks = scene.view.marks(scene.map, oblique)
+    assert len(marks) > 1.5 * len(rows)  # so there was a choice
+    assert np.median(rows) > np.median(marks.points[1])  # lower in the picture is nearer
+
+
+# stability
+
+
+def test_labels_are_calm_in_a_slow_pan():
+    """At 60 frames of 1 px each, of 60 marks: hardly a label changes sides, none flickers."""
+    scene = Scene(crowd(60, spread=((-60, 40), (600, 450))))
+    jumps = shown = flickers = 0
+    last, gone = {}, {}
+    for frame in range(60):
+        found = scene.place(pose(east=-0.1 * frame))
+        offset = {name: middle(label) - label.anchor for name, label in found.items()}
+        shown += len(found)
+        for name, at in offset.items():
+            if name in last:
+                jumps += np.abs(at - last[name]).max() > 2.5  # two roundings, and the edge's slide
+            flickers += name in gone and frame - gone[name] < 10
+        gone |= dict.fromkeys(last.keys() - found.keys(), frame)
+        last = offset
+    assert shown > 60 * 20
+    assert jumps <= 6  # a label that another one, or the edge, drives away: one in ten
+    assert flickers <= 3
+
+
+def test_a_label_keeps_its_place_when_a_better_one_becomes_free():
+    rose = Box(250, 150, 400, 250)
+    scene = Scene([feature("Tree", (245, 200))])
+    first = scene.place(taken=[STRIP, rose])["Tree"].box
+    assert scene.place()["Tree"].box == first
+    assert Scene([feature("Tree", (245, 200))]).place()["Tree"].box != first
+
+
+def test_a_label_at_the_limit_of_its_outline_does_not_go_in_and_out():
+    scene = Scene([square("Park", 300, 200, 50)])
+    rng = np.random.default_rng(2)
+    box = scene.place()["Park"].box
+    width = box.right - box.left
+    scene = Scene([square("Park", 300, 200, width)])
+    inside = []
+    for _ in range(30):
+        label = scene.place(pose(yaw_deg=rng.normal(0, 0.5), north=rng.normal(0, 0.05)))["Park"]
+        inside.append(abs(middle(label)[1] - label.anchor[1]) < 3)
+    assert sum(a != b for a, b in pairwise(inside)) <= 1
+
+
+# size
+
+
+@pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024), (60, 20), (1, 1)])
+def test_labels_are_as_large_as_the_picture_asks(size):
+    width, height = size
+    camera = Camera(width, height, width, width, width / 2 - 0.5, height / 2 - 0.5)
+    scene = Scene([feature("Tree", (319.5, 255.5))], camera=camera)
+    found = scene.place(taken=())
+    for label in found.values():
+        assert label.box.right <= width
+        assert label.box.bottom <= height
+    assert len(found) == (1 if width >= 320 else 0)
+    assert text_px(np.empty((height, width, 3))) == {320: 12, 640: 15, 1280: 30}.get(width, 12)

@@ -1,0 +1,264 @@
+"""The map's ink: where it is, where it is not, and in which style."""
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.overlay.line_renderer import (
+    FADES,
+    Painter,
+    drawing_scale,
+    mark_radius_px,
+    marks_as_lines,
+)
+
+GREY = 128
+#: OpenCV's anti-aliased line is no stronger than this in its middle.
+FULL = 230 / 255
+YELLOW = LayerStyle(line_bgr=(0, 255, 255))
+
+
+def picture(height=200, width=300):
+    return np.full((height, width, 3), GREY, np.uint8)
+
+
+def polylines(*lines, owner=None):
+    starts = np.cumsum([0, *map(len, lines)])
+    points = np.concatenate([np.empty((0, 2)), *lines]).T
+    return Polylines(points, starts, np.arange(len(lines)) if owner is None else np.array(owner))
+
+
+def drawn(lines, *styles, layer=None, opacity=None, image=None):
+    image = picture() if image is None else image
+    layer = np.zeros(len(lines), np.int64) if layer is None else np.array(layer)
+    Painter().strokes(image, lines, layer, styles or (YELLOW,), opacity)
+    return image
+
+
+def filled(rings, *styles, layer=None):
+    image = picture()
+    layer = np.zeros(len(rings), np.int64) if layer is None else np.array(layer)
+    Painter().areas(image, rings, layer, styles)
+    return image
+
+
+def square(left, top, size):
+    return np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + [left, top]
+
+
+def ink(image):
+    """(N, 2) pixels of yellow and how strong they are."""
+    strength = image[:, :, 2].astype(int) - image[:, :, 0]
+    v, u = np.nonzero(strength > 0)
+    return np.column_stack([u, v]), strength[v, u]
+
+
+# lines
+
+
+@pytest.mark.parametrize("slope", [-2.0, -0.3, 0.0, 0.7, 5.0])
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 5])
+def test_the_ink_lies_on_the_line(slope, width):
+    """Sub-pixel too: the ink's centre is off by a sixteenth of a pixel, the unit of drawing.
+
+    The wider ones' ends, which are cut square to the picture, add as much.
+    """
+    direction = np.array([1, slope]) / np.hypot(1, slope)
+    middle = np.array([150.37, 100.81])
+    line = polylines([middle - 80 * direction, middle + 80 * direction])
+    image = drawn(line, LayerStyle(width_px=width), image=picture(512, 640))
+    pixels, strength = ink(image)
+    offset = (pixels - middle) @ [-direction[1], direction[0]]
+    # Anti-aliased ink of one pixel is up to three wide; a square grows by its diagonal.
+    assert np.abs(offset).max() < 2 + (width - 1) / 2 * np.sqrt(2)
+    assert abs(np.average(offset, weights=strength)) < (1 if width == 1 else 2) / 16
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 5])
+def test_a_line_is_as_wide_as_its_layer_says(width):
+    line = polylines([[20.0, 100.0 + (width % 2 == 0) / 2], [600.0, 100.0 + (width % 2 == 0) / 2]])
+    image = drawn(line, LayerStyle(width_px=width), image=picture(512, 640))
+    assert np.count_nonzero(image[:, 300, 2] > 200) == width
+
+
+@pytest.mark.parametrize(
+    ("size", "scale", "width"), [((512, 640), 1, 1), ((1024, 1280), 2, 3), ((1536, 1920), 3, 4)]
+)
+def test_lines_are_wider_on_a_larger_picture(size, scale, width):
+    """As wide as the blurred line of 640 px, enlarged: scale times 1.7, less the blur's 0.7."""
+    assert drawing_scale(picture(*size)) == scale
+    row = 300 + (width % 2 == 0) / 2
+    image = drawn(polylines([[20.0, row], [600.0, row]]), image=picture(*size))
+    assert np.count_nonzero(image[:, 300, 2] > 200) == width
+
+
+def test_lines_have_a_dark_halo_and_leave_the_rest():
+    image = drawn(polylines([[20.0, 100.0], [280.0, 100.0]]))
+    assert image[100, 30:270, 1:].min() > 200
+    assert image[100, 30:270, 0].max() == 0  # yellow: no blue is left
+    for row in (98, 99, 101, 102):
+        assert image[row, 30:270, 0].max() < 0.7 * GREY  # blue, for the ink is blurred
+    assert image[[98, 102], 30:270].max() < 0.7 * GREY
+    assert (image[:97] == GREY).all()
+    assert (image[104:] == GREY).all()
+
+
+def test_lines_are_not_joined_to_each_other():
+    image = drawn(polylines([[20.0, 50.0], [60.0, 50.0]], [[200.0, 150.0], [260.0, 150.0]]))
+    assert (image[60:140] == GREY).all()
+
+
+def test_lines_far_outside_do_no_harm():
+    assert (drawn(polylines([[-9000.0, -9000.0], [9000.0, -8000.0]])) == GREY).all()
+
+
+@pytest.mark.parametrize("colour", [(0, 0, 255), (40, 140, 255), (255, 255, 255), (7, 90, 3)])
+@pytest.mark.parametrize("ground", [0, 128, 255])
+def test_the_middle_of_a_line_has_its_layers_colour_on_any_ground(colour, ground):
+    image = np.full((512, 640, 3), ground, np.uint8)
+    drawn(polylines([[20, 100], [600, 100]]), LayerStyle(line_bgr=colour, width_px=3), image=image)
+    most = np.array(colour) + (1 - FULL) * ground + 1  # what the halo left, and rounding
+    assert (image[100, 50:590] >= FULL * np.array(colour) - 1).all()
+    assert (image[100, 50:590] <= most).all()
+
+
+def test_upper_layers_lie_over_lower_ones():
+    red, blue = LayerStyle((0, 0, 255), 3), LayerStyle((255, 0, 0), 3)
+    cross = polylines([[20.0, 100.0], [280.0, 100.0]], [[150.0, 20.0], [150.0, 180.0]])
+    for layer, wanted in (([0, 1], [255, 0, 0]), ([1, 0], [0, 0, 255])):
+        styles = (red, blue) if layer == [0, 1] else (blue, red)
+        image = drawn(cross, *styles, layer=layer, image=picture(512, 640))
+        assert image[100, 150].argmax() == np.argmax(wanted)
+        assert image[100, 150].max() >= FULL * 255
+        assert np.partition(image[100, 150], 1)[1] <= (1 - FULL) * 255
+
+
+def test_layers_of_one_pen_are_drawn_together_at_the_uppermost():
+    red, blue = LayerStyle((0, 0, 255), 3), LayerStyle((255, 0, 0), 3)
+    lines = polylines(
+        [[20.0, 100.0], [280.0, 100.0]],
+        [[150.0, 20.0], [150.0, 180.0]],
+        [[200.0, 20.0], [200.0, 180.0]],
+    )
+    image = drawn(lines, red, blue, red, layer=[0, 1, 2], image=picture(512, 640))
+    for v, u, main in ((100, 150, 2), (50, 200, 2), (50, 150, 0)):
+        assert image[v, u].argmax() == main
+        assert image[v, u, main] >= FULL * 255
+
+
+def test_an_uncertain_line_fades_and_its_halo_with_it():
+    lines = polylines(*([[20.0, 20.0 * k], [280.0, 20.0 * k]] for k in range(1, 6)))
+    image = drawn(lines, opacity=np.array([0.0, 0.25, 0.5, 0.75, 1.0])).astype(int)
+    yellow = image[20:101:20, 150, 1] - image[20:101:20, 150, 0]
+    halo = GREY - image[22:103:20, 150, 1]
+    assert yellow[0] == halo[0] == 0
+    assert (np.diff(yellow) > 20).all()
+    assert (np.diff(halo) > 10).all()
+    assert len(yellow) == FADES + 1
+
+
+def test_a_faint_line_does_not_weaken_a_strong_one():
+    strong, faint = [[20.0, 100.0], [280.0, 100.0]], [[150.0, 20.0], [150.0, 180.0]]
+    for order, opacity in (([strong, faint], [1.0, 0.25]), ([faint, strong], [0.25, 1.0])):
+        image = drawn(polylines(*order), opacity=np.array(opacity))
+        assert image[100, 140:160, 1].min() > 200
+
+
+def test_no_lines_and_no_layers():
+    nothing = polylines()
+    assert (drawn(nothing) == GREY).all()
+    assert (filled(nothing, YELLOW) == GREY).all()
+
+
+# marks
+
+
+@pytest.mark.parametrize("size", [(256, 320), (512, 640), (1024, 1280)])
+def test_a_mark_is_open_in_its_middle(size):
+    image = picture(*size)
+    radius = mark_radius_px(image)
+    drawn(marks_as_lines(polylines([[150.0, 100.0]]), radius), image=image)
+    pixels, _ = ink(image)
+    assert (image[99:102, 150] == GREY).all()  # what is marked stays to be seen
+    assert (image[100, 149:152] == GREY).all()
+    np.testing.assert_allclose(pixels.mean(axis=0), [150, 100], atol=0.3)
+    reach = np.abs(pixels - [150, 100]).sum(axis=1).max()
+    # The ink of one pixel reaches 2 to either side; on the largest, three pixels, as much again.
+    assert radius <= reach <= radius + (4 if size[1] > 640 else 2)
+
+
+def test_marks_keep_their_owners():
+    marks = polylines([[10.0, 20.0]], [[30.0, 40.0]], owner=[7, 3])
+    lines = marks_as_lines(marks, 5)
+    assert lines.owner.tolist() == [7, 3]
+    for line, middle in zip(lines.split(), ([10, 20], [30, 40]), strict=True):
+        np.testing.assert_array_equal(line[0], line[-1])
+        np.testing.assert_allclose(line[:-1].mean(axis=0), middle)
+        np.testing.assert_allclose(np.abs(line - middle).sum(axis=1), 5)
+
+
+# areas
+
+GREEN = LayerStyle(fill_bgr=(0, 200, 0), fill_opacity=0.25)
+MIXED = [96, 146, 96]  # three quarters of the grey and one of the green
+
+
+def test_an_area_is_mixed_with_the_picture():
+    image = filled(polylines(square(50, 50, 100)), GREEN)
+    assert np.abs(image[55:145, 55:145] - np.array(MIXED)).max() <= 1
+    assert (image[:49] == GREY).all()
+    assert (image[152:] == GREY).all()
+
+
+def test_a_hole_stays_open_and_an_island_in_it_is_filled():
+    rings = polylines(square(20, 20, 150), square(50, 50, 90), square(80, 80, 30), owner=[0] * 3)
+    image = filled(rings, GREEN)
+    assert abs(int(image[30, 30, 1]) - 146) <= 1
+    assert (image[60, 60] == GREY).all()
+    assert abs(int(image[95, 95, 1]) - 146) <= 1
+
+
+def test_two_areas_of_a_layer_that_overlap_are_no_hole():
+    image = filled(polylines(square(20, 20, 100), square(80, 80, 100)), GREEN)
+    assert np.abs(image[100, 100] - np.array(MIXED)).max() <= 1
+
+
+def test_rings_of_an_owner_need_not_follow_each_other():
+    rings = [square(20, 20, 150), square(200, 20, 50), square(50, 50, 90)]
+    image = filled(polylines(*rings, owner=[4, 9, 4]), GREEN)
+    assert (image[60, 60] == GREY).all()
+    assert image[40, 220, 1] > GREY
+
+
+def test_areas_of_two_layers_mix_and_an_unfilled_layer_is_left():
+    rings = polylines(square(20, 20, 100), square(60, 60, 100), square(10, 10, 180))
+    red = LayerStyle(fill_bgr=(0, 0, 255), fill_opacity=0.5)
+    image = filled(rings, GREEN, red, YELLOW, layer=[0, 1, 2])
+    wanted = 0.5 * np.array(MIXED) + 0.5 * np.array([0, 0, 255])
+    assert np.abs(image[80, 80] - wanted).max() <= 2
+    assert (image[12, 12] == GREY).all()
+
+
+# both
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])
+def test_tiny_pictures(shape):
+    image, painter = picture(*shape), Painter()
+    painter.areas(image, polylines(square(-50, -50, 900)), np.zeros(1, int), [GREEN])
+    painter.strokes(image, polylines([[-9.0, 0.0], [400.0, 3.0]]), np.zeros(1, int), [YELLOW])
+    assert image.shape == (*shape, 3)
+    assert (image[..., 1] > GREY).any()
+
+
+def test_a_painter_draws_the_same_on_picture_after_picture():
+    """And of another size between: no ink of one picture is on the next."""
+    painter, lines = Painter(), polylines([[20.0, 30.0], [200.0, 130.0]])
+    images = [picture(), picture(), picture()]
+    painter.strokes(images[0], lines, np.zeros(1, int), [YELLOW])
+    painter.strokes(picture(90, 80), lines, np.zeros(1, int), [YELLOW])
+    painter.strokes(images[1], lines, np.zeros(1, int), [YELLOW])
+    np.testing.assert_array_equal(images[0], images[1])
+    painter.strokes(images[2], polylines(), np.zeros(0, int), [YELLOW])
+    assert (images[2] == GREY).all()

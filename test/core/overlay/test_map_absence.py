@@ -1,0 +1,142 @@
+"""The picture says why none of the map is in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, ink_on, pose_at, ready
+
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.overlay.map_absence import MapAbsence
+from tirgeo_ros.core.overlay.map_renderer import Verdict, lay_layers
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.poses import CameraPose
+
+
+def notice(features, pose=None, style=None):
+    layer = MapLayer("m", features, style or LayerStyle())
+    overlay = Overlay(OverlayConfig(ground_height_m=25.0), [layer])
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    overlay.add_pose(pose or pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    result = overlay.take(START)
+    assert result.pose is not None
+    return result.notice
+
+
+def looking(down_deg, yaw_deg=0.0):
+    q_nb = quat_from_euler(0.0, math.radians(-down_deg), math.radians(yaw_deg))
+    q_nc = quat_multiply(q_nb, Q_BODY_OPTICAL)
+    return CameraPose(START, np.array([0.0, 0.0, -20.0]), q_nc, np.eye(6) * 1e-4)
+
+
+def at(latitude_deg, longitude_deg):
+    return GeoFeature("", False, np.array([[*np.radians([latitude_deg, longitude_deg]), 25.0]]))
+
+
+def test_nothing_is_said_of_a_map_in_view():
+    assert notice([geo(SQUARE_N)]) == ""
+
+
+@pytest.mark.parametrize(
+    ("features", "pose", "why"),
+    [
+        ([geo(SQUARE_N)], looking(-30), "the camera looks above the horizon"),
+        (
+            [geo(SQUARE_N)],
+            looking(30, 180),
+            "map 30 m away to the north; the camera looks south",
+        ),
+        (
+            [geo([[-210, 210, 0]])],
+            None,
+            "map 300 m away to the south-east; the camera looks north",
+        ),
+        ([geo([[5000, 10, 0]])], None, "map 5 km away to the north; it is drawn up to 1 km"),
+        ([at(34.4, 114.3)], None, "map 430 km away to the north"),
+        (
+            [at(30.5, 108.3)],
+            None,
+            "map 580 km away to the west; is it UTM zone 50 instead of 49?",
+        ),
+    ],
+)
+def test_why_none_of_it_is_in_view(features, pose, why):
+    assert notice(features, pose) == f"NO MAP IN VIEW: {why}"
+
+
+def test_swapped_latitude_and_longitude():
+    plane = replace(PLANE, latitude_rad=math.radians(48.1), longitude_rad=math.radians(11.5))
+    laid = lay_layers([MapLayer("m", [at(11.5, 48.1)])], plane, 25.0)
+    why = MapAbsence(laid.map, plane).why(XT2, pose_at(START), 1000.0)
+    assert why.endswith("; are latitude and longitude swapped?")
+    assert why.startswith("map 5300 km away to the south-east")
+
+
+def test_no_layer_at_this_scale():
+    """The middle is 40 m away, through a lens of 804 px: 5 cm, less what it bends."""
+    why = notice([geo(SQUARE_N)], style=LayerStyle(scale_m_px=(0.5, 2.0)))
+    assert why == "NO MAP IN VIEW: no layer is shown at this scale (4.9 cm a pixel)"
+
+
+def test_a_map_beside_the_elevation_model_lies_on_no_ground():
+    grid_of = graticule((40.0, 10.0), (1e-4, 1e-4), 3)
+    elsewhere = Terrain(np.full((3, 3), 25.0), grid_of)
+    laid = lay_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
+    why = MapAbsence(laid.map, PLANE, laid.first_n).why(XT2, pose_at(START), 1000.0)
+    assert why == "none of the map lies on the elevation model"
+
+
+def test_it_is_looked_for_again_once_the_camera_has_moved():
+    laid = lay_layers([MapLayer("m", [geo([[300.0, 0.0, 0.0]])])], PLANE, 25.0)
+    absence = MapAbsence(laid.map, PLANE)
+    looks = []
+    found = absence._whereabouts.nearest
+    absence._whereabouts.nearest = lambda position_n: (looks.append(0), found(position_n))[1]
+    for k in range(50):
+        absence.why(XT2, pose_at(START, north=0.2 * k), 100.0)  # 10 m, of 300
+    assert len(looks) == 1
+    assert "200 m" in absence.why(XT2, pose_at(START, north=100.0), 100.0)
+    assert absence.why(XT2, looking(30, 90), 1000.0).endswith("the camera looks east")
+
+
+def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
+    overlay = ready([geo([[-210, 210, 0]])], ground_height_m=25.0)
+    pictures = []
+    for k, verdict in enumerate((Verdict(), Verdict(Severity.STOP, "NO GO: gimbal"))):
+        overlay.set_verdict(verdict)
+        overlay.add_pose(pose_at(START + k * MS))
+        overlay.add_frame(START + LATENCY + k * MS, GREY, START)
+        pictures.append(overlay.take(START).image.astype(int))
+    amber, orange = (np.abs(image - [80, 200, 255]).max(axis=2) < 20 for image in pictures), 0
+    plain, told = amber
+    assert plain[:30].sum() > 100  # letters
+    assert orange == 0
+    red = np.abs(pictures[1] - [60, 140, 255]).max(axis=2) < 20
+    assert red[:30].sum() > 30  # the verdict has the first line
+    assert told[:20].sum() == 0 < told[20:60].sum()
+    assert red[480:].sum() > 10  # and leads the status line
+
+
+@pytest.mark.parametrize("severity", [Severity.CAUTION, Severity.STOP])
+def test_a_verdict_hides_no_map_and_no_other_notice(severity):
+    overlay = ready(ground_height_m=25.0)
+    overlay.set_verdict(Verdict(severity, "CAUTION: something"))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    result = overlay.take(START + 10_000 * MS)
+    assert result.notice == "NO MAP: no pose at this frame"
+    overlay.add_pose(pose_at(START + 20_000 * MS))
+    overlay.add_frame(START + 20_000 * MS + LATENCY, GREY, START)
+    result = overlay.take(START)
+    assert result.notice == ""
+    assert len(ink_on(result.image[60:])) > 400

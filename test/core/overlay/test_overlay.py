@@ -1,0 +1,363 @@
+"""Frames that wait for their pose; lines where the truth is; a notice where there is no pose."""
+
+import math
+
+import numpy as np
+import pytest
+from overlays import (
+    GREY,
+    LATENCY,
+    MOVED_N,
+    MS,
+    PLAIN,
+    PLANE,
+    SQUARE_N,
+    START,
+    STRIP_TOP,
+    WAIT,
+    assert_on,
+    distances,
+    geo,
+    ink_on,
+    pose_at,
+    ready,
+    status,
+    true_outline,
+)
+
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState
+
+
+def test_the_lines_lie_on_the_truth_at_the_exposure():
+    """The pose between two poses, 50 ms before the stamp: 3 m/s and 20 deg/s move it 25 px."""
+    overlay = ready()
+    for i in range(6):
+        overlay.add_pose(pose_at(START + 40 * MS * i, north=0.12 * i, yaw_deg=0.8 * i))
+    stamp = START + 150 * MS
+    overlay.add_frame(stamp, GREY, stamp + 30 * MS)
+    result = overlay.take(stamp + 30 * MS)
+    assert result.notice == ""
+    assert result.stamp_ns == stamp
+    exposure = pose_at(START + 100 * MS, north=0.3, yaw_deg=2.0)
+    np.testing.assert_allclose(result.pose.position_n, exposure.position_n, atol=1e-9)
+    assert result.image.shape == (512, 640, 3)
+    assert_on(result.image, exposure)
+    assert overlay.counts["drawn"] == 1
+    assert (GREY == 90).all()  # the frame itself is left alone
+
+
+def test_a_colour_frame():
+    overlay = ready()
+    overlay.add_pose(pose_at(START))
+    colour = np.dstack([GREY, GREY, GREY])
+    overlay.add_frame(START + LATENCY, colour, START + LATENCY)
+    assert_on(overlay.take(START + LATENCY).image, pose_at(START))
+    assert (colour == 90).all()
+
+
+def test_a_rectified_picture():
+    """Lines lie on the truth of a camera without distortion, and a click is taken on that one."""
+    plain = Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+    wide_n = SQUARE_N * [1, 2, 1]
+    overlay = ready([geo(wide_n)], rectify=True, ground_height_m=25.0)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    result = overlay.take(START)
+    assert result.camera == plain
+    pixels = ink_on(result.image)
+    pixels = pixels[result.image[pixels[:, 1], pixels[:, 0], 1] > 100]  # not the border's edge
+    assert distances(pixels, true_outline(pose_at(START), wide_n, plain)).max() < 1.5
+    assert distances(pixels, true_outline(pose_at(START), wide_n)).max() > 3  # the lens bends more
+    uv, _ = plain.project((SQUARE_N[:1] - [0, 0, -20.0]) @ matrix_from_quat(pose_at(START).q_nc))
+    located = overlay.clicks.locate(tuple(uv[0]))
+    np.testing.assert_allclose(located.point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
+
+
+def test_a_click_is_located_with_the_picture_it_was_made_on():
+    overlay = ready(ground_height_m=25.0)
+    for k in range(3):
+        overlay.add_pose(pose_at(START + 100 * MS * k, north=k))
+        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
+        assert overlay.take(START).camera == XT2
+    found = [
+        overlay.clicks.locate((320.0, 256.0), START + 100 * MS * k + LATENCY).point_n[0]
+        for k in range(3)
+    ]
+    np.testing.assert_allclose(np.diff(found), 1.0, atol=1e-3)
+
+
+def test_another_map_while_running():
+    overlay = ready()
+    overlay.add_pose(pose_at(START))
+    overlay.add_pose(pose_at(START + 200 * MS))
+    ready_map = lay_layers([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])], PLANE, math.nan)
+    overlay.add_frame(START + LATENCY, GREY, START)
+    assert_on(overlay.take(START).image, pose_at(START))
+    overlay.set_map(ready_map)
+    overlay.add_frame(START + LATENCY + MS, GREY, START)
+    pixels = ink_on(overlay.take(START).image)
+    outline = true_outline(pose_at(START), SQUARE_N + MOVED_N)
+    assert distances(pixels, outline).max() < 1.5
+
+
+def test_heights_that_are_unknown_are_refused():
+    with pytest.raises(ConfigError, match="set ground_height_m"):
+        lay_layers([MapLayer("flat", [geo(SQUARE_N, height=False)])], PLANE, math.nan)
+
+
+def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
+    layers = [MapLayer("map", [geo(SQUARE_N)])]
+    overlay = ready(layers=None, told=False)
+    moved = TangentPlane(PLANE.latitude_rad + 1e-6, PLANE.longitude_rad, 25.0)
+    square_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
+    for turn, (plane, other, ring_n) in enumerate(
+        ((PLANE, moved, SQUARE_N), (moved, PLANE, square_n))
+    ):
+        start = START + turn * 10 * MS
+        overlay.set_plane(plane)
+        result = shown(overlay, start)
+        assert result.notice == "NO MAP YET: reading"
+        assert not (ink_on(result.image)[:, 1] > 150).any()  # the notice stands above
+        assert overlay.no_map_yet == "reading"
+        overlay.set_map(lay_layers(layers, other, math.nan))  # not for this plane
+        assert shown(overlay, start + MS).notice == "NO MAP YET: reading"
+        overlay.set_map(lay_layers(layers, plane, math.nan))
+        result = shown(overlay, start + 2 * MS)
+        assert (result.notice, overlay.no_map_yet) == ("", "")
+        assert distances(ink_on(result.image), true_outline(pose_at(START), ring_n)).max() < 1.5
+
+
+def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
+    overlay = ready(layers=None, told=False)
+    overlay.map_failed()
+    assert shown(overlay, START + MS).notice == "NO MAP: its reading failed"
+    overlay.set_map(lay_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
+    overlay.map_failed()
+    assert_on(shown(overlay, START + 2 * MS).image, pose_at(START))
+
+
+def test_before_its_plane_a_map_from_elsewhere_lacks_the_origin():
+    overlay = Overlay(OverlayConfig(), None)
+    overlay.set_camera(XT2)
+    assert shown(overlay, START).notice == "NO MAP: no origin"
+    assert overlay.no_map_yet == ""
+
+
+def test_an_empty_map_from_elsewhere_is_none():
+    overlay = ready(layers=None, told=False)
+    overlay.set_map(lay_layers([MapLayer("map", [])], PLANE, math.nan))
+    assert shown(overlay, START).notice == "NO MAP: the map has no features"
+
+
+def shown(overlay, stamp_ns):
+    """What becomes of a frame whose pose is there."""
+    overlay.add_pose(pose_at(stamp_ns))
+    overlay.add_frame(stamp_ns + LATENCY, GREY, START)
+    return overlay.take(START)
+
+
+def gap(overlay):
+    overlay.add_pose(pose_at(START - 300 * MS))
+    overlay.add_pose(pose_at(START + 300 * MS))
+
+
+def before_all(overlay):
+    overlay.add_pose(pose_at(START + 1))
+
+
+@pytest.mark.parametrize(
+    ("prepare", "notice"),
+    [
+        (lambda _: None, "NO MAP: no pose at this frame"),
+        (gap, "NO MAP: camera poses are missing"),
+        (before_all, "NO MAP: no pose at this frame"),
+        (lambda o: o.set_status(status(FilterState.ALIGNING)), "NO MAP: aligning"),
+        (
+            lambda o: o.set_status(status(FilterState.WAITING, "no heading yet")),
+            "NO MAP: waiting: no heading yet",
+        ),
+        (
+            lambda o: o.set_status(status(FilterState.LOST, "position sigma 11 m")),
+            "NO MAP: lost: position sigma 11 m",
+        ),
+        (
+            lambda o: o.set_status(status(FilterState.DEAD_RECKONING, "rtk/fix")),
+            "NO MAP: no pose at this frame",
+        ),
+    ],
+)
+def test_the_notice_says_why(prepare, notice):
+    overlay = ready()
+    prepare(overlay)
+    now = START + LATENCY
+    overlay.add_frame(now, GREY, now)
+    result = overlay.take(now + WAIT)
+    assert result.notice == notice
+    assert (result.image[:480] != 90).any()
+
+
+def test_what_no_pose_can_help_is_said_at_once():
+    overlay = Overlay(OverlayConfig(), [MapLayer("map", [geo(SQUARE_N)])])
+    overlay.add_frame(START, GREY, START)
+    assert overlay.take(START).notice == "NO MAP: no camera info"
+    overlay.set_camera(XT2)
+    overlay.add_frame(START + 1, GREY, START)
+    assert overlay.take(START).notice == "NO MAP: no origin"
+    overlay.set_plane(PLANE)
+    overlay.add_frame(START + 2, GREY[:256, :320], START)
+    assert overlay.take(START).notice == "NO MAP: image is 320x256, camera info 640x512"
+    overlay.set_camera(Camera(320, 256, 400.0, 400.0, 160.0, 128.0))
+    overlay.add_pose(pose_at(START + 3 - LATENCY))
+    overlay.add_frame(START + 3, GREY[:256, :320], START)
+    assert overlay.take(START).notice == ""
+    empty = ready(features=[])
+    empty.add_frame(START, GREY, START)
+    assert empty.take(START).notice == "NO MAP: the map has no features"
+
+
+def test_the_status_line_shows_the_age_and_the_rate():
+    overlay = ready(told=False)
+    overlay.add_pose(pose_at(START))
+    overlay.add_pose(pose_at(START + 200 * MS))
+    strips = []
+    for stamp, age in ((LATENCY, 83 * MS), (LATENCY + MS, 83 * MS), (LATENCY + 2 * MS, 500 * MS)):
+        overlay.add_frame(START + stamp, GREY, START)
+        strips.append(overlay.take(START + stamp + age).image[STRIP_TOP:])
+    assert (strips[0] != strips[1]).any()  # "video starts"
+    assert (strips[1] != strips[2]).any()
+
+
+@pytest.mark.parametrize("state", list(FilterState))
+def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_state(state):
+    """A status may be a second old; a filter that does not navigate gives no pose."""
+    pictures = []
+    for told in (FilterState.RUNNING, state):
+        overlay = ready()
+        overlay.set_status(status(told, "rtk/heading" if told is not FilterState.RUNNING else ""))
+        overlay.add_pose(pose_at(START))
+        overlay.add_frame(START + LATENCY, GREY, START + LATENCY)
+        pictures.append(overlay.take(START + LATENCY).image)
+    np.testing.assert_array_equal(pictures[0][:STRIP_TOP], pictures[1][:STRIP_TOP])
+    assert (pictures[0][STRIP_TOP:] != pictures[1][STRIP_TOP:]).any() == (
+        state is not FilterState.RUNNING
+    )
+
+
+def test_poses_that_are_not_finite_are_counted():
+    overlay = ready()
+    bad = pose_at(START)
+    overlay.add_pose(CameraPose(START, bad.position_n * math.nan, bad.q_nc, bad.covariance))
+    overlay.add_pose(CameraPose(START, bad.position_n, bad.q_nc * 0, bad.covariance))
+    assert overlay.counts["poses_invalid"] == 2
+    overlay.add_frame(START + LATENCY, GREY, START)
+    assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
+
+
+def test_a_new_plane_forgets_poses_in_the_old_one():
+    overlay = ready()
+    overlay.add_pose(pose_at(START))
+    overlay.set_plane(TangentPlane(PLANE.latitude_rad, PLANE.longitude_rad, PLANE.height_m))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    assert overlay.take(START).notice == ""
+    overlay.add_pose(pose_at(START + 100 * MS))
+    overlay.set_plane(TangentPlane(PLANE.latitude_rad + 1e-5, PLANE.longitude_rad, 25.0))
+    overlay.add_frame(START + 100 * MS + LATENCY, GREY, START)
+    assert overlay.take(START) is None
+    assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
+
+
+def test_the_latency_is_a_parameter():
+    overlay = ready(video_latency_s=0.0)
+    overlay.add_pose(pose_at(START, yaw_deg=3.0))
+    overlay.add_frame(START, GREY, START)
+    assert_on(overlay.take(START).image, pose_at(START, yaw_deg=3.0))
+
+
+def test_a_map_without_heights():
+    flat = [geo(SQUARE_N, height=False)]
+    with pytest.raises(ConfigError, match="set ground_height_m"):
+        Overlay(OverlayConfig(), [MapLayer("map", flat)])
+    overlay = ready(features=flat, ground_height_m=25.0)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    assert_on(overlay.take(START).image, pose_at(START))
+
+
+def test_labels_and_marks_are_drawn():
+    named = [geo(SQUARE_N, "Grünfläche"), geo([[36, 0, 0]], "P1")]
+    pictures = []
+    for features in (named, [geo(SQUARE_N), geo([[36, 0, 0]])], [geo(SQUARE_N)]):
+        overlay = ready(features=features, confidence=PLAIN)
+        overlay.add_pose(pose_at(START))
+        overlay.add_frame(START + LATENCY, GREY, START)
+        pictures.append(overlay.take(START).image)
+    white = [(picture[:490] > 200).all(axis=2).sum() for picture in pictures]
+    assert white[0] > 50
+    assert white[1] == white[2] == 0
+    assert len(ink_on(pictures[1])) > len(ink_on(pictures[2]))
+
+
+def test_the_same_frames_give_the_same_pictures():
+    results = []
+    for _ in range(2):
+        overlay = ready(features=[geo(SQUARE_N, "a"), geo(SQUARE_N + 3, "b")])
+        overlay.add_pose(pose_at(START))
+        overlay.add_frame(START + LATENCY, GREY, START + 7 * MS)
+        results.append(overlay.take(START + 60 * MS).image)
+    np.testing.assert_array_equal(*results)
+
+
+NORTH_N = np.array([1.0, 0.0, 0.0])
+
+
+def layered(*layers, **config):
+    overlay = Overlay(OverlayConfig(confidence=PLAIN, **config), layers)
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    overlay.add_pose(pose_at(START))
+    overlay.add_frame(START + LATENCY, GREY, START)
+    return overlay.take(START).image
+
+
+def test_layers_have_their_styles():
+    red = LayerStyle(line_bgr=(0, 0, 255), fill_bgr=(255, 0, 0), fill_opacity=0.5)
+    image = layered(MapLayer("beds", [geo(SQUARE_N)], red)).astype(int)
+    assert (image[..., 2] - image[..., 1] > 100).sum() > 400
+    assert image[250, 350].tolist() == pytest.approx([172, 45, 45], abs=2)  # half 90, half blue
+
+
+@pytest.mark.parametrize(("scale_m_px", "drawn"), [((0.0, 0.05), 1), ((0.05, 0.06), 0)])
+def test_layers_are_drawn_at_their_scales(scale_m_px, drawn):
+    """The middle looks 30 deg down from 20 m: 40 m away, 40 / 803.6 = 0.0498 m to a pixel."""
+    layer = MapLayer("beds", [geo(SQUARE_N)], LayerStyle(scale_m_px=scale_m_px))
+    image = layered(layer, ground_height_m=25.0)
+    assert (len(ink_on(image[60:])) > 400) == drawn  # under the notice that it is not
+
+
+def test_a_located_point_stays_drawn_with_its_ellipse():
+    overlay = ready(ground_height_m=25.0, confidence=PLAIN)
+    far = [MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]
+    overlay.set_map(lay_layers(far, PLANE, 25.0))
+    pictures = []
+    for k in range(2):
+        overlay.add_pose(pose_at(START + 100 * MS * k, yaw_deg=2.0 * k))
+        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
+        pictures.append(overlay.take(START + 100 * MS * k).image.astype(int))
+        overlay.clicks.locate((320.0, 256.0))
+    magenta = [image[..., 0] - image[..., 1] > 120 for image in pictures]  # mark and label
+    assert magenta[0].sum() == 0
+    v, u = np.nonzero(magenta[1][:, :305])  # without the label to its right
+    lilac = pictures[1][..., 0] - pictures[1][..., 1]
+    assert ((lilac > 40) & (lilac < 90)).sum() > 20  # the ellipse
+    # Two degrees to the right move it by 2 * pi / 180 * cos 30 * 40 m * 20 px/m = 24 px or so.
+    assert 320 - 32 < np.median(u) < 320 - 18
+    assert abs(np.median(v) - 256) < 12

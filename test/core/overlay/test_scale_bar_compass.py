@@ -1,0 +1,176 @@
+"""The scale bar's length is true on the ground, and the needle points to north."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.overlay.scale_bar_compass import (
+    camera_heading_rad,
+    ground_sample_m,
+    place_rose,
+    place_scale_bar,
+    scale_bar,
+)
+from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.text_rendering import text_px
+from tirgeo_ros.core.types.poses import CameraPose
+
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+GREY = 128
+
+
+def pose(height_m=40.0, yaw=0.0, down=60.0, roll=0.0):
+    turn = rotation_z(math.radians(yaw)) @ rotation_y(math.radians(-down))
+    attitude = turn @ rotation_x(math.radians(roll)) @ BODY_OPTICAL
+    return CameraPose(0, np.array([3.0, -2.0, -height_m]), quat_from_matrix(attitude), np.eye(6))
+
+
+def painted(image, decoration):
+    decoration.paint(image)
+    return decoration.box
+
+
+def ground_point(camera, at, uv):
+    """By another way than the code: the plane at the map's origin, flat over so few metres."""
+    from tirgeo_ros.core.frames.rotations import matrix_from_quat  # noqa: PLC0415
+
+    ray = matrix_from_quat(at.q_nc) @ camera.rays(np.array([uv]))[0]
+    return at.position_n + ray * (-at.position_n[2] / ray[2])
+
+
+@given(
+    height_m=st.floats(5, 200),
+    yaw=st.floats(0, 360),
+    down=st.floats(40, 90),
+    roll=st.floats(-10, 10),
+)
+def test_the_bar_is_as_long_on_the_ground_as_it_says(height_m, yaw, down, roll):
+    at = pose(height_m, yaw, down, roll)
+    bar = scale_bar(XT2, at, PLANE, 11.5, 12.0, 470.0)
+    assert bar is not None
+    ends = [ground_point(XT2, at, (u, bar.row)) for u in (bar.left, bar.right)]
+    # Linear between 33 samples: of a lens that bends by 7 px in the picture, below 0.1 %.
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_m, rel=1e-3)
+    assert XT2.width * 0.06 <= bar.right - bar.left <= XT2.width * 0.25
+    assert f"{bar.length_m:.0e}"[0] in "125"
+
+
+def test_the_bar_is_true_far_from_the_maps_origin():
+    """The earth is round and the code says it is flat: by less than 0.2 % here, 3 km away."""
+    at = pose(100.0, yaw=40.0, down=35.0)
+    at.position_n[:2] = 2000.0, -2200.0
+    bar = scale_bar(XT2, at, PLANE, 0.0, 12.0, 470.0)
+    ends, _ = locate(XT2, at, np.array([[bar.left, 470.0], [bar.right, 470.0]]), PLANE, 0.0)
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_m, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "text"), [(0.5, "5 cm"), (8.0, "1 m"), (105.0, "20 m"), (9000.0, "1 km")]
+)
+def test_its_length_is_written(height_m, text):
+    assert scale_bar(XT2, pose(height_m, down=90), PLANE, 11.5, 12.0, 470.0).text == text
+
+
+def test_no_bar_where_no_ground_is_seen():
+    assert scale_bar(XT2, pose(down=-40.0), PLANE, 11.5, 12.0, 470.0) is None  # the sky
+    assert scale_bar(XT2, pose(), PLANE, math.nan, 12.0, 470.0) is None  # height unknown
+    assert scale_bar(XT2, pose(), PLANE, 500.0, 12.0, 470.0) is None  # under the ground
+    image = np.full((512, 640, 3), GREY, np.uint8)
+    assert place_scale_bar(image, XT2, pose(down=-40.0), PLANE, 11.5) is None
+
+
+def test_the_ground_that_a_pixel_spans():
+    plain = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
+    assert ground_sample_m(plain, pose(40, down=90), PLANE, 11.5) == pytest.approx(0.05, rel=1e-5)
+    assert ground_sample_m(plain, pose(40, down=30), PLANE, 11.5) == pytest.approx(0.1, rel=1e-4)
+    assert math.isnan(ground_sample_m(plain, pose(down=-10), PLANE, 11.5))
+
+
+@pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
+def test_the_bar_is_drawn_where_it_says_over_the_status_line(size):
+    width, height = size
+    camera = Camera(width, height, 1.25 * width, 1.25 * width, width / 2, height / 2)
+    image = np.full((height, width, 3), GREY, np.uint8)
+    box = painted(image, place_scale_bar(image, camera, pose(down=90), PLANE, 11.5))
+    changed = (image != GREY).any(axis=2)
+    assert changed[box.top : box.bottom, box.left : box.right].any()
+    changed[box.top : box.bottom, box.left : box.right] = False
+    assert not changed.any()
+    assert box.bottom <= status_box(image).top
+    bar = scale_bar(camera, pose(down=90), PLANE, 11.5, 0.0, box.bottom)
+    line = image[box.bottom - text_px(image) : box.bottom]  # and not the text over it
+    bright = np.flatnonzero((line > 200).all(axis=2).any(axis=0))
+    # As long as the bar, and as wide a line at each end: an eighth of the text's size, blurred.
+    assert np.ptp(bright) == pytest.approx(bar.right - bar.left, abs=text_px(image) / 8 + 2)
+
+
+# heading
+
+
+@given(yaw=st.floats(0, 359.9), down=st.floats(-60, 79), roll=st.floats(-30, 30))
+def test_the_heading_is_that_of_the_optical_axis(yaw, down, roll):
+    found = math.degrees(camera_heading_rad(pose(yaw=yaw, down=down, roll=roll)))
+    assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+
+
+@given(yaw=st.floats(0, 359.9), down=st.floats(75, 105))
+def test_the_heading_is_steady_through_straight_down(yaw, down):
+    """Past it the picture's upper edge still looks the same way."""
+    found = math.degrees(camera_heading_rad(pose(yaw=yaw, down=down)))
+    if down <= 95:
+        assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+    assert 0 <= found < 360
+
+
+def white(image):
+    v, u = np.nonzero((image > 200).all(axis=2))
+    return np.column_stack([u, v])
+
+
+@pytest.mark.parametrize("yaw", [0, 45, 90, 180, 270, 300])
+@pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
+def test_the_needle_points_to_north(yaw, size):
+    image = np.full((size[1], size[0], 3), GREY, np.uint8)
+    box = painted(image, place_rose(image, math.radians(yaw)))
+    changed = (image != GREY).any(axis=2)
+    changed[box.top : box.bottom, box.left : box.right] = False
+    assert not changed.any()
+    half, size_px = (box.right - box.left) / 2, text_px(image)
+    ink = white(image) - [box.left + half, box.top + half]
+    radius = np.hypot(*ink.T)
+    letter = ink[(radius > 1.2 * size_px) & (radius < 2.25 * size_px)].mean(axis=0)
+    for east, south in (letter, ink[radius < size_px].mean(axis=0) * [-1, -1]):
+        bearing = math.degrees(math.atan2(east, -south))
+        # A pixel, of the needle's middle which is the nearer one, or a tenth of the letter.
+        assert (bearing + yaw + 180) % 360 - 180 == pytest.approx(0, abs=12)
+
+
+def test_a_small_picture_has_no_decorations():
+    for shape in ((1, 1, 3), (40, 60, 3), (20, 300, 3)):
+        image = np.full(shape, GREY, np.uint8)
+        camera = Camera(shape[1], shape[0], 50.0, 50.0, shape[1] / 2, shape[0] / 2)
+        assert place_rose(image, 1.0) is None
+        assert place_scale_bar(image, camera, pose(), PLANE, 11.5) is None
+
+
+def test_the_heading_is_written_as_three_digits(monkeypatch):
+    from tirgeo_ros.core.overlay import scale_bar_compass as decorations  # noqa: PLC0415
+
+    decorations._rose.cache_clear()
+    written = []
+    for name in ("stamp", "passing_stamp"):
+        real = getattr(decorations, name)
+        noted = lambda *a, real=real: written.append(a[0]) or real(*a)  # noqa: E731
+        monkeypatch.setattr(decorations, name, noted)
+    for yaw in (7.4, 359.8):
+        image = np.zeros((512, 640, 3), np.uint8)
+        painted(image, place_rose(image, math.radians(yaw)))
+    assert set(written) == {"N", "007\u00b0", "000\u00b0"}

@@ -1,0 +1,133 @@
+"""Text bitmaps: every script, either library, and laying them over the picture's edges."""
+
+import builtins
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.overlay import text_rendering as text
+from tirgeo_ros.core.overlay.text_rendering import coverage, stamp
+from tirgeo_ros.core.types.errors import ConfigError
+
+WHITE = (255, 255, 255)
+
+
+def libraries():
+    found = []
+    if hasattr(cv2, "FontFace"):
+        found.append("opencv")
+    try:
+        import PIL  # noqa: F401, PLC0415
+    except ImportError:
+        return found
+    return [*found, "pillow"]
+
+
+@pytest.fixture(params=libraries())
+def render(request):
+    if request.param == "pillow":
+        return text._by_pillow
+    return lambda content, size_px: text._by_opencv(cv2, content, size_px)
+
+
+def test_size_and_margin(render):
+    small, large = render("Hxg", 12), render("Hxg", 24)
+    for image in (small, large):
+        assert image.dtype == np.uint8
+        assert image.max() > 200
+        for edge in (image[0], image[-1], image[:, 0], image[:, -1]):
+            assert not edge.any()
+    assert large.shape[0] == pytest.approx(2 * small.shape[0], abs=5)  # margins do not grow
+
+
+def test_lines_of_one_size_have_one_height_and_base(render):
+    plain, deep = render("xxx", 12), render("xgp", 12)
+    assert plain.shape[0] == deep.shape[0]
+    inked = [np.flatnonzero(image.max(axis=1) > 60) for image in (plain, deep)]
+    assert abs(int(inked[0][0]) - int(inked[1][0])) <= 1  # the x stands equally high in both
+    assert inked[1][-1] > inked[0][-1]
+
+
+def test_accents_are_letters_and_not_boxes(render):
+    """The accented letter is the plain one and something above it."""
+    if render is text._by_pillow and not text._pillow_font(24)[1]:
+        pytest.skip("this system has no typeface: labels are in ASCII")
+    plain, accented = render("u", 24), render("\u00fc", 24)
+    body = np.flatnonzero(plain.max(axis=1) > 60)[[0, -1]]
+    same = plain[body[0] + 1 : body[1]].astype(int) - accented[body[0] + 1 : body[1]]
+    assert np.abs(same).max() <= 60
+    assert accented[: body[0] - 1].max() > 120
+
+
+@pytest.mark.skipif("pillow" not in libraries(), reason="Pillow is not installed")
+def test_a_system_without_typefaces_gets_ascii(monkeypatch):
+    monkeypatch.setattr(text, "_SYSTEM_FONTS", ())
+    text._pillow_font.cache_clear()
+    for fancy, plain in (("Gr\u00fcnfl\u00e4che", "Grunflache"), ("\u82b1 \u00bd", "? 1?2")):
+        np.testing.assert_array_equal(text._by_pillow(fancy, 14), text._by_pillow(plain, 14))
+    text._pillow_font.cache_clear()
+
+
+@pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 4 has no typeface of its own")
+def test_chinese():
+    one, other = coverage("\u82b1", 24), coverage("\u575b", 24)
+    assert one.shape != other.shape or np.abs(one.astype(int) - other).max() > 200
+
+
+def test_a_stamp_keeps_the_ink_within_its_halo():
+    for colour in (WHITE, (80, 200, 255)):
+        made = stamp("Abc", 14, colour)
+        # keep + ink never exceed white, so a picture under it cannot overflow.
+        assert (made.keep.astype(int) + made.ink <= 255).all()
+        assert (made.ink.reshape(-1, 3).max(axis=0) == colour).all()
+
+
+def test_stamps_are_made_once():
+    assert stamp("once", 12, WHITE) is stamp("once", 12, WHITE)
+
+
+def test_control_characters_and_length():
+    assert stamp("a\nb\x00", 12, WHITE) == stamp("a\nb\x00", 12, WHITE)
+    np.testing.assert_array_equal(stamp("a\nb", 12, WHITE).ink, stamp("a b", 12, WHITE).ink)
+    long = stamp("m" * 500, 12, WHITE)
+    assert long.size[0] < stamp("m" * 61, 12, WHITE).size[0] + 1
+    assert stamp("", 12, WHITE).ink.max() == 0
+
+
+@given(left=st.integers(-80, 80), top=st.integers(-40, 60))
+def test_laying_a_stamp_anywhere_touches_only_its_place(left, top):
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 255, (40, 60, 3), np.uint8)
+    made = stamp("Abc", 12, WHITE)
+    width, height = made.size
+    canvas = np.zeros((200, 300, 3), np.uint8)
+    canvas[100:140, 100:160] = image
+    place = np.s_[100 + top : 100 + top + height, 100 + left : 100 + left + width]
+    wanted = canvas.astype(float)
+    wanted[place] = canvas[place] * (made.keep / 255) + made.ink
+    made.lay(image, left, top)
+    np.testing.assert_allclose(image, wanted[100:140, 100:160], atol=0.5 + 1e-9)  # rounding
+
+
+def test_without_either_library_the_user_is_told(monkeypatch):
+    monkeypatch.delattr(cv2, "FontFace", raising=False)
+    real = builtins.__import__
+
+    def without_pillow(name, *rest):
+        if name == "PIL":
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without_pillow)
+    with pytest.raises(ConfigError, match="labels need OpenCV 5 or Pillow"):
+        coverage("x", 12)
+
+
+def test_of_a_long_text_no_more_is_kept_than_is_drawn():
+    text._stamp.cache_clear()
+    first = stamp("y" * 1_000_000, 12, WHITE)
+    assert stamp("y" * 60_000, 12, WHITE) is first
+    assert first.size[0] < 60 * 12

@@ -1,0 +1,198 @@
+"""The thermal picture: its range, that it does not flicker, and that it follows the scene."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config.pictures import PALETTES, PictureConfig
+from tirgeo_ros.core.overlay.palettes import palette_table
+from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.types.errors import ConfigError
+
+FRAME_NS = 33_333_333
+SHAPE = (120, 160)
+ROWS = np.linspace(0, 1, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
+
+
+def ramp(low=20000.0, high=24000.0):
+    return (low + ROWS * (high - low)).astype(np.uint16)
+
+
+def toner(palette="white_hot", **config):
+    return Toner(PictureConfig(**config), palette)
+
+
+def grey(image):
+    assert image.dtype == np.uint8
+    assert (image == image[..., :1]).all()
+    return image[..., 0].astype(int)
+
+
+# one picture
+
+
+def test_sixteen_bits_keep_their_order_and_use_the_range():
+    shown = grey(toner().tone(ramp(), 0))
+    assert (shown.min(), shown.max()) == (0, 255)
+    assert (np.diff(shown.ravel()) >= 0).all()
+    # 1 % at each end is cut off: the middle stays in the middle, to one grey level.
+    assert abs(shown[60, 0] - 128) <= 1
+
+
+@pytest.mark.parametrize("value", [0, 65535])
+def test_dead_and_hot_pixels_change_nothing(value):
+    """Even where they are more than what is cut off at the ends."""
+    broken = ramp()
+    broken[:, 4:8] = value
+    change = grey(toner().tone(broken, 0)) - grey(toner().tone(ramp(), 0))
+    change[:, 4:8] = 0
+    assert np.abs(change).max() <= 1
+    assert set(np.unique(grey(toner().tone(broken, 0))[:, 4:8])) == {255 if value else 0}
+
+
+@pytest.mark.parametrize("value", [0, 1, 5000, 65535])
+@pytest.mark.parametrize("local_contrast", [0.0, 8.0])
+@pytest.mark.parametrize("palette", ["white_hot", "lava"])
+def test_a_picture_of_one_value_is_the_coldest_colour(value, local_contrast, palette):
+    image = toner(palette, local_contrast=local_contrast).tone(np.full(SHAPE, value, np.uint16), 0)
+    assert (image == palette_table(palette)[0]).all()
+
+
+def test_noise_alone_is_not_blown_up():
+    """A scene of one temperature: two values more than it are no white."""
+    noise = np.random.default_rng(1).integers(8000, 8003, SHAPE).astype(np.uint16)
+    assert grey(toner().tone(noise, 0)).max() <= 2 * 255 / 16 + 1
+
+
+@pytest.mark.parametrize("name", PALETTES)
+def test_a_palette_colours_what_has_no_colour(name):
+    levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    image = toner(name).tone(levels, 0)
+    assert (image.reshape(256, 3) == palette_table(name)[:, 0]).all()
+    image[:] = 0  # a picture of its own: what is drawn on it stays out of the message
+    assert levels[15, 15] == 255
+
+
+def test_what_has_colour_keeps_it():
+    colour = np.random.default_rng(2).integers(0, 256, (*SHAPE, 3), np.uint8)
+    image = toner("iron", local_contrast=4.0).tone(colour, 0)
+    assert (image == colour).all()
+    assert not np.shares_memory(image, colour)
+
+
+def test_local_contrast_shows_what_is_faint():
+    """A bar three grey levels above an even ground."""
+    faint = np.full(SHAPE, 100, np.uint8)
+    faint[:, ::16] = 103
+    faint[:4] = 255
+    plain, local = (
+        np.ptp(grey(toner(local_contrast=limit).tone(faint, 0))[60]) for limit in (0.0, 8.0)
+    )
+    assert plain == 3
+    assert local > 2 * plain
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 640), (3, 5), (9, 2)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_tiny_pictures(shape, dtype):
+    raw = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
+    assert toner("iron", local_contrast=2.0).tone(raw, 0).shape == (*shape, 3)
+
+
+def test_rows_with_gaps_between_them():
+    raw = np.zeros((SHAPE[0], 2 * SHAPE[1]), np.uint16)
+    raw[:, ::2] = ramp()
+    assert (toner().tone(raw[:, ::2], 0) == toner().tone(ramp(), 0)).all()
+
+
+@given(
+    values=st.lists(st.integers(0, 65535), min_size=4, max_size=60),
+    stamps=st.lists(st.integers(-(10**19), 10**19), min_size=2, max_size=5),
+)
+def test_any_values_at_any_stamps_keep_their_order(values, stamps):
+    made = toner()
+    raw = np.array([sorted(values)], np.uint16)
+    for stamp_ns in stamps:
+        assert (np.diff(grey(made.tone(raw, stamp_ns))[0]) >= 0).all()
+
+
+def test_an_unknown_palette_is_refused():
+    with pytest.raises(ConfigError, match="palette: 'sepia' is not one of white_hot"):
+        toner("sepia")
+
+
+# a video
+
+
+def video(made, frames, start_ns=0):
+    return [grey(made.tone(raw, start_ns + i * FRAME_NS)) for i, raw in enumerate(frames)]
+
+
+def hot(raw, share=0.2, value=40000):
+    """With something hot in it, in place of what was the hottest."""
+    raw = raw.copy()
+    raw[len(raw) - round(share * len(raw)) :] = value
+    return raw
+
+
+def test_a_hot_spot_changes_the_rest_slowly():
+    """By no more than 3 dt / stretch_time_s of its grey level in a frame, and rounding."""
+    frames = [ramp()] * 3 + [hot(ramp())] * 60
+    shown = [picture[:80] for picture in video(toner(), frames)]
+    most = 3 * FRAME_NS * 1e-9 / 1.0
+    for before, after in pairwise(shown):
+        assert (np.abs(after - before) <= most * before + 1).all()
+
+
+def test_without_the_filter_the_hot_spot_flickers():
+    """That the test above can fail: a stretch anew at each frame changes four times as much."""
+    shown = video(toner(stretch_time_s=0.0), [ramp(), hot(ramp())])
+    assert np.abs(shown[1] - shown[0])[:80].max() > 4 * 255 * 3 * FRAME_NS * 1e-9
+
+
+@pytest.mark.parametrize("time_s", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("back", [False, True])
+def test_a_change_of_the_scene_is_followed_within_the_time(time_s, back):
+    """A span that becomes five times as large or small is then right to a tenth."""
+    scenes = [ramp(), hot(ramp())]
+    first, second = reversed(scenes) if back else scenes
+    count = round(time_s * 1e9 / FRAME_NS)
+    made = toner(stretch_time_s=time_s)
+    shown = video(made, [first] * 3 + [second] * (count + 1))
+    begin, settled = (grey(toner().tone(raw, 0)) for raw in (first, second))
+    away = np.abs(settled - shown[-1]).max()
+    assert away <= 0.1 * 255 + 1
+    assert away < 0.2 * np.abs(settled - begin).max()
+
+
+def test_the_noise_of_a_still_scene_moves_nothing():
+    rng = np.random.default_rng(4)
+    frames = [(ramp() + rng.normal(0, 30, SHAPE)).astype(np.uint16) for _ in range(40)]
+    made = toner()
+    video(made, frames)
+    ends = made._stretch._ends
+    video(made, frames, start_ns=40 * FRAME_NS)
+    assert made._stretch._ends == ends
+
+
+def test_a_cut_begins_anew():
+    made, fresh = toner(), toner()
+    cut = video(made, [ramp(), ramp(30000, 31000)])[-1]
+    assert (cut == grey(fresh.tone(ramp(30000, 31000), 0))).all()
+
+
+@pytest.mark.parametrize("step_ns", [-1, -3 * 10**9, 2 * 10**9, 10**18])
+def test_a_jump_of_the_stamps_begins_anew(step_ns):
+    made = toner()
+    made.tone(ramp(), 10**10)
+    shown = grey(made.tone(ramp(20000, 32000), 10**10 + step_ns))
+    assert (shown == grey(toner().tone(ramp(20000, 32000), 0))).all()
+
+
+def test_a_stamp_that_stands_still_holds_the_stretch():
+    made = toner()
+    first = grey(made.tone(ramp(), 5))
+    assert (grey(made.tone(hot(ramp()), 5))[:80] == first[:80]).all()

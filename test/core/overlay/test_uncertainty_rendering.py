@@ -1,0 +1,371 @@
+"""Which lines fade, how wide bands are, which ellipses are drawn: by errors and in pixels."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import rays_to
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.overlay.line_sampling import STEP_PX, cut, sampled
+from tirgeo_ros.core.overlay.uncertainty_rendering import (
+    FAINTEST,
+    MARK_TIMES,
+    MOST_ELLIPSES,
+    Anchors,
+    Confidence,
+    layer_sigmas,
+    with_marks,
+)
+from tirgeo_ros.core.types.poses import CameraPose
+
+CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
+PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
+HEIGHT_M = 20.0
+#: Of a map point straight below: 40 px to a metre.
+PX_PER_M = CAMERA.fx / HEIGHT_M
+#: Only the map's own error, or the pose's.
+PLAIN = ConfidenceConfig(
+    latency_sigma_s=0.0, lens_sigma_px=0.0, map_sigma_m=0.0, ground_sigma_m=0.0
+)
+RADIUS = math.sqrt(5.991465)
+MARK_PX = 7
+
+
+def pose_at(down_deg=90.0, covariance=None, height_m=HEIGHT_M):
+    q_ng = quat_from_euler(0.0, -math.radians(down_deg), 0.0)
+    covariance = np.zeros((6, 6)) if covariance is None else covariance
+    position_n = np.array([0.0, 0.0, -height_m])
+    return CameraPose(0, position_n, quat_multiply(q_ng, Q_BODY_OPTICAL), covariance)
+
+
+def seen_from(pose, *lines):
+    """Lines of pixels (n, 2), as they are seen on level ground."""
+    starts = np.cumsum([0, *map(len, lines)])
+    uv = np.concatenate([np.empty((0, 2)), *[np.array(line, float) for line in lines]])
+    rays_n = CAMERA.rays(uv) @ matrix_from_quat(pose.q_nc).T
+    points_n = pose.position_n - pose.position_n[2] / rays_n[:, 2:] * rays_n
+    return Seen(uv.T, starts, np.arange(len(lines)), rays_to(CAMERA, pose, points_n))
+
+
+def radius_px(sigma_m):
+    """Of 95 %, for a point of the map straight below that errs by so much."""
+    return RADIUS * sigma_m * PX_PER_M
+
+
+def confidence(**changes):
+    return Confidence(dataclasses.replace(PLAIN, **changes))
+
+
+def faded_lines(one, pose, lines, sigma_m=None):
+    none = anchors_at(pose, [])
+    return one.marked(one.frame(CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
+
+
+def faded(sigma_m, pose=None, **changes):
+    pose = pose or pose_at()
+    one = confidence(**changes)
+    lines = seen_from(pose, [(100, 200), (110, 205), (125, 200)])
+    return faded_lines(one, pose, lines, np.array([sigma_m]))
+
+
+@pytest.mark.parametrize(
+    ("share", "opacity"),
+    [(0.3, 1.0), (0.4, 0.75), (0.7, 0.5), (0.97, 0.5), (1.03, 0.25), (50, 0.25)],
+)
+def test_opacity_falls_to_the_faintest_at_the_configured_radius(share, opacity):
+    fade_px = 37.0
+    lines, found = faded(share * fade_px / radius_px(1.0), fade_px=fade_px)
+    assert found.tolist() == [opacity]
+    assert len(lines) == 1
+
+
+def test_nothing_becomes_of_lines_if_so_configured():
+    lines, found = faded(100.0, lines="none")
+    assert found.tolist() == [1.0]
+    assert lines.points.shape == (2, 3)
+
+
+def test_a_layer_without_sigma_has_the_configured_one():
+    assert faded(math.nan, map_sigma_m=100.0)[1].tolist() == [FAINTEST]
+    assert faded(0.0, map_sigma_m=100.0)[1].tolist() == [1.0]
+
+
+def test_what_nobody_can_tell_is_faintest():
+    none = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -1.0])
+    assert faded(0.0, pose_at(covariance=none))[1].tolist() == [FAINTEST]
+
+
+def test_no_lines():
+    one = confidence()
+    lines, found = faded_lines(one, pose_at(), seen_from(pose_at()))
+    assert len(lines) == len(found) == 0
+
+
+def test_a_long_line_fades_along_its_way():
+    """Seen from above, an error of yaw moves the picture's sides, not its middle."""
+    covariance = np.zeros((6, 6))
+    covariance[5, 5] = math.radians(2.0) ** 2
+    pose = pose_at(covariance=covariance)
+    one = confidence(fade_px=20.0)
+    lines = seen_from(pose, [(319.5, 255.5), (639, 255.5)], [(10, 10), (20, 12), (24, 19)])
+    cut_lines, opacity = faded_lines(one, pose, lines)
+    first = opacity[cut_lines.owner == 0]
+    assert (np.diff(first) < 0).all()
+    assert first[0] == 1.0
+    assert first[-1] == FAINTEST
+    pieces = [
+        line for line, owner in zip(cut_lines.split(), cut_lines.owner, strict=True) if owner == 0
+    ]
+    for before, after in itertools.pairwise(pieces):
+        assert before[-1].tolist() == after[0].tolist()
+    # it has become faintest within a step of where the radius is fade_px
+    expected = 20.0 / RADIUS / math.radians(2.0)
+    assert abs(pieces[-1][0, 0] - 319.5 - expected) <= STEP_PX
+    np.testing.assert_array_equal(cut_lines.split()[-1], [(10, 10), (20, 12), (24, 19)])
+
+
+def test_cut_lines_are_the_same_lines():
+    """Every segment once, in its line, with the value of its way; seeded at random."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        lengths = rng.integers(2, 40, rng.integers(1, 12))
+        pixels = [
+            rng.uniform(0, 600, 2) + rng.normal(0, 9, (n, 2)).cumsum(axis=0) for n in lengths
+        ]
+        lines, some = sampled(seen_from(pose_at(), *pixels), STEP_PX)
+        value = rng.integers(0, 2, len(some.line) - 1)
+        runs, first = cut(lines, some, value)
+        expected = {}
+        for k in np.flatnonzero(some.links()):
+            for v in range(some.vertex[k], some.vertex[k + 1]):
+                key = tuple(lines.points[:, v]) + tuple(lines.points[:, v + 1])
+                expected[key] = (some.line[k], value[k])
+        found = {}
+        for run, owner, way in zip(runs.split(), runs.owner, first, strict=True):
+            for a, b in itertools.pairwise(run):
+                assert (*a, *b) not in found
+                found[(*a, *b)] = (owner, value[way])
+        assert found == expected
+
+
+def band(lines, sigma_m, layer=None, **changes):
+    """A grey picture with bands; how much each pixel has become red, 0 where it stayed."""
+    image = np.full((512, 640, 3), 100, np.uint8)
+    one = confidence(lines="band", **changes)
+    style = LayerStyle(line_bgr=(0, 0, 255))
+    layer = np.zeros(len(lines), int) if layer is None else layer
+    sigma = np.full(len(lines), sigma_m)
+    one.paint_bands(image, one.frame(CAMERA, pose_at()), lines, layer, [style], sigma)
+    return image[:, :, 2].astype(int) - image[:, :, 0], image
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.5, -1.0, 3.0])
+@pytest.mark.parametrize("sigma_m", [0.1, 0.4])
+def test_a_band_is_as_wide_as_95_percent(slope, sigma_m):
+    direction = np.array([1, slope]) / math.hypot(1, slope)
+    middle = np.array([319.5, 255.5])
+    lines = seen_from(pose_at(), [middle - 150 * direction, middle, middle + 150 * direction])
+    tinted, image = band(lines, sigma_m)
+    v, u = np.nonzero(tinted)
+    off = np.column_stack([u, v]) - middle
+    along, across = off @ direction, off @ [-direction[1], direction[0]]
+    half = 1.96 * sigma_m * PX_PER_M
+    # corners are rounded to pixels
+    near = np.abs(along) < 120
+    assert across[near].max() == pytest.approx(half, abs=1)
+    assert across[near].min() == pytest.approx(-half, abs=1)
+    assert near.sum() == pytest.approx(2 * half * 240, rel=0.1)
+    # a quarter of the colour, whatever overlaps
+    assert set(image[v, u, 2].tolist()) == {75 + 64}
+
+
+def test_bands_that_cross_do_not_cancel():
+    lines = seen_from(pose_at(), [(200, 255), (440, 255)], [(320, 140), (320, 370)])
+    tinted, image = band(lines, 0.5)
+    assert tinted[255, 320] > 0
+    assert len(np.unique(image[:, :, 2])) == 2
+
+
+def test_a_narrow_band_is_the_line_itself():
+    lines = seen_from(pose_at(), [(200, 255), (440, 255)])
+    assert not band(lines, 0.02)[0].any()  # 1.6 px to each side
+    assert band(lines, 0.03)[0].any()
+
+
+def test_no_band_is_wider_than_half_the_picture():
+    lines = seen_from(pose_at(), [(10, 255.5), (630, 255.5)])
+    rows = np.flatnonzero(band(lines, 1000.0)[0][:, 320])
+    assert len(rows) == pytest.approx(256, abs=2)
+
+
+def test_a_line_that_turns_back_keeps_its_band_finite():
+    lines = seen_from(pose_at(), [(200, 255), (400, 255), (210, 255)])
+    u = np.nonzero(band(lines, 0.5)[0])[1]
+    assert u.min() >= 198
+    assert u.max() <= 402
+
+
+def ellipses_of(one, pose, anchors, sigma_m=None):
+    frame = one.frame(CAMERA, pose)
+    return one.marked(frame, seen_from(pose), anchors, MARK_PX, sigma_m).ellipses
+
+
+def anchors_at(pose, uv):
+    lines = seen_from(pose, *[[point] for point in uv])
+    return Anchors(lines.points, lines.rays, lines.owner, np.ones(len(lines), bool))
+
+
+def test_ellipses_are_the_covariances():
+    covariance = np.diag([0.2**2, 0.4**2, 0.0, 0.0, 0.0, 0.0])  # north is up in the picture
+    pose = pose_at(covariance=covariance)
+    one = confidence()
+    found = ellipses_of(one, pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
+    assert not found.uncertain.any()
+    dashes = len(found.outlines) // 2
+    assert found.outlines.owner.tolist() == [0] * dashes + [1] * dashes
+    assert dashes > 5
+    middles = np.repeat([(319.5, 255.5), (100, 80)], dashes, axis=0)
+    for line, middle in zip(found.outlines.split(), middles, strict=True):
+        off = (line - middle) / (np.array([0.4, 0.2]) * PX_PER_M)
+        np.testing.assert_allclose((off**2).sum(axis=1), 5.991465, rtol=1e-6)
+
+
+def test_a_label_has_no_ellipse_but_the_word_that_it_is_uncertain():
+    pose = pose_at()
+    one = confidence(map_sigma_m=100.0)
+    anchors = anchors_at(pose, [(330, 256), (200, 200)])
+    found = ellipses_of(one, pose, anchors._replace(mark=np.array([False, True])))
+    assert found.uncertain.tolist() == [True, True]
+    assert set(found.outlines.owner.tolist()) == {1}
+
+
+def test_an_ellipse_about_as_large_as_the_mark_is_not_drawn():
+    pose = pose_at()
+    for share, count in ((0.9, 0), (1.1, 1)):
+        one = confidence(map_sigma_m=share * MARK_TIMES * MARK_PX / radius_px(1.0))
+        found = ellipses_of(one, pose, anchors_at(pose, [(300, 200)]))
+        assert (len(found.outlines) > 0) == count
+        assert not found.uncertain.any()
+
+
+def test_an_ellipse_as_large_as_the_picture_is_a_hint():
+    pose = pose_at()
+    one = confidence()
+    sigma_m = np.array([127.0, 129.0, 1e4]) / radius_px(1.0)
+    anchors = anchors_at(pose, [(200, 200), (300, 200), (400, 200)])
+    found = ellipses_of(one, pose, anchors, sigma_m)
+    assert found.uncertain.tolist() == [False, True, True]
+    dashes = np.bincount(found.outlines.owner)
+    assert dashes[0] == dashes[1] == dashes[2] > 3
+    points = np.diff(found.outlines.starts)
+    assert points[found.outlines.owner > 0].max() < points[found.outlines.owner == 0].min()
+    off = (
+        found.outlines.points.T
+        - anchors.uv.T[np.repeat(found.outlines.owner, np.diff(found.outlines.starts))]
+    )
+    assert np.hypot(*off.T).max() <= 128 + 1e-9  # a quarter of 512 rows
+
+
+def test_what_the_first_order_does_not_tell_is_uncertain():
+    covariance = np.zeros((6, 6))
+    covariance[2, 2] = 3.0**2  # of 20 m
+    pose = pose_at(covariance=covariance)
+    one = confidence()
+    assert ellipses_of(one, pose, anchors_at(pose, [(330, 256)])).uncertain.all()
+    none = pose_at(covariance=-np.eye(6))
+    found = ellipses_of(one, none, anchors_at(none, [(330, 256)]))
+    assert found.uncertain.all()
+    assert len(found.outlines) == 0
+
+
+def test_without_ellipses_there_is_still_the_word():
+    pose = pose_at()
+    one = confidence(ellipses=False, map_sigma_m=100.0)
+    found = ellipses_of(one, pose, anchors_at(pose, [(330, 256)]))
+    assert found.uncertain.tolist() == [True]
+    assert len(found.outlines) == 0
+
+
+def test_of_many_marks_some_have_an_ellipse_everywhere():
+    pose = pose_at()
+    uv = np.random.default_rng(4).uniform(0, 1, (500, 2)) * [639, 511]
+    marks = seen_from(pose, *[[point] for point in uv])
+    none = anchors_at(pose, [])
+    chosen = with_marks(none, marks, CAMERA)
+    assert 0.6 * MOST_ELLIPSES <= len(chosen.owner) <= MOST_ELLIPSES
+    for corner in ([0, 0], [639, 0], [0, 511], [639, 511]):
+        assert np.hypot(*(chosen.uv.T - corner).T).min() < 200
+    np.testing.assert_array_equal(chosen.uv, uv[chosen.owner].T)
+    np.testing.assert_array_equal(chosen.rays, marks.rays[:, chosen.owner])
+
+
+def test_labels_have_their_ellipses_before_other_marks():
+    """As many as there may be, all in one corner; one of them is a mark that is seen too."""
+    pose = pose_at()
+    uv = np.random.default_rng(5).uniform(0, 1, (500, 2)) * [639, 511]
+    marks = seen_from(pose, *[[point] for point in uv])
+    corner = anchors_at(pose, np.random.default_rng(6).uniform(0, 50, (30, 2)))
+    labelled = corner._replace(owner=np.arange(30) + 499)
+    chosen = with_marks(labelled, marks, CAMERA)
+    numbers = chosen.owner.tolist()
+    assert len(set(numbers)) == len(numbers) <= MOST_ELLIPSES
+    assert (chosen.uv[:, 30:] > 50).any(axis=0).all()  # elsewhere
+    few = with_marks(labelled, seen_from(pose, [(300, 200)]), CAMERA)
+    assert few.owner.tolist() == [*range(499, 529), 0]
+
+
+def geo(points_n):
+    return np.column_stack(PLANE.geodetic_from_ned(np.array(points_n, float)))
+
+
+def test_sigmas_of_a_map():
+    square = geo([(-2, -2, 0), (-2, 2, 0), (2, 2, 0), (2, -2, 0)])
+    layers = [
+        MapLayer("a", [GeoFeature("field", True, square)], sigma_m=0.5),
+        MapLayer("b", [GeoFeature("way", False, geo([(3, 0, 0), (5, 0, 0)]))]),
+    ]
+    vector_map = VectorMap.from_layers(layers, PLANE, PLANE.height_m)
+    np.testing.assert_array_equal(layer_sigmas(vector_map), [0.5, math.nan])
+
+
+def test_a_picture_of_short_lines_and_a_long_one_has_all_of_them():
+    """Short lines are of one opacity each, the long one falls: each line once, in one order."""
+    covariance = np.zeros((6, 6))
+    covariance[5, 5] = math.radians(2.0) ** 2
+    pose = pose_at(covariance=covariance)
+    one = confidence(fade_px=20.0)
+    near, far = [(319, 250), (325, 255), (330, 256)], [(5, 5), (12, 9)]
+    lines = seen_from(pose, near, [(322, 258), (620, 500)], far)
+    found, opacity = faded_lines(one, pose, lines)
+    assert opacity[found.owner == 0].tolist() == [1.0]
+    assert opacity[found.owner == 2].tolist() == [FAINTEST]
+    assert len(set(opacity[found.owner == 1].tolist())) > 1
+    assert np.bincount(found.owner)[[0, 2]].tolist() == [1, 1]
+    pieces = dict(zip(found.owner.tolist(), found.split(), strict=True))
+    np.testing.assert_array_equal(pieces[0], near)
+    np.testing.assert_array_equal(pieces[2], far)
+
+
+def test_lines_are_not_changed_by_being_sampled():
+    lines = seen_from(pose_at(), [(10, 10), (20, 20), (600, 500)])
+    finer, some = sampled(lines, STEP_PX)
+    assert isinstance(finer, Polylines)
+    steps = np.abs(np.diff(finer.points, axis=1)).max(axis=0)
+    assert steps.max() <= STEP_PX + 1e-9
+    assert finer.points[:, 0].tolist() == [10, 10]
+    assert finer.points[:, -1].tolist() == [600, 500]
+    # 1/z too: level ground, seen from above, is everywhere 20 m away
+    np.testing.assert_allclose(1 / finer.rays[2], HEIGHT_M, rtol=1e-12)
+    assert some.vertex[0] == 0
+    assert some.vertex[-1] == finer.points.shape[1] - 1

@@ -1,0 +1,70 @@
+"""What waits in several lanes comes out as it arrived, whatever lane it was found in first."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
+
+
+def order_of(depth: int, *lanes: str) -> ArrivalOrder[str]:
+    order: ArrivalOrder[str] = ArrivalOrder()
+    for lane in lanes:
+        order.open(lane, depth)
+    return order
+
+
+def rest(order: ArrivalOrder[str]) -> list[str]:
+    found = []
+    while (item := order.pop()) is not None:
+        found.append(item)
+    assert len(order) == 0
+    return found
+
+
+def test_lanes_are_merged_by_arrival():
+    order = order_of(9, "imu", "fix")
+    for arrived_ns in (1, 3, 5):
+        order.put("imu", arrived_ns, f"imu {arrived_ns}")
+    for arrived_ns in (2, 4):
+        order.put("fix", arrived_ns, f"fix {arrived_ns}")
+    assert len(order) == 5
+    assert rest(order) == ["imu 1", "fix 2", "imu 3", "fix 4", "imu 5"]
+    assert order.given_up == {}
+
+
+def test_a_lane_keeps_its_order_where_the_clock_of_arrivals_was_set_back():
+    order = order_of(9, "imu", "fix")
+    for arrived_ns in (100, 5, 6):
+        order.put("imu", arrived_ns, f"imu {arrived_ns}")
+    order.put("fix", 7, "fix 7")
+    assert rest(order) == ["fix 7", "imu 100", "imu 5", "imu 6"]
+
+
+def test_what_arrived_in_one_instant_comes_out_as_it_was_put():
+    order = order_of(9, "imu", "fix")
+    for lane in ("fix", "imu", "fix"):
+        order.put(lane, 0, lane)
+    assert rest(order) == ["fix", "imu", "fix"]
+
+
+def test_a_full_lane_gives_up_its_oldest_and_no_other_lanes():
+    order = order_of(2, "imu", "fix")
+    order.put("fix", 1, "fix 1")
+    for arrived_ns in (2, 3, 4, 5):
+        order.put("imu", arrived_ns, f"imu {arrived_ns}")
+    assert order.given_up == {"imu": 2}
+    assert rest(order) == ["fix 1", "imu 4", "imu 5"]
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 9)), max_size=30))
+def test_nothing_is_lost_or_doubled_and_lanes_that_rise_come_out_sorted(found):
+    order: ArrivalOrder[tuple[int, int]] = ArrivalOrder()
+    for lane in "abc":
+        order.open(lane, 30)
+    for number, (lane, arrived_ns) in sorted(enumerate(found), key=lambda pair: pair[1]):
+        order.put(lane, arrived_ns, (arrived_ns, number))
+    taken = rest(order)
+    assert sorted(number for _, number in taken) == list(range(len(found)))
+    assert [arrived_ns for arrived_ns, _ in taken] == sorted(ns for _, ns in found)

@@ -1,0 +1,64 @@
+"""When a stream counts as there."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.streams.presence import Presence
+
+MS = 1_000_000
+
+
+def steady(period_ms=20, from_ms=0):
+    presence = Presence()
+    t_ms = from_ms
+    while not presence.heard(t_ms * MS):
+        assert t_ms - from_ms < 20_000
+        t_ms += period_ms
+    return presence, t_ms
+
+
+@pytest.mark.parametrize(("period_ms", "after_ms"), [(20, 2000), (500, 2000), (1000, 4000)])
+def test_steady_after_two_seconds_and_five_samples(period_ms, after_ms):
+    presence, at_ms = steady(period_ms)
+    assert at_ms == after_ms
+    assert presence.steady
+    assert not presence.heard((at_ms + period_ms) * MS)  # it is so already
+
+
+@pytest.mark.parametrize("stamps_ms", [[0], [0, 3000, 6000, 9000, 12000, 15000], [0, 0, 0, 0, 0]])
+def test_single_samples_and_repeats_are_not_steady(stamps_ms):
+    presence = Presence()
+    assert not any(presence.heard(t * MS) for t in stamps_ms)
+
+
+def test_gone_after_two_seconds_of_silence_and_steady_again():
+    presence, at_ms = steady()
+    assert not presence.gone((at_ms + 1999) * MS)
+    assert presence.gone((at_ms + 2000) * MS)
+    assert not presence.gone((at_ms + 5000) * MS)  # told once
+    assert not presence.heard((at_ms + 5000) * MS)
+    _, again_ms = steady(from_ms=at_ms + 5000)
+    assert again_ms == at_ms + 7000
+
+
+def test_a_clock_that_goes_back_is_no_silence():
+    presence, _ = steady(from_ms=100_000)
+    assert not presence.gone(0)
+    assert not presence.heard(10 * MS)
+    assert presence.steady
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(-3000, 3000)), max_size=60))
+def test_becoming_and_ending_take_turns(events):
+    presence, now_ms, told = Presence(), 0, []
+    for is_sample, elapsed_ms in events:
+        now_ms += elapsed_ms
+        if is_sample and presence.heard(now_ms * MS):
+            told.append("there")
+        elif not is_sample and presence.gone(now_ms * MS):
+            told.append("gone")
+    assert told == [("there", "gone")[k % 2] for k in range(len(told))]
+    assert presence.steady == (len(told) % 2 == 1)

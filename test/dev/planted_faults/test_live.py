@@ -1,0 +1,121 @@
+"""What is read of a fault on the graph, and how it is judged and told."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from overlays import PLANE, pose_at
+
+from dev.planted_faults.faults import Fault
+from dev.planted_faults.ground_errors import Eye, times_of_ellipse
+from dev.planted_faults.live import CLEAN, Outcome, notice_s
+from dev.planted_faults.live_reading import Picture, Report, seen
+from dev.planted_faults.live_table import live_table
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
+from tirgeo_ros.core.overlay.text_boxes import Field, paint_notice, paint_status, place_notice
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.poses import CameraPose
+
+STAMP_NS = 1_700_000_000 * 10**9
+FAULT = Fault("late", "RTK late", ("rtk.delay_s",), lambda good, _: good)
+NAMED = Report(8.0, "ekf_node", "late", "rtk/fix is late: ekf_node rtk.delay_s: set it")
+
+
+def picture(*, verdict: Severity = Severity.NOTE, state: str = "", light: int = 200) -> Picture:
+    """A bright picture with a yellow line across its top, as the map's are."""
+    image = np.full((512, 640, 3), light, np.uint8)
+    image[10:13] = 0, 255, 255
+    fields = [Field("ekf_heading"), Field("RTK fixed")]
+    if verdict:
+        place_notice(image, "NO GO: an antenna is elsewhere", VERDICT_BGR[verdict]).paint(image)
+        fields.insert(0, Field("NO GO", VERDICT_BGR[verdict]))
+    if state:
+        fields.insert(0, Field(state, (80, 200, 255)))
+    paint_status(image, fields)
+    return seen(1.0, image)
+
+
+@pytest.mark.parametrize("light", [30, 200])
+def test_a_picture_is_green_where_neither_checks_nor_filter_warn(light):
+    assert picture(light=light) == Picture(1.0, notice=False, green=True)
+    for verdict in (Severity.CAUTION, Severity.STOP):
+        assert picture(verdict=verdict, light=light) == Picture(1.0, notice=True, green=False)
+    assert picture(state="aligning 3 s", light=light) == Picture(1.0, notice=False, green=False)
+
+
+def test_the_plain_notice_in_place_of_the_map_is_not_the_checks():
+    image = np.full((512, 640, 3), 100, np.uint8)
+    paint_notice(image, "NO MAP: no camera info")
+    paint_status(image, [Field("ekf")])
+    assert not seen(0.0, image).notice
+
+
+def test_a_report_names_what_it_asks_to_look_at_and_not_what_it_saw():
+    assert NAMED.names(("rtk.delay_s",))
+    assert not NAMED.names(("rtk/fix", "set it"))
+
+
+def test_a_fault_is_in_time_from_when_the_data_show_it():
+    late = dataclasses.replace(NAMED, at_s=17.5)
+    assert Outcome(FAULT, 0.0, NAMED).in_time
+    assert not Outcome(FAULT, 0.0, late).in_time
+    assert Outcome(FAULT, 7.6, late).in_time
+    assert not Outcome(FAULT, 0.0).in_time
+    assert Outcome(FAULT, refused="parameter rtk.delay_s: is not a number").in_time
+    assert not Outcome(FAULT, refused="ekf_node ended").in_time
+
+
+def test_a_clean_flight_is_good_where_nothing_is_said():
+    assert Outcome(CLEAN, 0.0).is_good
+    assert not Outcome(CLEAN, 0.0, others=("late",)).is_good
+    assert not Outcome(CLEAN, 0.0, times=3.1).is_good
+
+
+def test_the_notice_is_that_which_follows_the_finding():
+    pictures = [Picture(t, notice=n, green=False) for t, n in ((7, True), (8, False), (9, True))]
+    assert notice_s(pictures, 7.5) == 9
+    assert math.isnan(notice_s(pictures, 9.5))
+
+
+def test_the_table_counts_what_is_named_and_what_was_green_and_wrong():
+    lying = Outcome(FAULT, 0.0, NAMED, ("other",), 8.1, 12, 4.0, 21.3)
+    dead = Outcome(dataclasses.replace(FAULT, name="dead"), refused="ekf_node ended: no bag")
+    told = live_table([Outcome(CLEAN, 0.0, green=180, times=0.8), lying, dead])
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()]
+    assert rows[2] == ["(none)", "0.0 s", "", "", "", "180", "0.8", ""]
+    words = f"{NAMED.text} (also other)"
+    assert rows[3] == ["late", "0.0 s", "8.0 s", "ekf_node", "8.1 s", "12", "4.0 to 21.3 s", words]
+    assert rows[4][2] == "NO"
+    assert len({len(row) for row in rows[:5]}) == 1
+    assert "1 of 2 named within 10 s" in told
+    assert told.endswith("ellipses: late\n")
+
+
+def eye(shift_n: np.ndarray) -> Eye:
+    """A camera that stands still, so far from its place, on level ground."""
+    poses: PoseHistory[CameraPose] = PoseHistory(1e9)
+    for step in range(21):
+        pose = pose_at(STAMP_NS + step * 10**8)
+        poses.add(dataclasses.replace(pose, position_n=pose.position_n + shift_n))
+    return Eye(poses, PLANE, XT2, PLANE.height_m, OverlayConfig())
+
+
+def test_an_error_is_told_in_ellipses():
+    """On level ground the places move as the camera does; along the major axis 1 is the edge."""
+    true, at_ns = eye(np.zeros(3)), STAMP_NS + 10**9
+    assert times_of_ellipse(true, true, at_ns) == pytest.approx(0, abs=1e-9)
+    found = true.locate(at_ns, ((XT2.width - 1) / 2, (XT2.height - 1) / 2))
+    assert isinstance(found, Located)
+    ellipse = found.ellipse
+    along = np.array([math.cos(ellipse.azimuth_rad), math.sin(ellipse.azimuth_rad), 0.0])
+    wrong = eye(4.0 * ellipse.major_m * along)
+    middle = times_of_ellipse(wrong, true, at_ns)
+    assert middle >= 4.0 * (1 - 1e-3)  # others may have smaller ellipses that way
+    assert math.isnan(times_of_ellipse(wrong, true, at_ns + 10**12))  # no pose, nothing said

@@ -1,0 +1,206 @@
+"""The fuzz itself: 1e7 bytes without a difference, and differences that it must find."""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+
+import numpy as np
+import pytest
+
+from dev import fuzz
+from dev.dji_damage import KEY, damaged_stream
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
+from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.tools.presentation.progress import silent
+
+FRAME = encode_frame(b"\x02\x00\x00\x00")
+
+
+@pytest.mark.slow
+def test_ten_million_bytes_of_damage(monkeypatch):
+    kinds = set()
+
+    class Watched(Interpreter):
+        def take(self, reading):
+            samples = super().take(reading)
+            kinds.update(map(type, samples))
+            return samples
+
+    monkeypatch.setattr(fuzz, "Interpreter", Watched)
+    found = fuzz.fuzz(10_000_000, 1000, silent)
+    assert found.difference == ""
+    assert found.bytes == 10_000_000
+    assert found.frames > 20_000
+    # Else there would be nothing that could be found not finite.
+    assert kinds > {ImuSample, PositionSample, CameraAttitudeSample}
+
+
+def test_ten_million_bytes_of_noise_hold_no_frame():
+    """By chance a header would come once in 2**56 bytes."""
+    rng = random.Random(1)
+    noise = rng.randbytes(10_000_000)
+    reader = FrameReader()
+    for piece in fuzz.pieces(noise, rng, 700):
+        assert reader.feed(piece) == []
+    assert reader.rescan() == []
+    assert reader.counts["skipped_bytes"] == len(noise)
+
+
+def test_the_damage_holds_everything_that_matters():
+    reader = FrameReader(KEY)
+    frames = reader.feed(damaged_stream(random.Random(3), 300_000))
+    assert {f.encryption for f in frames} == {0, 1}
+    assert {f.is_ack for f in frames} == {False, True}
+    assert any(f.length == 12 for f in frames)
+    assert max(f.length for f in frames) > 900
+    counts = reader.counts
+    assert min(counts["bad_headers"], counts["bad_crc32"], counts["encrypted"]) > 50
+    assert {(f.cmd_set, f.cmd_id) for f in frames} >= {(2, 0), (2, 5)}
+
+
+def test_damage_is_the_same_for_the_same_seed():
+    first, again, other = (damaged_stream(random.Random(seed), 5000) for seed in (1, 1, 2))
+    assert first == again != other
+    assert len(first) == 5000
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (FRAME, [(0, 20)]),
+        (b"\xaa" + FRAME + b"\xaa", [(1, 20)]),
+        (FRAME[:-1], []),
+        (FRAME[:12] + FRAME + FRAME[:12], [(12, 20)]),
+        (encode_frame(b"") + encode_frame(FRAME), [(0, 12), (12, 36)]),
+        (bytes([0xAA, 20, 4]) + FRAME[3:], []),
+    ],
+)
+def test_the_rules_read_one_byte_at_a_time(data, expected):
+    assert fuzz.literal_frames(data) == expected
+
+
+@pytest.mark.parametrize("most", fuzz.PIECES)
+def test_pieces_are_the_whole(most):
+    data = bytes(range(256)) * 10
+    found = list(fuzz.pieces(data, random.Random(1), most))
+    assert b"".join(found) == data
+    assert max(map(len, found)) <= most
+
+
+class ThrowsAway(FrameReader):
+    """Takes a damaged frame's length for true."""
+
+    def _frame(self, at, length):
+        frame = super()._frame(at, length)
+        if frame is None and at + length <= len(self._held):
+            self._held = self._held[:at] + bytes(length) + self._held[at + length :]
+        return frame
+
+
+class Forgets(FrameReader):
+    """Keeps nothing of a header that is not there in full."""
+
+    def _tail(self, _at):
+        return len(self._held)
+
+
+class Hoards(FrameReader):
+    """Keeps all that it is given, until the end."""
+
+    def feed(self, data):
+        self._held += data
+        return []
+
+
+class MakesUp(FrameReader):
+    """Finds a frame whenever the line is silent."""
+
+    def rescan(self):
+        end = self.counts["bytes"]
+        return [*super().rescan(), Frame(end, 12, 0, False, 0, 0, 0, b"", False)]
+
+
+class Miscounts(FrameReader):
+    """Counts each call."""
+
+    @property
+    def counts(self):
+        return super().counts | {"frames": self._fed}
+
+    _fed = 0
+
+    def feed(self, data):
+        self._fed += 1
+        return super().feed(data)
+
+
+@pytest.mark.parametrize(
+    ("reader", "message"),
+    [
+        (ThrowsAway, r"at \d+ the rules give another frame"),
+        (Forgets, r"other frames in pieces of up to \d+"),
+        (Hoards, r"\d+ bytes are held, in pieces of up to \d+"),
+        (MakesUp, r"at \d+ the rules give another frame"),
+        (Miscounts, r"other counts in pieces of up to \d+"),
+    ],
+)
+def test_a_wrong_reader_is_found_out(reader, message, monkeypatch, capsys):
+    monkeypatch.setattr(fuzz, "FrameReader", reader)
+    assert fuzz.main(["--bytes", "2e6", "--seed", "7"]) == 1
+    told = capsys.readouterr().out
+    assert re.search(rf"{message} \(again: --seed \d+ --bytes 1\)\n$", told)
+    again = re.search(r"--seed (\d+)", told)
+    assert again
+    assert fuzz.main(["--bytes", "1", "--seed", again[1]]) == 1
+
+
+class Chokes(Interpreter):
+    """Cannot take what it is given."""
+
+    def take(self, _reading):
+        raise ZeroDivisionError
+
+
+class Spreads(Interpreter):
+    """Hands on what is no number."""
+
+    def take(self, reading):
+        wrong = np.array([0.0, math.nan, -9.8])
+        return [*super().take(reading), ImuSample(reading.stamp_ns, wrong, np.zeros(3))]
+
+
+def test_what_raises_is_told_with_its_seed(monkeypatch, capsys):
+    monkeypatch.setattr(fuzz, "Interpreter", Chokes)
+    with pytest.raises(ZeroDivisionError):
+        fuzz.main(["--bytes", "1", "--seed", "9"])
+    assert "raised by --seed 9 --bytes 1" in capsys.readouterr().err
+
+
+def test_what_is_not_finite_is_found_out(monkeypatch, capsys):
+    monkeypatch.setattr(fuzz, "Interpreter", Spreads)
+    assert fuzz.main(["--bytes", "1"]) == 1
+    assert re.search(r"not finite: ImuSample\(.*nan.*--seed 0", capsys.readouterr().out)
+
+
+def test_a_frame_made_up_in_a_pause_is_found_out(monkeypatch):
+    class MakesUpLate(FrameReader):
+        def rescan(self):
+            held = self.held
+            frames = super().rescan()
+            end = self.counts["bytes"]
+            return [Frame(end, 12, 0, False, 0, 0, 0, b"", False)] if held else frames
+
+    monkeypatch.setattr(fuzz, "FrameReader", MakesUpLate)
+    wrong = fuzz._with_pauses(FRAME * 3000 + FRAME[:-1] + b"\x00", random.Random(1))
+    assert re.fullmatch(r"no frame is at \d+, with pauses", wrong)
+
+
+def test_the_report(capsys):
+    assert fuzz.main(["--bytes", "3e5"]) == 0
+    assert re.fullmatch(
+        r"0\.5 MB, \d+ frames, \d+\.\d MB/s in the reader: no difference\n",
+        capsys.readouterr().out,
+    )

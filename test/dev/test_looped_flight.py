@@ -1,0 +1,127 @@
+"""A flight without end: nothing jumps where it begins again, and the filter does not grow."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import sys
+from types import FunctionType, ModuleType
+
+import numpy as np
+import pytest
+
+from dev.looped_flight import PERIOD_S, LoopedFlight
+from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome
+
+RATE_HZ = 50.0
+
+
+@pytest.fixture(scope="module")
+def looped():
+    return LoopedFlight(RATE_HZ)
+
+
+def first_minutes(looped, count):
+    return list(itertools.islice(looped.minutes(), count))
+
+
+def of_rtk(samples):
+    return [s for s in samples if getattr(s, "source", None) is Source.RTK_POSITION]
+
+
+def test_stamps_run_on_over_the_seam(looped):
+    minutes = first_minutes(looped, 3)
+    assert len({len(minute) for minute in minutes}) == 1
+    samples = list(itertools.chain(*minutes))
+    imu = [s.stamp_ns for s in samples if isinstance(s, ImuSample)]
+    assert len(imu) == 3 * looped.imu_samples
+    assert set(np.diff(imu)) == {round(1e9 / RATE_HZ)}
+    fixes = [s.stamp_ns for s in of_rtk(samples)]
+    assert set(np.diff(fixes)) == {200_000_000}
+
+
+def test_the_aircraft_stands_as_it_stood_a_minute_ago(looped):
+    """The autopilot's attitude is the true one here: over the seam no larger step than inside."""
+    one = first_minutes(looped, 1)[0]
+    attitudes = np.array([s.autopilot_q_nb for s in one if isinstance(s, ImuSample)])
+    rpy = euler_from_quat(attitudes)
+    assert np.degrees(np.ptp(rpy[:, 2])) > 80  # it does turn
+    steps = np.abs(np.diff(rpy, axis=0)).max(axis=0)
+    assert (np.abs(rpy[0] - rpy[-1]) <= steps + 1e-9).all()
+
+
+@pytest.mark.slow
+def test_the_filter_sees_no_seam(looped):
+    navigation = Navigation(looped.config)
+    for minute in first_minutes(looped, 3):
+        for sample in minute:
+            step = navigation.process(sample)
+            assert step.verdict.outcome not in {
+                Outcome.GATED,
+                Outcome.RESET,
+                Outcome.RESTART,
+                Outcome.GAP,
+                Outcome.OUT_OF_ORDER,
+                Outcome.TIME_JUMP,
+            }, step.verdict
+    assert navigation.status().state.value == "running"
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_flight(looped):
+    """All that the filter holds is as large, at its largest, in the third minute as in the first.
+
+    A leak of one float (32 bytes with its place in a list) per RTK epoch would be 19 kB by then.
+    Counters and stamps of a longer form are some hundred bytes; the history's length swings with
+    the delays of the RTK, whose phase to the looks at it is not the same in each minute.
+    """
+    navigation = Navigation(looped.config)
+    first, _, third = (_largest(navigation, minute) for minute in first_minutes(looped, 3))
+    assert third - first < 4_000, (first, third)
+
+
+def _largest(navigation, samples):
+    """The most bytes reachable from the filter, of a look after every 23rd sample."""
+    sizes = []
+    for number, sample in enumerate(samples):
+        navigation.process(sample)
+        if number % 23 == 0:
+            sizes.append(_reachable_bytes(navigation))
+    return max(sizes)
+
+
+def _reachable_bytes(root):
+    """Sizes of an object and of all that it holds, without code.
+
+    What the process as a whole takes says less: Python keeps freed tuples for later.
+    """
+    seen, stack, total = set(), [root], 0
+    while stack:
+        item = stack.pop()
+        if id(item) in seen or isinstance(item, (type, ModuleType, FunctionType)):
+            continue
+        seen.add(id(item))
+        total += sys.getsizeof(item)
+        stack.extend(gc.get_referents(item))
+    return total
+
+
+@pytest.mark.slow
+def test_a_leak_would_be_seen(looped):
+    class Leaking(Navigation):
+        def process(self, sample):
+            if isinstance(sample, HeadingSample):
+                self._kept = [*getattr(self, "_kept", []), float(sample.stamp_ns)]
+            return super().process(sample)
+
+    navigation = Leaking(looped.config)
+    first, second = (_largest(navigation, minute) for minute in first_minutes(looped, 2))
+    assert second - first > 4_000
+
+
+def test_a_minute_is_whole(looped):
+    assert looped.imu_samples == PERIOD_S * RATE_HZ
+    assert any(isinstance(s, PositionSample) for s in first_minutes(looped, 1)[0])

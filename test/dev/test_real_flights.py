@@ -1,0 +1,208 @@
+"""The judge of recorded flights, on a simulated one and on what is made up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from aircraft_flights import write_samples
+from flights import flight, navigation_samples
+
+from dev.flight_errors import fitting_config
+from dev.real_flights import (
+    CUT_S,
+    Flown,
+    Miss,
+    cuts_of,
+    fly,
+    largest_change_m,
+    moved_east,
+)
+from dev.real_flights_judged import Judged, config_of, groups, judge, median
+from dev.real_flights_table import ASKED, main, report, values_from
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
+
+DURATION_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return flight(5, DURATION_S)
+
+
+@pytest.fixture(scope="module")
+def samples(simulated):
+    return navigation_samples(simulated)
+
+
+@pytest.fixture(scope="module")
+def config(simulated):
+    return fitting_config(simulated)
+
+
+@pytest.fixture(scope="module")
+def flown(config, samples):
+    return fly(config, samples)
+
+
+def test_a_simulated_flight_is_as_good_as_it_is(flown):
+    # RTK at 5 Hz for 22 s, less what arrives (80 ms late) after the end of the judged time.
+    assert flown.fixes == pytest.approx(5 * 22, abs=2)
+    assert flown.fixes == flown.used
+    assert flown.lost_s == flown.resets == 0
+    assert flown.pose == pytest.approx(1.0)
+    # A pose beside a fix of 1 cm an axis, 80 ms older, carried back at a constant velocity: by
+    # 1.5 m/s2 that is another 5 mm. Five sigma.
+    assert max(miss.error_m for miss in flown.misses) < 5 * math.hypot(0.01, 0.01) + 0.01
+    for source, axes in ((Source.RTK_POSITION, 3), (Source.RTK_VELOCITY, 3)):
+        square, degrees = flown.nis[source]
+        assert degrees == pytest.approx(axes * 110, abs=6)
+        # Chi square of 330 degrees over them: sigma 0.08; five.
+        assert square / degrees == pytest.approx(1.0, abs=0.4)
+    # The autopilot's own tilt errs by a few tenths of a degree.
+    assert np.degrees(np.abs(flown.tilt)).max() < 3
+
+
+@pytest.mark.slow
+def test_hidden_rtk_is_not_seen(config, samples):
+    """One cut at the first phase, 14 s to 19 s; what RTK says in it does not matter."""
+    begin_ns = samples[0].stamp_ns
+    spoiled = [
+        s
+        if not isinstance(s, HeadingSample) or not 14e9 <= s.stamp_ns - begin_ns < 19e9
+        else HeadingSample(s.stamp_ns, s.heading_rad + 1.0, s.variance_rad2)
+        for s in samples
+    ]
+    cuts = cuts_of(config, samples)
+    # Ordinary GPS is there in the simulation, learned while RTK was: metres do not come.
+    assert 0 < cuts[0].error_m < 1.0
+    assert cuts[0].within(5)
+    assert cuts_of(config, spoiled)[0] == cuts[0]
+    # A length of 30 s leaves cuts from 14, 18.3 and 22.7 s, of which each must end before 30.
+    assert len(cuts) == sum(start < DURATION_S - CUT_S for start in (14, 18.33, 22.67))
+
+
+def test_only_rtk_positions_of_that_time_are_moved(samples):
+    moved = moved_east(samples, 10.0, 1.0, 0.5)
+    changed = [(a, b) for a, b in zip(samples, moved, strict=True) if a is not b]
+    assert len(changed) == pytest.approx(5, abs=1)
+    for before, after in changed:
+        assert isinstance(before, PositionSample)
+        assert before.source is Source.RTK_POSITION
+        assert 10e9 <= before.stamp_ns - samples[0].stamp_ns < 11e9
+        radius_m = (after.longitude_rad - before.longitude_rad) * math.cos(before.latitude_rad)
+        assert radius_m * 6.39e6 == pytest.approx(0.5, rel=0.01)  # radii differ by 0.7 %
+        assert after.latitude_rad == pytest.approx(before.latitude_rad, abs=1e-12)
+
+
+def test_a_change_is_measured_where_two_runs_differ(flown):
+    assert largest_change_m(flown.poses, flown.poses) == 0
+    pose = flown.poses[100]
+    north = pose._replace(latitude_rad=pose.latitude_rad + 3.0 / 6.37e6)
+    assert largest_change_m(flown.poses, (north,)) == pytest.approx(3.0)
+
+
+def test_the_method_is_that_of_what_a_bag_holds(samples):
+    assert config_of(samples, {}).method == "ekf_heading"
+    without = [s for s in samples if not isinstance(s, HeadingSample)]
+    assert config_of(without, {}).method == "ekf"
+    assert config_of(samples, {"method": "raw"}).method == "raw"
+
+
+def made(name="p4rtk_x", aids="positions", error_m=1.0, used=99, resets=0, tilt_deg=1.0):
+    flown = Flown(
+        100,
+        used,
+        0.0,
+        resets,
+        1.0,
+        (Miss(0.01, 0.01),) * 100,
+        np.radians(np.full((10, 2), tilt_deg)),
+        {Source.RTK_POSITION: (300.0, 300)},
+        (),
+    )
+    return Judged(name, aids, flown, (Miss(error_m, 1.0),) * 4, (0.1, 0.2))
+
+
+def test_a_report_without_a_miss_has_no_mark():
+    lines, missed = report([made(), made("p4rtk_y"), made("car_1", error_m=50.0)])
+    assert missed == 0
+    assert not any("!" in line for line in lines)
+    # More is asked of the Phantom's bags alone, the car's cuts are only shown.
+    assert list(groups([made(), made("car_1")])) == ["p4rtk, positions", "car, positions"]
+    assert "car, positions" not in ASKED
+
+
+@pytest.mark.parametrize(
+    ("bag", "text"),
+    [
+        (made(used=93), "93.0!"),
+        (made(resets=1), "1!"),
+        (made(error_m=2.5), "2.50!"),
+        (made(error_m=math.nan), "none!"),
+        (made(tilt_deg=1.5), "1.50!"),
+        (made("walk_1", "positions, velocities", error_m=0.5), "0.50!"),
+    ],
+)
+def test_a_miss_is_marked(bag, text):
+    lines, missed = report([bag, *(made(f"car_{k}") for k in range(9))])
+    assert missed >= 1
+    assert any(text in line for line in lines)
+
+
+def test_no_pose_is_the_worst_of_a_median():
+    assert median([1.0, math.nan, 2.0]) == 2.0
+    assert median([math.nan, math.nan, 2.0]) == math.inf
+    assert math.isnan(median([]))
+
+
+@pytest.mark.slow
+def test_a_bag_of_ones_own_is_judged(tmp_path, samples, capsys):
+    """With headings, without an autopilot's attitude: no tilt, and nothing asked of it."""
+    bare = [
+        ImuSample(s.stamp_ns, s.specific_force_b, s.angular_rate_b)
+        if isinstance(s, ImuSample)
+        else s
+        for s in samples
+    ]
+    write_samples(tmp_path / "mine_1.mcap", bare)
+    lever = "[-0.1, 0.32, 0.38]"
+    options = ["--set", "aircraft.rtk_antenna_m", lever, "--workers", "1"]
+    second = ["--set", "aircraft.second_antenna_m", "[0.9, 0.32, 0.38]"]
+    assert main([str(tmp_path), *options, *second]) == 0
+    out = capsys.readouterr().out
+    assert "mine, positions, velocities, headings" in out
+    (tilt, *_) = [line for line in out.split("NIS over")[1].splitlines() if "mine_1" in line]
+    assert tilt.split()[1:3] == ["-", "-"]
+
+
+def test_a_short_bag_is_refused(tmp_path, samples):
+    write_samples(tmp_path / "short.mcap", samples[:200])
+    with pytest.raises(TirgeoError, match=r"short\.mcap: .* s of samples .* too few"):
+        judge(tmp_path / "short.mcap", {})
+
+
+def test_an_empty_folder_is_refused(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 1
+    assert "no bags" in capsys.readouterr().err
+
+
+def test_values_are_read_as_yaml():
+    found = values_from([("rtk.delay_s", "0.1"), ("aircraft.rtk_antenna_m", "[0, 0, 0.3]")])
+    assert found == {"rtk.delay_s": 0.1, "aircraft.rtk_antenna_m": [0, 0, 0.3]}
+
+
+@pytest.mark.parametrize(
+    ("pair", "text"),
+    [
+        (("rtk.delay", "0.1"), "unknown parameter rtk.delay"),
+        (("rtk.delay_s", "__import__('os')"), "not of type double"),
+        (("rtk.delay_s", "[1, "), "not YAML"),
+    ],
+)
+def test_wrong_values_are_refused(tmp_path, capsys, pair, text):
+    (tmp_path / "a.mcap").touch()
+    assert main([str(tmp_path), "--set", *pair]) == 1
+    assert text in capsys.readouterr().err

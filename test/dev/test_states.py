@@ -1,0 +1,104 @@
+"""The filter says over the sample flight what it said when its table was made."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+from project import PROJECT
+
+from dev.states import COLUMNS, HEADER, changes, main, states_text
+from tirgeo_ros.core.types.errors import BagError
+
+TABLE = PROJECT / "test" / "data" / "sample_states.csv"
+RENEW = "If the change is meant: 'make states' writes the table anew, and git diff shows it."
+
+
+@pytest.fixture(scope="module")
+def fresh(request):
+    folder = request.getfixturevalue("sample")
+    return states_text(folder / "flight.mcap", folder / "params.yaml")
+
+
+def test_the_sample_flight_gives_the_tracked_states(fresh):
+    """The tolerance is one in the last digit of each column: see ``Column.tolerance``."""
+    moved = changes(TABLE.read_text(encoding="ascii"), fresh)
+    assert not moved, "\n".join([f"{TABLE} is not what the filter gives now:", *moved, RENEW])
+
+
+def test_the_table_covers_the_flight(fresh):
+    rows = list(csv.DictReader(io.StringIO(fresh)))
+    stamps = [int(row["stamp_ns"]) for row in rows]
+    # The sample is 30 s long; alignment takes a few seconds of it at the most.
+    assert 25.0 < (stamps[-1] - stamps[0]) * 1e-9 < 30.0
+    assert len(rows) == pytest.approx((stamps[-1] - stamps[0]) * 1e-8, abs=2)
+    assert rows[-1]["state"] == "running"
+
+
+def with_cell(text, row, name, value):
+    """A table with one cell changed; row 0 is the first after the header."""
+    lines = [line.split(",") for line in text.splitlines()]
+    lines[row + 1][HEADER.index(name)] = value
+    return "\n".join(",".join(line) for line in lines) + "\n"
+
+
+def cell(text, row, name):
+    return text.splitlines()[row + 1].split(",")[HEADER.index(name)]
+
+
+@pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
+def test_every_column_is_compared(fresh, column):
+    value = float(cell(fresh, 40, column.name))
+    step = 10.0**-column.decimals
+
+    def moved_by(digits):
+        text = f"{value + digits * step:.{column.decimals}f}"
+        return changes(fresh, with_cell(fresh, 40, column.name, text))
+
+    assert moved_by(1) == moved_by(-1) == []
+    (line,) = moved_by(-3)
+    stamp = fresh.splitlines()[41].partition(",")[0]
+    assert line.startswith(f"{column.name}: 1 of ")
+    assert f"most by -{3 * step:.{column.decimals}f} at {stamp} (4.0 s after" in line
+
+
+def test_a_heading_may_round_over_north():
+    row = ["1", *["0"] * len(COLUMNS), "running"]
+    text = "\n".join([",".join(HEADER), ",".join(row), ""])
+    west = with_cell(text, 0, "heading_deg", "359.9999")
+    assert changes(text, west) == changes(west, text) == []
+    (line,) = changes(text, with_cell(text, 0, "heading_deg", "359.9000"))
+    assert "most by -0.1000" in line
+
+
+def test_not_a_number_is_a_change(fresh):
+    (line,) = changes(fresh, with_cell(fresh, 3, "height_m", "nan"))
+    assert line.startswith("height_m: 1 of ")
+
+
+def test_states_and_rows_are_compared(fresh):
+    (line,) = changes(fresh, with_cell(fresh, 200, "state", "lost"))
+    assert line.startswith("state: 1 rows, first at ")
+    assert line.endswith("running before, lost now")
+    shorter = "".join(fresh.splitlines(keepends=True)[:-1])
+    (line,) = changes(fresh, shorter)
+    assert line.startswith("stamps differ: ")
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", ",".join(HEADER) + "\n1,2\n"])
+def test_another_file_is_refused(text):
+    with pytest.raises(BagError, match="no table of states"):
+        changes(text, text)
+
+
+def test_main_writes_and_tells_what_moved(fresh, sample, tmp_path, capsys):
+    table = tmp_path / "new" / "states.csv"
+    assert main([str(sample), str(table)]) == 0
+    assert table.read_text() == fresh
+    table.write_text(with_cell(fresh, 10, "height_m", "99.0000"))
+    assert main([str(sample), str(table)]) == 0
+    assert capsys.readouterr().out.startswith("height_m: 1 of ")
+    assert table.read_text() == fresh
+    assert main([str(tmp_path), str(table)]) == 1
+    assert "states: " in capsys.readouterr().err

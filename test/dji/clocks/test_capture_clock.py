@@ -1,0 +1,277 @@
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.dji.clocks.capture_clock import RESTART_NS, CaptureClock, CaptureTimeline
+from tirgeo_ros.dji.clocks.civil_time import (
+    UtcOffset,
+    WholeSeconds,
+    guess_utc_offset,
+    utc_from_words,
+)
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+UTC_NS = 1_750_000_000 * SECOND
+
+
+def test_unplaced_stamps_are_the_aircrafts_time():
+    clock = CaptureClock()
+    assert clock.stamp_ns(1234) == 1234 * MS
+    assert clock.stamp_ns(1244, 99, 300_000) == 1244 * MS + 300_000
+
+
+def test_a_start():
+    clock = CaptureTimeline(start_ns=UTC_NS).clock()
+    assert clock.stamp_ns(1234) == UTC_NS
+    assert clock.stamp_ns(1334) == UTC_NS + 100 * MS
+
+
+def test_a_shift_is_that_of_all_clocks():
+    timeline = CaptureTimeline(shift_ns=UTC_NS)
+    assert timeline.clock().stamp_ns(1000) == UTC_NS + SECOND
+    ticks = timeline.clock(tick_ns=2_500_000)
+    assert ticks.stamp_ns(401) == UTC_NS + 1_002_500_000
+
+
+def test_placed_before_the_first_message():
+    clock = CaptureClock()
+    clock.place(90_000, UTC_NS)  # of a message far ahead
+    assert clock.stamp_ns(5_000) == UTC_NS - 85 * SECOND
+    assert clock.stamp_ns(5_010) == UTC_NS - 85 * SECOND + 10 * MS
+    assert clock.diagnostics["clock stray counts"] == "0"
+
+
+def test_placed_on_the_way():
+    timeline = CaptureTimeline()
+    clock, other = timeline.clock(), timeline.clock()
+    clock.stamp_ns(5_000)
+    other.stamp_ns(5_002)
+    clock.place(5_000, UTC_NS)
+    assert clock.stamp_ns(5_010) == UTC_NS + 10 * MS
+    assert other.stamp_ns(5_012) == UTC_NS + 12 * MS
+
+
+def test_a_placement_over_the_wrap():
+    clock = CaptureClock()
+    clock.place(50, UTC_NS)
+    assert clock.stamp_ns(2**32 - 50) == UTC_NS - 100 * MS
+    assert clock.stamp_ns(60) == UTC_NS + 10 * MS
+
+
+def test_wraps_go_on():
+    clock = CaptureClock()
+    ticks = [(2**32 - 35 + 10 * n) % 2**32 for n in range(10)]
+    stamps = [clock.stamp_ns(tick) for tick in ticks]
+    assert np.all(np.diff(stamps) == 10 * MS)
+    assert clock.diagnostics["clock wraps"] == "1"
+
+
+def test_late_and_repeated_counts():
+    clock = CaptureClock()
+    stamps = [clock.stamp_ns(tick) for tick in (100, 110, 110, 105, 120)]
+    assert stamps == [100 * MS, 110 * MS, 110 * MS, 105 * MS, 120 * MS]
+
+
+def test_after_a_reset_the_stream_goes_on_a_second_later():
+    clock = CaptureTimeline(start_ns=UTC_NS).clock()
+    for tick in range(500_000, 501_000, 10):
+        newest = clock.stamp_ns(tick)
+    first = clock.stamp_ns(20)  # it could be a wrong count
+    second = clock.stamp_ns(30)
+    assert first == newest
+    assert second == newest + RESTART_NS
+    assert clock.stamp_ns(40) == second + 10 * MS
+    assert clock.diagnostics["clock resets"] == "1"
+
+
+@pytest.mark.parametrize("wrong", [3, 10**6, 2**32 - 1])
+def test_a_wrong_count_alone_changes_nothing(wrong):
+    clock = CaptureClock()
+    stamps = [clock.stamp_ns(tick) for tick in (500_000, 500_010, wrong, 500_030)]
+    assert stamps == [500_000 * MS, 500_010 * MS, 500_010 * MS, 500_030 * MS]
+    assert clock.diagnostics["clock stray counts"] == "1"
+
+
+def test_a_pause_of_the_capture_is_believed_at_its_second_message():
+    clock = CaptureClock()
+    stamps = [clock.stamp_ns(tick) for tick in (1000, 1010, 301_000, 301_010)]
+    assert stamps == [1000 * MS, 1010 * MS, 1010 * MS, 301_010 * MS]
+    assert clock.diagnostics["clock resets"] == "0"
+
+
+def test_counters_that_show_the_same_keep_their_distance():
+    timeline = CaptureTimeline()
+    clock, other = timeline.clock(), timeline.clock(tick_ns=2_500_000)
+    clock.stamp_ns(10_000)
+    assert other.stamp_ns(3_999) == 3_999 * 2_500_000  # 2.5 ms before, though it comes after
+    assert clock.stamp_ns(10_010) == 10_010 * MS
+
+
+def test_a_counter_apart_is_placed_by_the_order_of_messages():
+    # Two clocks 24.6 s apart, at 100 and 50 Hz: the second's messages are sent at random within
+    # the first's periods, and the offset is what the closest after a message of the first says.
+    rng = np.random.default_rng(1)
+    timeline = CaptureTimeline()
+    clock, other = timeline.clock(), timeline.clock()
+    events = [(1000 + 10 * n, clock, 0) for n in range(500)]
+    events += [(1003 + 20 * n + int(rng.integers(-9, 9)), other, 24_600) for n in range(1, 240)]
+    errors, stamps = [], []
+    for sent, each, ahead in sorted(events, key=lambda event: event[0]):
+        stamp = each.stamp_ns(sent + ahead)
+        if each is other:
+            stamps.append(stamp)
+            errors.append((stamp - sent * MS) / MS)
+    assert np.all(np.diff(stamps) > 0)
+    assert min(errors) >= -10  # a period of the first
+    assert max(errors) <= 0
+    assert errors[-1] == 0  # in whole ms one of 240 came with a message of the first
+
+
+def test_all_counters_start_again_together():
+    timeline = CaptureTimeline()
+    clock, other = timeline.clock(), timeline.clock()
+    for tick in range(50_000, 51_000, 10):
+        clock.stamp_ns(tick)
+        newest = other.stamp_ns(tick + 3)
+    stamps = [
+        each.stamp_ns(tick + late)
+        for tick in range(100, 200, 10)
+        for each, late in ((clock, 0), (other, 3))
+    ]
+    assert stamps[2] == newest + RESTART_NS
+    assert np.all(np.diff(stamps[2:]) > 0)
+    assert stamps[3] - stamps[2] == 3 * MS
+
+
+def test_a_counter_that_resets_alone_stays_beside_the_others():
+    timeline = CaptureTimeline()
+    clock, sync = timeline.clock(), timeline.clock(tick_ns=2_500_000, resets_alone=True)
+    errors = []
+    for sent in range(10_000, 20_000, 10):
+        errors.append(clock.stamp_ns(sent) / MS - sent)
+        for part in range(4):  # 400 Hz; the counter is set to zero in the middle
+            tick = 4 * (sent - (15_000 if sent >= 15_000 else 0)) // 10 + part
+            errors.append(sync.stamp_ns(tick) / MS - sent - 2.5 * part)
+    # One wrong count is not believed: it and the next have the newest stamps.
+    assert min(errors) >= -5.0
+    assert max(errors) <= 0.0
+    assert timeline.restarts == 0
+    assert errors[-1] == 0.0
+
+
+def test_a_counter_that_resets_alone_restarts_with_the_aircraft_too():
+    timeline = CaptureTimeline()
+    sync = timeline.clock(tick_ns=2_500_000, resets_alone=True)
+    newest = [sync.stamp_ns(tick) for tick in (5000, 5001)][-1]
+    assert [sync.stamp_ns(tick) for tick in (7, 8)] == [newest, newest + RESTART_NS]
+    assert timeline.restarts == 1
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 2),
+            st.one_of(st.integers(0, 2**32 - 1), st.integers(0, 3000)),
+            st.integers(-10, 2**32),
+            st.booleans(),
+        ),
+        max_size=80,
+    )
+)
+def test_whatever_comes(messages):
+    timeline = CaptureTimeline()
+    clocks = [timeline.clock(), timeline.clock(), timeline.clock(2_500_000, resets_alone=True)]
+    for which, ticks, extra_ns, places in messages:
+        if places:
+            clocks[which].place(ticks, UTC_NS)
+        assert isinstance(clocks[which].stamp_ns(ticks, 0, extra_ns), int)
+    assert all("nan" not in text for clock in clocks for text in clock.diagnostics.values())
+
+
+def nanoseconds(when):
+    return round(when.timestamp()) * SECOND
+
+
+@pytest.mark.parametrize("offset_h", [0, 8, -3.5])
+def test_words(offset_h):
+    local = datetime(2024, 6, 11, 7, 44, 39, tzinfo=timezone(timedelta(hours=offset_h)))
+    assert utc_from_words(20240611, 74439, offset_h) == nanoseconds(local)
+    assert utc_from_words(20240229, 0, 0) == nanoseconds(
+        datetime(2024, 2, 29, tzinfo=timezone.utc)
+    )
+
+
+@pytest.mark.parametrize(
+    ("date", "time"),
+    [
+        (0, 0),
+        (20240611, 240000),
+        (20240611, 126000),
+        (20240611, 120060),
+        (20240611, -1),
+        (-20240611, 120000),
+        (20230229, 120000),
+        (20241301, 120000),
+        (20240600, 120000),
+        (19800106, 120000),
+        (2**32 - 1, 120000),
+        (20240611, 2**32 - 1),
+    ],
+)
+def test_words_that_are_none(date, time):
+    assert utc_from_words(date, time, 8) is None
+
+
+def as_words(utc_ns, offset_h):
+    local = datetime.fromtimestamp(utc_ns // SECOND, timezone(timedelta(hours=offset_h)))
+    return int(local.strftime("%Y%m%d")), int(local.strftime("%H%M%S"))
+
+
+def five_a_second(seconds, offset_h, wrong=0):
+    """Stamps and words of epochs at fifths of a second, sent 20 to 60 ms after."""
+    rng = np.random.default_rng(2)
+    powered_ns = UTC_NS - 77 * SECOND - 123 * MS
+    messages = []
+    for n in range(seconds * 5):
+        epoch_ns = UTC_NS + n * SECOND // 5
+        sent_ns = epoch_ns + int(rng.integers(20 * MS, 60 * MS))
+        words = (20200101, 0) if n < wrong else as_words(epoch_ns, offset_h)
+        messages.append((sent_ns - powered_ns, *words))
+    return powered_ns, messages
+
+
+@pytest.mark.parametrize("offset_h", [0, 8])
+def test_a_capture_is_placed_by_its_seconds(offset_h):
+    powered_ns, messages = five_a_second(60, offset_h, wrong=30)
+    seconds = WholeSeconds()
+    assert seconds.shift_ns is None
+    assert seconds.newest_ns is None
+    for message in messages:
+        seconds.take(*message)
+    modified_ns = UTC_NS + 61 * SECOND
+    offset = guess_utc_offset(seconds.newest_ns, modified_ns)
+    assert offset == UtcOffset(offset_h, is_known=True)
+    late_ms = (powered_ns - (seconds.shift_ns - offset.hours * HOUR)) / MS
+    # The soonest of 54 first messages of a second was sent 20 to 21 ms after its epoch.
+    assert 20 <= late_ms < 23
+
+
+def test_the_time_zone_is_the_documented_one_without_a_hint():
+    assert guess_utc_offset(UTC_NS, None) == UtcOffset(8, is_known=False)
+    assert guess_utc_offset(UTC_NS, UTC_NS + 900 * HOUR) == UtcOffset(8, is_known=False)
+
+
+def test_one_second_alone_does_not_place():
+    seconds = WholeSeconds()
+    for n in range(5):
+        seconds.take(n * SECOND // 5, 20240611, 74439)
+    assert seconds.shift_ns is None
+    seconds.take(SECOND, 20240611, 74440)
+    assert seconds.shift_ns == utc_from_words(20240611, 74440, 0) - SECOND

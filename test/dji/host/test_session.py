@@ -1,0 +1,473 @@
+"""The host's side against an aircraft that answers as a script says: well, late, never, twice."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from scripted_aircraft import FAST, FULL, GIMBAL, RATES, RTK, Flight
+
+from tirgeo_ros.core.config.dji import DjiHostConfig
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.host.session import HostSession, HostState
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.protocol.commands import (
+    Activate,
+    AddPackage,
+    MatchVersion,
+    RemovePackage,
+    ResetPackages,
+    SetRates,
+    encode_code,
+)
+from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable
+from tirgeo_ros.dji.simulator.answers import CommandDesk
+
+KEY = bytes(range(32))
+
+
+def ready(flight):
+    return flight.fly(60.0, HostState.READY)
+
+
+def test_the_default_sends_nothing_whatever_comes():
+    flight = Flight(DjiHostConfig())
+    flight.fly(20.0)
+    flight.session.restart()
+    flight.fly(20.0)
+    assert flight.sent == b""
+    assert flight.session.state is HostState.LISTENING
+    assert flight.session.message == "listening only: nothing is asked of the aircraft"
+    assert list(flight.table) == list(USUAL_PACKAGES)
+
+
+def test_all_is_asked_for_in_order():
+    flight = ready(Flight())
+    assert flight.kinds == [
+        *("GetVersion", "Activate", "SetRates", "MatchVersion", "ResetPackages"),
+        *["AddPackage"] * 5,
+    ]
+    assert flight.aircraft.asked[1] == Activate(1234, (3, 2, 41, 13))
+    assert flight.aircraft.rates == RATES
+    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+    assert flight.session.message == "PM820V3PRO with firmware 3.2.41.13; ready"
+    assert flight.states == [
+        *(HostState.ACTIVATING, HostState.SETTING_RATES, HostState.SUBSCRIBING, HostState.READY)
+    ]
+
+
+def test_once_ready_it_is_quiet():
+    flight = ready(Flight())
+    sent = flight.sent
+    flight.fly(200.0)
+    assert flight.sent == sent
+
+
+def test_rates_alone_need_no_activation():
+    flight = ready(Flight(DjiHostConfig(broadcast_rates=FULL.broadcast_rates)))
+    assert flight.kinds == ["SetRates"]
+    assert flight.aircraft.rates == RATES
+
+
+def test_activation_alone():
+    flight = ready(Flight(DjiHostConfig(app_id=5)))
+    assert flight.kinds == ["GetVersion", "Activate"]
+
+
+def test_requests_have_a_reliable_session_and_their_own_numbers():
+    flight = ready(Flight())
+    frames = FrameReader().feed(flight.sent)
+    assert {frame.session for frame in frames} == {2}
+    assert len({frame.sequence for frame in frames}) == len(frames)
+    assert not any(frame.is_ack or frame.encryption for frame in frames)
+
+
+def test_packages_are_what_was_wanted_byte_by_byte():
+    flight = ready(Flight(packages=[RTK, FAST]))
+    assert flight.aircraft.packages[0] == AddPackage(0, 5, True, (0x1DF9A6B6, 0xF45D73FD))
+    assert flight.aircraft.packages[3] == AddPackage(3, 400, True, (0xECBEF06D,))
+
+
+def test_stale_packages_are_reset():
+    flight = Flight(packages=[RTK])
+    flight.aircraft.packages = {0: "old", 4: "old"}
+    ready(flight)
+    assert flight.aircraft.packages == {0: flight.aircraft.asked[-1]}
+    assert flight.known == [0]
+
+
+def test_where_the_reset_fails_each_is_removed():
+    flight = Flight(packages=[RTK])
+    flight.aircraft.packages = {0: "old", 4: "old"}
+    flight.aircraft.refusals = lambda r: 0x08 if isinstance(r, ResetPackages) else None
+    ready(flight)
+    removed = [r.id for r in flight.aircraft.asked if isinstance(r, RemovePackage)]
+    assert removed == [0, 1, 2, 3, 4]
+    assert list(flight.aircraft.packages) == flight.known == [0]
+
+
+def test_a_package_that_exists_in_spite_of_the_reset_is_replaced():
+    flight = Flight(packages=[RTK])
+    flight.aircraft.packages = {0: "old"}
+    flight.aircraft.refusals = lambda r: 0 if isinstance(r, ResetPackages) else None
+    ready(flight)
+    assert flight.aircraft.packages[0] == AddPackage(0, 5, True, (0x1DF9A6B6, 0xF45D73FD))
+
+
+def test_a_lost_ack_is_asked_for_again_under_the_same_number():
+    flight = Flight()
+    lost = [True, False, True, True, False] + [False] * 50
+    flight.aircraft.route = lambda ack: [] if lost.pop(0) else [(0.0, ack)]
+    ready(flight)
+    assert flight.kinds[:5] == ["GetVersion", "GetVersion", "Activate", "Activate", "Activate"]
+    frames = FrameReader().feed(flight.sent)
+    assert frames[0] == frames[1]._replace(offset=frames[0].offset)
+    assert flight.session.diagnostics["host sent again"] == "3"
+
+
+def test_late_and_doubled_acks_do_not_confuse_it():
+    # Every ack twice: once after 0.3 s, and once after 1.1 s when other requests are waiting.
+    flight = Flight()
+    flight.aircraft.route = lambda ack: [(0.3, ack), (1.1, ack)]
+    ready(flight)
+    flight.fly(2.0)
+    assert flight.aircraft.rates == RATES
+    assert flight.known == [0, 1, 2, 3, 4]
+    assert flight.session.diagnostics["host acks that nothing waits for"] == "10"
+
+
+def test_acks_of_others_are_not_taken():
+    flight = Flight(DjiHostConfig(app_id=5))
+    own = flight.aircraft.ack
+
+    def foreign(frame):  # right number, other session; then right session, other number
+        own(frame)
+        value = encode_code(Activate(0, (0, 0, 0, 0)), 0)
+        number = frame.sequence
+        return b"".join(
+            encode_frame(value, session=session, sequence=sequence, is_ack=True)
+            for session, sequence in [(3, number), (2, number + 1 & 0xFFFF), (0, number)]
+        )
+
+    flight.aircraft.ack = foreign
+    flight.fly(3.0)
+    assert flight.session.state is HostState.NO_ANSWER
+    assert not flight.aircraft.activated
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_over_a_bad_line_it_gets_there(seed):
+    chance = random.Random(seed)
+    flight = Flight()
+
+    def route(ack):
+        return [(chance.uniform(0.0, 1.5), ack) for _ in range(chance.choice([0, 0, 1, 1, 2]))]
+
+    flight.aircraft.route = route
+    flight.fly(300.0, HostState.READY)
+    assert flight.aircraft.activated
+    assert flight.aircraft.rates == RATES
+    assert {n: p.uids for n, p in flight.aircraft.packages.items()} == {
+        p.id: tuple(topic.uid for topic in p.topics) for p in USUAL_PACKAGES
+    }
+    assert list(flight.table) == list(USUAL_PACKAGES)
+
+
+def test_an_aircraft_that_does_not_answer():
+    flight = Flight()
+    flight.aircraft.route = lambda _: []
+    flight.fly(60.0)
+    assert flight.session.state is HostState.NO_ANSWER
+    assert "sends but does not answer: check the wire from the host's TX" in flight.session.message
+    # Version and rates, four times each, in rounds that are 5 s apart in the end.
+    assert 20 < len(flight.aircraft.asked) < 90
+    assert list(flight.table) == list(USUAL_PACKAGES)  # what it may push is still read
+    flight.aircraft.route = lambda ack: [(0.0, ack)]
+    flight.fly(12.0, HostState.READY)
+
+
+def test_an_aircraft_that_is_switched_on_later():
+    flight = Flight()
+    flight.aircraft.is_on = False
+    flight.fly(60.0)
+    assert flight.session.message == "the aircraft does not answer"
+    flight.aircraft.is_on = True
+    flight.fly(1.0, HostState.READY)  # its first broadcast ends the pause
+
+
+def test_a_new_device_is_tried_twice_at_once():
+    flight = Flight()
+    codes = [3, 0]
+    flight.aircraft.refusals = lambda r: codes.pop(0) or None if isinstance(r, Activate) else None
+    flight.fly(2.0, HostState.READY)
+    assert flight.kinds.count("Activate") == 2
+    assert flight.kinds.count("GetVersion") == 1
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(3, "connect a phone or tablet with DJI GO"), (5, "no internet"), (1, "host.app_id")],
+)
+def test_a_refused_activation_is_told_and_tried_again_with_pauses(code, words):
+    flight = Flight()
+    flight.aircraft.refusals = lambda r: code if isinstance(r, Activate) else None
+    flight.fly(100.0)
+    assert flight.session.state is HostState.NOT_ACTIVATED
+    assert words in flight.session.message
+    assert flight.aircraft.rates == RATES  # these do not wait for it
+    assert flight.kinds.count("Activate") < 20
+    assert "AddPackage" not in flight.kinds
+    flight.aircraft.refusals = lambda _: None  # somebody did what the message says
+    flight.fly(31.0, HostState.READY)
+    assert flight.known == [0, 1, 2, 3, 4]
+
+
+def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
+    flight = Flight(DjiHostConfig(subscribe=True))
+    flight.fly(2.0)
+    assert flight.session.state is HostState.NOT_ACTIVATED
+    assert "not activated: give host.app_id" in flight.session.message
+    assert set(flight.kinds) == {"GetVersion"}
+    flight.aircraft.activated = True
+    flight.fly(31.0, HostState.READY)
+    assert "Activate" not in flight.kinds
+
+
+def test_refused_rates_are_told():
+    flight = Flight()
+    flight.aircraft.refusals = lambda r: 1 if isinstance(r, SetRates) else None
+    flight.fly(5.0)
+    assert flight.session.state is HostState.INCOMPLETE
+    assert "broadcast rates: bad parameter: check host.broadcast_rates" in flight.session.message
+    assert flight.known == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("code", [0x06, 0x07, 0x20, 0x22])
+def test_a_package_refused_for_good_does_not_stop_the_others(code):
+    flight = Flight()
+    wrong = lambda r: isinstance(r, AddPackage) and r.id == 2  # noqa: E731
+    flight.aircraft.refusals = lambda r: code if wrong(r) else None
+    flight.fly(100.0)
+    assert flight.known == sorted(flight.aircraft.packages) == [0, 1, 3, 4]
+    assert flight.session.state is HostState.INCOMPLETE
+    assert "package 2 refused: " in flight.session.message
+    assert sum(map(wrong, flight.aircraft.asked)) == 1
+
+
+def test_a_package_refused_for_now_is_tried_again():
+    flight = Flight()
+    wrong = lambda r: isinstance(r, AddPackage) and r.id == 2  # noqa: E731
+    flight.aircraft.refusals = lambda r: 0x08 if wrong(r) else None
+    flight.fly(100.0)
+    assert flight.known == [0, 1, 3, 4]
+    flight.aircraft.refusals = lambda _: None
+    flight.fly(31.0, HostState.READY)
+    assert flight.known == [0, 1, 2, 3, 4]
+    assert flight.kinds.count("ResetPackages") == 1  # the others were left alone
+
+
+def rtk_is_off(request):
+    rtk = {topic.uid for topic in USUAL_PACKAGES[0].topics if topic.name.startswith("RTK_")}
+    is_rtk = isinstance(request, AddPackage) and rtk & set(request.uids)
+    return 0x25 if is_rtk else None
+
+
+def test_without_rtk_hardware_the_rest_of_its_package_comes():
+    flight = Flight()
+    flight.aircraft.refusals = rtk_is_off
+    flight.fly(5.0)
+    names = [topic.name for topic in flight.table.get(0).topics]
+    assert names == [*("GPS_DATE", "GPS_TIME", "GPS_POSITION", "GPS_VELOCITY"),
+                     *("GPS_DETAILS", "BATTERY_INFO")]  # fmt: skip
+    assert flight.known == [0, 1, 2, 3, 4]
+    assert flight.session.state is HostState.INCOMPLETE
+    assert "package 0 added in part: without RTK_POSITION" in flight.session.message
+    assert "no RTK hardware" in flight.session.message
+
+
+def test_rtk_that_is_switched_on_later_is_found():
+    flight = Flight()
+    flight.aircraft.refusals = rtk_is_off
+    flight.fly(100.0)
+    flight.aircraft.refusals = lambda _: None
+    flight.fly(31.0, HostState.READY)
+    assert list(flight.table) == list(USUAL_PACKAGES)
+    uids = {number: package.uids for number, package in flight.aircraft.packages.items()}
+    assert uids[0] == tuple(topic.uid for topic in USUAL_PACKAGES[0].topics)
+
+
+def test_a_package_of_rtk_alone_is_refused_without_its_hardware():
+    flight = Flight(packages=[RTK, FAST])
+    flight.aircraft.refusals = rtk_is_off
+    flight.fly(5.0)
+    assert flight.known == [3]
+    assert "package 0 refused: the source of a topic is offline" in flight.session.message
+
+
+def test_topics_that_an_m600_does_not_know_are_left_out():
+    flight = Flight(packages=[GIMBAL])
+    flight.aircraft.refusals = lambda r: (
+        0x22 if isinstance(r, AddPackage) and 0x326A446D in r.uids else None
+    )
+    flight.fly(100.0)
+    assert [topic.name for topic in flight.table.get(1).topics] == ["GIMBAL_ANGLES"]
+    assert "package 1 added in part: without GIMBAL_CONTROL_MODE" in flight.session.message
+    assert flight.kinds.count("AddPackage") == 2  # a topic that is not known stays so
+
+
+def test_a_package_with_topics_unknown_and_offline_is_tried_again_for_the_latter():
+    mixed = Package.of(2, 5, with_timestamp=True, names=("GPS_DATE", "RTK_YAW", "HEIGHT_FUSION"))
+    unknown = mixed.topics[2].uid
+    flight = Flight(packages=[mixed])
+    flight.aircraft.refusals = lambda r: (
+        rtk_is_off(r) or (0x22 if isinstance(r, AddPackage) and unknown in r.uids else None)
+    )
+    flight.fly(50.0)
+    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE"]
+    assert "without RTK_YAW, HEIGHT_FUSION: the source of a topic is off" in flight.session.message
+    flight.aircraft.refusals = lambda r: (
+        0x22 if isinstance(r, AddPackage) and unknown in r.uids else None
+    )
+    flight.fly(31.0)
+    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE", "RTK_YAW"]
+
+
+@pytest.mark.parametrize("at", [MatchVersion, AddPackage])
+def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
+    flight = Flight()
+    lost = []
+
+    def refusals(request):
+        if isinstance(request, at) and not lost:
+            lost.append(request)
+            flight.aircraft.switch_off_and_on()
+            return 0x23
+        return None
+
+    flight.aircraft.refusals = refusals
+    flight.fly(20.0, HostState.READY)
+    assert flight.kinds.count("Activate") == 2
+    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+
+
+def test_a_refused_subscription_ends_there():
+    flight = Flight()
+    flight.aircraft.refusals = lambda r: 0x50 if isinstance(r, AddPackage) else None
+    flight.fly(0.5)
+    assert flight.kinds.count("AddPackage") == 1
+    assert "subscription: not authorised: check host.app_id" in flight.session.message
+
+
+def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
+    flight = Flight(DjiHostConfig(app_id=5))
+    flight.broadcasts = False
+    flight.fly(400.0)
+    assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
+
+
+def test_another_version_of_the_subscription_is_told():
+    flight = Flight()
+    flight.aircraft.refusals = lambda r: 2 if isinstance(r, MatchVersion) else None
+    flight.fly(5.0)
+    assert flight.session.state is HostState.INCOMPLETE
+    assert "subscription: the aircraft has another version" in flight.session.message
+
+
+def test_an_aircraft_that_was_switched_off_and_on_is_asked_for_all_anew():
+    flight = ready(Flight())
+    flight.aircraft.is_on = False
+    flight.fly(10.0)
+    assert flight.session.state is HostState.NO_ANSWER
+    flight.aircraft.switch_off_and_on()
+    flight.aircraft.is_on = True
+    flight.fly(2.0, HostState.READY)
+    assert flight.aircraft.rates == RATES
+    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+
+
+def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
+    flight = ready(Flight())
+    flight.aircraft.switch_off_and_on()  # the broadcast goes on
+    flight.fly(5.0)
+    flight.fly(2.0, HostState.READY)
+    assert flight.aircraft.rates == RATES
+    assert sorted(flight.aircraft.packages) == [0, 1, 2, 3, 4]
+
+
+def test_one_package_that_stops_is_asked_for_anew_alone():
+    flight = ready(Flight())
+    del flight.aircraft.packages[2]
+    flight.fly(5.0)
+    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+    assert flight.session.state is HostState.READY
+    assert flight.kinds.count("ResetPackages") == 1
+    assert flight.kinds[-2:] == ["RemovePackage", "AddPackage"]
+
+
+def test_a_package_that_never_comes_is_not_asked_for_all_the_time():
+    flight = Flight()
+    pushes = flight.aircraft.pushes
+    flight.aircraft.pushes = lambda: [part for part in pushes() if part[14] != 3]
+    flight.fly(200.0)
+    asked = [r for r in flight.aircraft.asked if isinstance(r, AddPackage) and r.id == 3]
+    assert 3 < len(asked) < 10  # after 3, 6, 12, 24, 48, 60 s
+
+
+def test_the_link_opened_again():
+    flight = ready(Flight())
+    flight.aircraft.asked.clear()
+    flight.session.restart()
+    ready(flight)
+    assert flight.kinds[:2] == ["GetVersion", "Activate"]
+    assert flight.kinds[-1] == "AddPackage"
+    frames = FrameReader().feed(flight.sent)
+    assert len({frame.sequence for frame in frames}) == len(frames)
+
+
+def test_encrypted_answers_need_the_key():
+    flight = Flight()
+    flight.aircraft.key = KEY
+    flight.fly(5.0)
+    assert flight.session.state is HostState.NO_ANSWER
+    assert "answers are encrypted: set key to the application's" in flight.session.message
+    with_key = Flight(key=KEY)
+    with_key.aircraft.key = KEY
+    ready(with_key)
+
+
+@pytest.mark.parametrize("activation", [(0,), (3, 0)])
+def test_the_aircraft_of_the_demo_takes_the_usual_packages(activation):
+    table, desk, reader = PackageTable(), CommandDesk(activation=activation), FrameReader()
+    session = HostSession(FULL, table)
+    for now_s in np.arange(0.0, 2.5, 0.02):
+        for frame in reader.feed(desk.answer(session.due(now_s))):
+            session.take(frame, now_s)
+    assert session.state is HostState.READY, session.message
+    assert list(desk.packages) == list(table) == list(USUAL_PACKAGES)
+
+
+def test_acks_that_are_too_short_are_none():
+    flight = Flight(DjiHostConfig(app_id=5))
+    flight.aircraft.done = lambda _: b""
+    flight.fly(10.0)
+    assert flight.session.state is HostState.NO_ANSWER
+
+
+@pytest.mark.parametrize(
+    ("rates", "message"),
+    [
+        ((2.5,) + (5.0,) * 15, "host.broadcast_rates: 2.5 is no rate code"),
+        ((8.0,) + (5.0,) * 15, "host.broadcast_rates: 8 is no rate code"),
+        ((5.0,) * 3, "3 rate codes where 16 are due"),
+    ],
+)
+def test_rates_that_are_no_codes_are_an_error_at_the_start(rates, message):
+    with pytest.raises(DjiError, match=message):
+        HostSession(DjiHostConfig(broadcast_rates=rates), PackageTable())
+
+
+def test_a_package_that_cannot_be_asked_for_is_an_error_at_the_start():
+    table = PackageTable([RTK._replace(rate_hz=70000)])
+    with pytest.raises(DjiError, match=r"AddPackage.*cannot be sent"):
+        HostSession(DjiHostConfig(subscribe=True), table)

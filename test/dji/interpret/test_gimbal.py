@@ -1,0 +1,263 @@
+"""Gimbal readings: the camera's attitude, and joints as the whole rotation from the body."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from aircraft_readings import MS, attitude, gimbal, gps, imu, of, t_ms, taken, wxyz
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.config.dji import DjiDelayConfig
+from tirgeo_ros.core.frames.rotations import (
+    euler_from_quat,
+    matrix_from_quat,
+    quat_from_euler,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    wrap_pi,
+)
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import ImuOrigin
+
+NAN, INF = math.nan, math.inf
+
+angles = st.floats(-math.pi, math.pi)
+tilts = st.floats(-0.6, 0.6)
+camera_angles = st.tuples(st.floats(-0.6, 0.6), st.floats(-math.pi / 2, 0.5), angles)
+
+
+def interpreter(**config):
+    return Interpreter(DjiConfig(geoid_undulation_m=40.0, **config))
+
+
+def around(t, q_nb=(1.0, 0.0, 0.0, 0.0)):
+    """The same attitude 5 ms before and after."""
+    return [imu(t - 5, q_nb=q_nb), imu(t + 5, q_nb=q_nb)]
+
+
+def at(meant, reading, q_nb):
+    """The camera and the joints of a reading, where the body's attitude is this."""
+    before, after = around((reading.stamp_ns - gimbal(0).stamp_ns) / MS, q_nb)
+    samples = taken(meant, [before, reading, after])
+    return of(CameraAttitudeSample, samples)[0], of(JointSample, samples)[0]
+
+
+def rotation_bg(joints):
+    yaw = rotation_z(joints.yaw_rad)
+    return yaw @ rotation_x(joints.roll_rad) @ rotation_y(joints.pitch_rad)
+
+
+@given(st.tuples(tilts, tilts, angles), camera_angles)
+def test_joints_are_the_whole_rotation(body, camera):
+    """Also with the aircraft tilted, and the camera straight down."""
+    q_nb = wxyz(*body)
+    given_camera, joints = at(interpreter(), gimbal(100, *camera), q_nb)
+    np.testing.assert_allclose(
+        matrix_from_quat(given_camera.q_ng), matrix_from_quat(quat_from_euler(*camera)), atol=1e-14
+    )
+    expected = matrix_from_quat(np.array(q_nb)).T @ matrix_from_quat(quat_from_euler(*camera))
+    # Some tens of roundings: a quaternion's norm, two matrices, three angles.
+    np.testing.assert_allclose(rotation_bg(joints), expected, atol=1e-14)
+    assert joints.computed
+    assert given_camera.stamp_ns == joints.stamp_ns == gimbal(100).stamp_ns
+
+
+def test_joints_of_a_level_aircraft_are_the_angles():
+    camera, joints = at(interpreter(), gimbal(100, 0.1, -0.7, 2.3), wxyz(yaw=2.0))
+    # The chain rolls before it pitches, the reported angles pitch before they roll.
+    np.testing.assert_allclose(
+        rotation_bg(joints), rotation_z(0.3) @ rotation_y(-0.7) @ rotation_x(0.1), atol=1e-14
+    )
+    np.testing.assert_allclose(euler_from_quat(camera.q_ng), [0.1, -0.7, 2.3], atol=1e-14)
+    _, joints = at(interpreter(), gimbal(100, 0.0, -0.7, 2.3), wxyz(yaw=2.0))
+    found = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
+    np.testing.assert_allclose(found, [0.3, 0.0, -0.7], atol=1e-14)
+
+
+def test_a_tilted_aircraft_s_joints_hold_the_camera_level():
+    """Yaw less yaw would leave out the tilt: 10 deg of it across a camera at 90 deg of yaw."""
+    _, joints = at(interpreter(), gimbal(100, 0.0, 0.0, math.pi / 2), wxyz(math.radians(10)))
+    assert math.degrees(joints.yaw_rad) == pytest.approx(90.0)
+    assert math.degrees(joints.roll_rad) == pytest.approx(0.0, abs=1e-9)
+    assert math.degrees(joints.pitch_rad) == pytest.approx(10.0)
+
+
+@given(tilts, angles, camera_angles)
+def test_yaw_from_the_nose(tilt, nose, camera):
+    """A Ronin-MX: what it says of yaw is the angle from the aircraft's heading."""
+    roll, pitch, yaw = camera
+    assume(pitch > -1.5)  # where the camera's yaw is defined
+    meant = interpreter(gimbal_reference="body")
+    given_camera, joints = at(meant, gimbal(100, roll, pitch, yaw), wxyz(tilt, -tilt, nose))
+    said = euler_from_quat(given_camera.q_ng)
+    # Over the cosine of the pitch, 0.07.
+    np.testing.assert_allclose(wrap_pi(said - [roll, pitch, nose + yaw]), 0, atol=2e-13)
+    expected = matrix_from_quat(np.array(wxyz(tilt, -tilt, nose))).T @ matrix_from_quat(
+        given_camera.q_ng
+    )
+    np.testing.assert_allclose(rotation_bg(joints), expected, atol=1e-14)
+    assert float(meant.diagnostics["psi_coder_deg"]) == pytest.approx(
+        math.degrees(yaw), abs=0.0051
+    )
+
+
+def test_psi_coder_is_of_one_instant():
+    """The aircraft turns by 2 rad/s: 10 ms are 1.1 deg."""
+    meant = interpreter()
+    readings = [imu(10 * k, q_nb=wxyz(yaw=0.02 * k)) for k in range(20)]
+    readings.append(gimbal(143, yaw=0.286 + math.radians(12.5)))
+    taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
+    assert meant.diagnostics["psi_coder_deg"] == "12.50"
+
+
+def test_delays_are_taken_off_before_the_instants_are_compared():
+    delay = DjiDelayConfig(imu_s=0.03, gimbal_s=0.1)
+    meant = interpreter(delay=delay)
+    readings = [imu(10 * k + 30, q_nb=wxyz(yaw=0.02 * k)) for k in range(30)]
+    readings.append(gimbal(243, yaw=0.286 + math.radians(12.5)))
+    samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
+    assert meant.diagnostics["psi_coder_deg"] == "12.50"
+    assert t_ms(of(JointSample, samples)[0]) == 143
+
+
+def test_a_long_delay_of_the_imu_costs_no_joints():
+    meant = interpreter(delay=DjiDelayConfig(imu_s=1.0))
+    readings = [imu(10 * k) for k in range(300)] + [gimbal(20 * k + 1000) for k in range(50)]
+    samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
+    assert len(of(JointSample, samples)) == 50
+    assert meant.counts == {}
+
+
+# Waiting
+
+
+def test_a_reading_waits_for_the_attitude_after_it():
+    meant = interpreter()
+    assert len(meant.take(imu(0))) == 1
+    assert meant.take(gimbal(5)) == []
+    samples = meant.take(attitude(8))
+    assert samples == []  # beside the IMU's own attitude it is not used
+    samples = meant.take(imu(10))
+    assert [t_ms(s) for s in samples] == [10, 5, 5]
+
+
+def test_it_goes_out_without_joints_when_none_comes():
+    meant = interpreter()
+    meant.take(imu(0))
+    assert meant.take(gimbal(5)) == []
+    assert meant.take(gps(255)) == []
+    (camera,) = meant.take(gps(256))
+    assert isinstance(camera, CameraAttitudeSample)
+    assert meant.counts == {"gimbal_without_joints": 1}
+
+
+def test_a_gimbal_alone_has_no_joints():
+    meant = interpreter()
+    samples = taken(meant, [gimbal(20 * k) for k in range(50)])
+    assert of(JointSample, samples) == []
+    # 250 ms wait still; at the end they come too.
+    assert len(samples) == 37
+    assert len(samples) + len(meant.flush()) == 50
+    assert meant.counts == {"gimbal_without_joints": 50}
+    assert meant.flush() == []
+
+
+def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
+    meant = interpreter(gimbal_reference="body")
+    assert taken(meant, [gimbal(20 * k) for k in range(50)]) == []
+    assert meant.flush() == []
+    assert meant.counts == {"gimbal_without_heading": 50}
+
+
+def test_across_a_gap_of_attitudes_there_are_no_joints():
+    meant = interpreter()
+    samples = taken(meant, [imu(0), gimbal(100), imu(240), gimbal(300), imu(500), gimbal(501)])
+    assert [t_ms(s) for s in of(JointSample, samples)] == [100]
+    assert [t_ms(s) for s in of(CameraAttitudeSample, samples)] == [100, 300]
+    assert meant.counts["gimbal_without_joints"] == 1
+
+
+def test_attitudes_of_their_own_topic_serve():
+    meant = interpreter()
+    samples = taken(
+        meant, [attitude(0, wxyz(yaw=1.0)), gimbal(5, yaw=1.5), attitude(10, wxyz(yaw=1.0))]
+    )
+    (joints,) = of(JointSample, samples)
+    assert joints.yaw_rad == pytest.approx(0.5)
+
+
+def test_the_broadcast_s_attitude_serves_while_another_imu_drives():
+    """One without an attitude in its package."""
+    meant = interpreter()
+    samples = taken(
+        meant,
+        [
+            imu(0, origin=ImuOrigin.SUBSCRIPTION, q_nb=None),
+            imu(1, q_nb=wxyz(yaw=1.0)),
+            gimbal(5, yaw=1.5),
+            imu(11, q_nb=wxyz(yaw=1.0)),
+        ],
+    )
+    assert meant.counts["imu_unused_broadcast"] == 2
+    (joints,) = of(JointSample, samples)
+    assert joints.yaw_rad == pytest.approx(0.5)
+
+
+# What is odd
+
+
+@pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e154])
+@pytest.mark.parametrize("angle", ["roll", "pitch", "yaw"])
+def test_what_is_no_angle_is_refused(bad, angle):
+    meant = interpreter()
+    assert meant.take(gimbal(0, **{angle: bad})) == []
+    assert meant.flush() == []
+    assert meant.counts == {"gimbal_refused": 1}
+
+
+def test_order_and_clocks():
+    meant = interpreter()
+    meant.take(gimbal(5000))
+    assert meant.take(gimbal(5000)) == []
+    assert meant.take(gimbal(4990)) == []
+    assert meant.counts == {"gimbal_out_of_order": 2}
+    # Another clock: the one that waits comes out, the new one waits.
+    (camera,) = meant.take(gimbal(100))
+    assert t_ms(camera) == 5000
+    assert [t_ms(s) for s in meant.flush()] == [100]
+
+
+@settings(max_examples=50)
+@given(angles, st.floats(-0.09, 0.09), angles, st.sampled_from([-1.0, 1.0]))
+def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pitch, side):
+    """An aircraft on its side under a camera that is level, within 5 deg."""
+    meant = interpreter()
+    body = wxyz(side * (math.pi / 2 + off), 0.0, 0.3)
+    camera, joints = at(meant, gimbal(100, 0.0, 0.0, 0.3 + 1e-3 * yaw), body)
+    expected = matrix_from_quat(np.array(body)).T @ matrix_from_quat(camera.q_ng)
+    np.testing.assert_allclose(rotation_bg(joints), expected, atol=1e-14)
+    assert meant.counts == {"joints_near_singularity": 1}
+
+
+def test_every_reading_is_accounted_for():
+    rng = np.random.default_rng(3)
+    meant = interpreter()
+    readings = [imu(t, q_nb=wxyz(*rng.uniform(-0.4, 0.4, 3))) for t in range(0, 5000, 10)]
+    readings += [gimbal(t + 3, yaw=float(rng.uniform(-3, 3))) for t in range(0, 5000, 20)]
+    keep = rng.uniform(size=len(readings)) > 0.3
+    kept = sorted(
+        (reading for reading, k in zip(readings, keep, strict=True) if k),
+        key=lambda reading: reading.stamp_ns + rng.integers(0, 60) * MS,
+    )
+    samples = [*taken(meant, kept), *meant.flush()]
+    cameras, joints = of(CameraAttitudeSample, samples), of(JointSample, samples)
+    counts = meant.counts
+    number = sum(reading.stamp_ns % (20 * MS) == 3 * MS for reading in kept)
+    assert len(cameras) + counts.get("gimbal_out_of_order", 0) == number
+    assert len(joints) + counts.get("gimbal_without_joints", 0) == len(cameras)

@@ -1,0 +1,228 @@
+"""RTK that is polled faster than it measures: each measurement once, each lost fix at once."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from aircraft_readings import epoch, of, place, rtk, t_ms, taken
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    VelocitySample,
+)
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import Place
+
+
+def interpreter(**config):
+    return Interpreter(DjiConfig(geoid_undulation_m=43.25, **config))
+
+
+def positions(samples):
+    return of(PositionSample, samples)
+
+
+def polled(seconds, poll_hz, receiver_hz=5.0):
+    """The same epoch again and again under new stamps."""
+    for k in range(round(seconds * poll_hz)):
+        t = k / poll_hz
+        yield rtk(1e3 * t, **epoch(math.floor(t * receiver_hz + 1e-6)))
+
+
+@pytest.mark.parametrize("poll_hz", [5.0, 10.0, 50.0, 100.0])
+def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
+    meant = interpreter()
+    samples = taken(meant, polled(10.0, poll_hz))
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        found = of(kind, samples)
+        assert [t_ms(s) for s in found] == pytest.approx([200.0 * k for k in range(50)])
+    assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
+    assert "rtk_frozen" not in meant.counts
+
+
+def test_parts_that_stay_the_same_are_of_a_new_epoch_too():
+    """A hover with the velocity and the yaw of the epoch before."""
+    meant = interpreter()
+    still = {"velocity_n": (0.0, 0.0, 0.0), "yaw_deg": 12, "yaw_flag": 50, "position_flag": 50}
+    readings = [rtk(20 * k, place=place(k // 10), **still) for k in range(100)]
+    samples = taken(meant, readings)
+    assert len(of(VelocitySample, samples)) == len(of(HeadingSample, samples)) == 10
+
+
+def test_fields_that_change_one_after_another_are_one_epoch():
+    """The aircraft may fill in a poll's fields from two epochs."""
+    meant = interpreter()
+    samples = taken(meant, [rtk(20 * k, **epoch(0)) for k in range(10)])
+    samples.clear()
+    for k in range(10):
+        parts = epoch(1, yaw_deg=101)
+        if k == 0:
+            parts |= {"velocity_n": epoch(0)["velocity_n"], "yaw_deg": 100}
+        samples += meant.take(rtk(200 + 20 * k, **parts))
+    assert [t_ms(s) for s in positions(samples)] == [200]
+    # The old ones went along with the new place, the new ones follow.
+    assert [t_ms(s) for s in of(VelocitySample, samples)] == [200, 220]
+    assert [t_ms(s) for s in of(HeadingSample, samples)] == [200, 220]
+
+
+def test_broadcast_and_subscription_of_one_epoch_are_one():
+    """They differ in the last digits, and the slower one still says the epoch before."""
+    meant = interpreter()
+    readings = []
+    for k in range(50):
+        parts = epoch(k)
+        north, east, down = parts["velocity_n"]
+        other = parts | {"velocity_n": (math.nextafter(north, 9), east, down)}
+        readings.append((200 * k + 1, parts))
+        readings += [
+            (200 * k + 20 * j, other if j > 1 else epoch(max(k - 1, 0))) for j in range(10)
+        ]
+    readings.sort(key=lambda entry: entry[0])
+    samples = taken(meant, [rtk(t, **parts) for t, parts in readings])
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        assert [t_ms(s) for s in of(kind, samples)][1:] == [200 * k + 1 for k in range(1, 50)]
+    # The epoch before, at 20 ms; at 0 ms it is a repetition.
+    assert meant.counts["rtk_late"] == 49
+
+
+def separate(epochs, order, *, apart_ms=2.0, yaw_deg=30):
+    """Each part in a message of its own; flags and yaw have no header."""
+    for k in range(epochs):
+        messages = {
+            "place": {"place": place(k)},
+            "velocity": {"velocity_n": (1.0 + k, 0.0, 0.0)},
+            "yaw": {"yaw_deg": yaw_deg},
+            "flag": {"position_flag": 50},
+            "yaw_flag": {"yaw_flag": 50},
+        }
+        for place_in_order, name in enumerate(order):
+            yield rtk(200 * k + apart_ms * place_in_order, **messages[name])
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        ("flag", "yaw_flag", "place", "velocity", "yaw"),
+        ("place", "velocity", "yaw", "flag", "yaw_flag"),
+        ("yaw", "velocity", "place", "yaw_flag", "flag"),
+    ],
+)
+def test_parts_in_messages_of_their_own(order):
+    """A yaw that is always the same is new where its position is."""
+    meant = interpreter()
+    samples = taken(meant, separate(20, order))
+    fixed = [s for s in positions(samples) if s.status is FixStatus.FIXED]
+    # Until the first flags there is no fix.
+    assert len(positions(samples)) == 20
+    assert len(fixed) >= 19
+    assert len(of(VelocitySample, samples)) >= 19
+    headings = of(HeadingSample, samples)
+    assert 18 <= len(headings) <= 20
+    assert np.diff([t_ms(s) for s in headings]) == pytest.approx(200.0)
+
+
+# A fix that is lost
+
+
+@pytest.mark.parametrize("flag", [34, 16, 0])
+def test_a_worse_fix_of_the_same_place_goes_out(flag):
+    meant = interpreter()
+    taken(meant, [rtk(20 * k, **epoch(0)) for k in range(5)])
+    samples = taken(meant, [rtk(100 + 20 * k, **epoch(0, position_flag=flag)) for k in range(5)])
+    (position,) = samples
+    assert t_ms(position) == 100
+    assert position.status < FixStatus.FIXED
+    assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
+    assert meant.counts["rtk_status_fell"] == 1
+    # What the aircraft has flown in 100 ms since is in the covariance.
+    (alone,) = positions(interpreter().take(rtk(0, **epoch(0, position_flag=flag))))
+    moved_m2 = 0.01 * (3.0**2 + 1.0**2 + 0.2**2)
+    np.testing.assert_allclose(
+        position.covariance_n, alone.covariance_n + moved_m2 * np.eye(3), atol=1e-9
+    )
+
+
+def test_a_worse_flag_in_a_message_of_its_own_goes_out_with_the_place():
+    meant = interpreter()
+    meant.take(rtk(0, place=place(), position_flag=50))
+    (position,) = meant.take(rtk(3, position_flag=34))
+    assert position.status is FixStatus.FLOAT
+    assert meant.take(rtk(6, position_flag=34)) == []
+
+
+def test_a_fix_that_is_lost_with_its_place_is_told():
+    """Without a solution a receiver says 0, 0."""
+    meant = interpreter()
+    meant.take(rtk(0, **epoch(0)))
+    lost = {"place": Place(0.0, 0.0, 0.0), "position_flag": 0, "yaw_flag": 0}
+    (position,) = positions(meant.take(rtk(200, **epoch(1) | lost)))
+    assert position.status is FixStatus.NONE
+    assert position.covariance_n[0, 0] >= 1e10
+    assert positions(meant.take(rtk(400, **epoch(2) | lost))) == []
+    assert meant.counts["rtk_position_refused"] == 2
+
+
+def test_a_better_fix_waits_for_its_place():
+    """The place at hand was measured without it."""
+    meant = interpreter()
+    meant.take(rtk(0, **epoch(0, position_flag=34)))
+    assert meant.take(rtk(20, **epoch(0))) == []
+    (position, *_) = meant.take(rtk(200, **epoch(1)))
+    assert position.status is FixStatus.FIXED
+
+
+def test_a_flag_that_comes_no_more_is_no_fix():
+    meant = interpreter()
+    meant.take(rtk(0, place=place(), position_flag=50))
+    found = [positions(meant.take(rtk(t, place=place()))) for t in range(100, 2000, 100)]
+    told = [s.status for samples in found for s in samples]
+    assert told == [FixStatus.NONE]
+
+
+# Freezing, clocks
+
+
+def test_a_frozen_receiver_is_counted_once_and_told():
+    meant = interpreter()
+    samples = taken(meant, [rtk(20 * k, **epoch(0)) for k in range(150)])
+    assert len(samples) == 3
+    assert meant.counts == {"rtk_repeated": 149, "rtk_frozen": 1}
+    assert meant.diagnostics["rtk_frozen"] == "yes"
+    assert meant.diagnostics["rtk_age_s"] == "2.98"
+    taken(meant, polled(1.0, 50))
+    assert meant.diagnostics["rtk_frozen"] == "no"
+
+
+def test_a_receiver_without_a_fix_is_not_frozen():
+    meant = interpreter()
+    taken(meant, [rtk(20 * k, **epoch(0, position_flag=0)) for k in range(150)])
+    assert "rtk_frozen" not in meant.counts
+
+
+def test_a_clock_that_goes_back_passes():
+    meant = interpreter()
+    samples = taken(meant, [rtk(t, **epoch(k)) for k, t in enumerate((90_000, 90_200, 0, 200))])
+    assert [t_ms(s) for s in positions(samples)] == [90_000, 90_200, 0, 200]
+    assert {s.status for s in positions(samples)} == {FixStatus.FIXED}
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())
+def test_stamps_of_each_stream_ascend(steps, random):
+    """Readings of two roads, out of order by less than 20 ms."""
+    meant = interpreter()
+    samples, t = [], 0
+    for step, number in steps:
+        t += step
+        parts = epoch(number, position_flag=random.choice([0, 34, 50]))
+        samples += meant.take(rtk(t - random.randrange(20), **parts))
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        stamps = [s.stamp_ns for s in of(kind, samples)]
+        assert all(a < b for a, b in itertools.pairwise(stamps))

@@ -1,0 +1,191 @@
+"""RTK readings to samples: status by flag, height, heading, and each measurement once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from aircraft_readings import KIT, epoch, of, place, rtk, t_ms
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.config.dji import DjiRtkConfig
+from tirgeo_ros.core.frames.rotations import wrap_pi
+from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import Place
+
+NAN, INF = math.nan, math.inf
+UNDULATION_M = 43.25
+
+
+def interpreter(**config):
+    return Interpreter(DjiConfig(**{"geoid_undulation_m": UNDULATION_M, "aircraft": KIT} | config))
+
+
+def positions(samples):
+    return of(PositionSample, samples)
+
+
+def test_an_epoch_becomes_three_samples():
+    meant = interpreter()
+    position, velocity, heading = meant.take(rtk(100, **epoch(0)))
+    assert (position.source, velocity.source) == (Source.RTK_POSITION, Source.RTK_VELOCITY)
+    assert position.status is FixStatus.FIXED
+    assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
+    assert position.height_m == 30.0 + UNDULATION_M
+    np.testing.assert_allclose(position.covariance_n, np.diag([1e-4, 1e-4, 4e-4]), rtol=1e-12)
+    np.testing.assert_array_equal(velocity.velocity_n, [3.0, -1.0, 0.2])
+    np.testing.assert_allclose(velocity.covariance_n, 0.03**2 * np.eye(3), rtol=1e-12)
+    assert math.degrees(heading.heading_rad) == pytest.approx(10.0)  # 100 less the kit's 90
+    assert heading.variance_rad2 == pytest.approx(math.radians(0.6) ** 2)
+    assert [t_ms(s) for s in (position, velocity, heading)] == [100, 100, 100]
+    assert meant.counts == {}
+    assert meant.diagnostics["rtk_flag"] == "50 narrow-lane integer"
+
+
+@pytest.mark.parametrize("delay_ms", [120, -120])
+def test_the_delay_is_taken_off(delay_ms):
+    meant = interpreter(rtk=DjiRtkConfig(delay_s=delay_ms * 1e-3))
+    assert [t_ms(s) for s in meant.take(rtk(500, **epoch(0)))] == [500 - delay_ms] * 3
+
+
+# Flags
+
+STATUS = {
+    FixStatus.FIXED: [50],
+    FixStatus.FLOAT: [48, 49, 32, 33, 34, 17, 18, 20],
+    FixStatus.SINGLE: [16, 19],
+    FixStatus.NONE: [0, 1, 2, 8, 3, 7, 15, 21, 31, 35, 47, 51, 128, 255],
+}
+CASES = [(flag, status) for status, flags in STATUS.items() for flag in flags]
+
+
+@pytest.mark.parametrize(("flag", "status"), CASES)
+def test_status_by_flag(flag, status):
+    samples = interpreter().take(rtk(0, **epoch(0, position_flag=flag)))
+    (position,) = positions(samples)
+    assert position.status is status
+    assert fault_of(position) == ""
+    assert len(of(VelocitySample, samples)) == (status is not FixStatus.NONE)
+
+
+def test_covariance_is_always_filled_and_worsens_by_class():
+    sigmas = {}
+    for flag, _ in CASES:
+        (position,) = positions(interpreter().take(rtk(0, **epoch(0, position_flag=flag))))
+        diagonal = np.diagonal(position.covariance_n)
+        assert (diagonal > 0).all()
+        assert np.isfinite(diagonal).all()
+        sigmas[flag] = np.sqrt(diagonal[[0, 2]])
+    for better, worse in ((50, 48), (48, 34), (49, 34), (34, 17), (17, 16), (16, 0)):
+        assert (sigmas[better] < sigmas[worse]).all(), (better, worse)
+
+
+def test_no_class_is_better_than_what_is_configured_for_a_fix():
+    meant = interpreter(rtk=DjiRtkConfig(fixed_sigma_m=(3.0, 7.0)))
+    (position,) = positions(meant.take(rtk(0, **epoch(0, position_flag=16))))
+    np.testing.assert_allclose(np.diagonal(position.covariance_n), [9.0, 9.0, 49.0])
+
+
+def test_a_flag_of_another_message_holds_for_a_while():
+    meant = interpreter()
+    assert meant.take(rtk(0, position_flag=50)) == []
+    found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
+    assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
+
+
+def test_without_any_flag_there_is_no_fix():
+    meant = interpreter()
+    samples = meant.take(rtk(0, place=place(), velocity_n=(1.0, 0.0, 0.0), yaw_deg=3))
+    (position,) = samples
+    assert position.status is FixStatus.NONE
+    assert meant.counts == {"rtk_velocity_without_fix": 1, "rtk_yaw_not_fixed": 1}
+    assert meant.diagnostics["rtk_flag"] == "not told"
+
+
+# Places
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Place(0.0, 0.0, 0.0),
+        Place(0.0, 0.0, 30.0),
+        Place(1e-9, -1e-9, 30.0),
+        Place(NAN, 0.07, 30.0),
+        Place(0.9, NAN, 30.0),
+        Place(0.9, 0.07, NAN),
+        Place(0.9, 0.07, INF),
+        Place(INF, 0.07, 30.0),
+        Place(1.6, 0.07, 30.0),
+        Place(-1.6, 0.07, 30.0),
+        Place(0.9, 3.2, 30.0),
+        Place(0.9, 0.07, 1e6),
+        Place(52.0, 4.0, 30.0),  # degrees
+    ],
+)
+def test_what_is_no_place_is_refused(bad):
+    meant = interpreter()
+    samples = meant.take(rtk(0, **epoch(0) | {"place": bad}))
+    assert positions(samples) == []
+    assert len(samples) == 2  # velocity and heading are judged by themselves
+    assert meant.counts == {"rtk_position_refused": 1}
+
+
+def test_on_the_equator_and_on_the_first_meridian_it_is_a_place():
+    for where in (Place(0.0, 1.0, 5.0), Place(1.0, 0.0, 5.0), Place(-1.0, -math.pi, -400.0)):
+        assert len(positions(interpreter().take(rtk(0, place=where)))) == 1
+
+
+@pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e3, 1e300])
+def test_what_is_no_velocity_is_refused(bad):
+    meant = interpreter()
+    samples = meant.take(rtk(0, **epoch(0) | {"velocity_n": (0.0, bad, 0.0)}))
+    assert of(VelocitySample, samples) == []
+    assert len(samples) == 2
+    assert meant.counts == {"rtk_velocity_refused": 1}
+
+
+def test_an_undulation_that_is_not_set_is_zero_and_warned_of():
+    meant = Interpreter(DjiConfig())
+    (position, *_) = meant.take(rtk(0, **epoch(0)))
+    assert position.height_m == 30.0
+    antenna, warning = meant.warnings
+    assert antenna.startswith("aircraft.second_antenna_m is not set: RTK yaw is taken for that")
+    assert warning.startswith("geoid_undulation_m is not set")
+    assert meant.diagnostics["geoid_undulation_m"] == "0 (not set)"
+    assert interpreter().warnings == []
+    assert interpreter().diagnostics["geoid_undulation_m"] == "43.25"
+
+
+# Heading
+
+
+@given(st.integers(-32768, 32767), st.floats(-360, 360))
+def test_heading_of_any_turn(yaw_deg, offset_deg):
+    second_m = math.cos(math.radians(offset_deg)), -math.sin(math.radians(offset_deg)), 0.3
+    meant = interpreter(aircraft=AircraftConfig(second_antenna_m=second_m))
+    (heading,) = meant.take(rtk(0, yaw_deg=yaw_deg, yaw_flag=50))
+    assert 0 <= heading.heading_rad < math.tau
+    # A yaw of 32768 deg has its last digit at 4e-12 deg.
+    expected = math.radians((yaw_deg % 360) - offset_deg)
+    assert wrap_pi(heading.heading_rad - expected) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("yaw_flag", [0, 16, 34, 48, 49, 51, 255, None])
+def test_only_a_fixed_yaw_is_a_heading(yaw_flag):
+    meant = interpreter()
+    samples = meant.take(rtk(0, **epoch(0, yaw_flag=yaw_flag)))
+    assert of(HeadingSample, samples) == []
+    assert len(samples) == 2
+    assert meant.counts == {"rtk_yaw_not_fixed": 1}

@@ -1,0 +1,173 @@
+"""Frames as they are laid out: each field, each rule of what a receiver takes, and the writer."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.protocol.crc import crc16, crc32
+
+KNOWN = bytes.fromhex("aa140000000000003800164e02000000d8afa076")
+
+
+def read_all(data):
+    reader = FrameReader()
+    frames = reader.feed(data) + reader.rescan()
+    return frames, reader.counts
+
+
+def raw_frame(head, data=b""):
+    """A frame of any first ten bytes, with right check sums."""
+    head = bytes(head)
+    head += crc16(head).to_bytes(2, "little")
+    return head + data + crc32(head + data).to_bytes(4, "little")
+
+
+def test_a_known_frame_is_read():
+    ((frame,), counts) = read_all(KNOWN)
+    assert frame == Frame(0, 20, 0, False, 0, 0, 56, b"\x02\x00\x00\x00", False)
+    assert (frame.cmd_set, frame.cmd_id, frame.value) == (2, 0, b"\x00\x00")
+    assert counts["frames"] == 1
+    assert counts["bytes"] == 20
+    assert sum(counts.values()) == 21  # nothing else is counted
+
+
+def test_a_known_frame_is_written():
+    assert encode_frame(b"\x02\x00\x00\x00", sequence=56) == KNOWN
+
+
+def test_the_example_frames_are_found_where_they_are(shared):
+    data = (shared / "dji" / "frames.bin").read_bytes()
+    lines = (shared / "dji" / "frames.jsonl").read_text().splitlines()
+    frames, counts = read_all(data)
+    names = ("offset", "length", "cmd_set", "cmd_id", "seq", "session", "ack", "enc")
+    expected = [tuple(json.loads(line)[name] for name in names) for line in lines]
+    found = [
+        (f.offset, f.length, f.cmd_set, f.cmd_id, f.sequence, f.session, f.is_ack, f.encryption)
+        for f in frames
+    ]
+    assert len(found) == 32
+    assert found == expected
+    assert counts["skipped_bytes"] == 0
+    # Written anew from what was read, they are the same bytes.
+    rewritten = (encode_frame(f.data, session=f.session, sequence=f.sequence) for f in frames)
+    assert b"".join(rewritten) == data
+
+
+@given(
+    data=st.binary(max_size=1007),
+    session=st.integers(0, 31),
+    sequence=st.integers(0, 0xFFFF),
+    is_ack=st.booleans(),
+)
+def test_round_trip(data, session, sequence, is_ack):
+    whole = encode_frame(data, session=session, sequence=sequence, is_ack=is_ack)
+    ((frame,), _) = read_all(b"\xaa\x00" + whole)
+    length = len(data) + 16 if data else 12
+    assert frame == Frame(2, length, session, is_ack, 0, 0, sequence, data, False)
+    assert len(whole) == length
+
+
+def test_the_shortest_and_the_longest():
+    lone, bare = (
+        raw_frame([0xAA, 12, 0, 0, 0, 0, 0, 0, 9, 0])[:12],
+        raw_frame([0xAA, 16, *[0] * 8]),
+    )
+    longest = encode_frame(bytes(1007))
+    assert len(longest) == 1023
+    frames, counts = read_all(lone + bare + longest + lone)
+    assert [(f.offset, f.length, len(f.data)) for f in frames] == [
+        (0, 12, 0),
+        (12, 16, 0),
+        (28, 1023, 1007),
+        (1051, 12, 0),
+    ]
+    assert counts["skipped_bytes"] == 0
+    assert frames[0].sequence == 9
+    assert encode_frame(b"", sequence=9) == lone
+
+
+@pytest.mark.parametrize("size", range(3))
+def test_data_too_short_for_a_command(size):
+    ((frame,), _) = read_all(encode_frame(b"\x02\x05"[:size]))
+    assert (frame.cmd_set, frame.cmd_id) == ((2, 5) if size == 2 else (None, None))
+    assert frame.value == b""
+    assert frame.data == b"\x02\x05"[:size]
+
+
+def test_an_ack_is_all_value():
+    ((frame,), _) = read_all(encode_frame(b"\x00\x00AB", is_ack=True, session=2, sequence=0x1234))
+    assert (frame.is_ack, frame.session, frame.sequence) == (True, 2, 0x1234)
+    assert (frame.cmd_set, frame.cmd_id, frame.value) == (None, None, b"\x00\x00AB")
+
+
+@pytest.mark.parametrize(
+    ("byte", "value"),
+    [
+        *[(2, version << 2) for version in (1, 2, 32, 63)],
+        *[(3, reserved << 6) for reserved in (1, 2, 3)],
+        *[(byte, value) for byte in (5, 6, 7) for value in (1, 128, 255)],
+        *[(0, sof) for sof in (0, 0x55, 0xA8, 0xAB)],
+    ],
+)
+def test_header_fields_that_are_refused(byte, value):
+    """With check sums that are right, so that these alone speak against it."""
+    head = bytearray(KNOWN[:10])
+    head[byte] = value
+    frames, counts = read_all(raw_frame(head, KNOWN[12:16]) + KNOWN)
+    assert [f.offset for f in frames] == [20]
+    assert counts["skipped_bytes"] == 20
+    assert counts["truncated"] == counts["bad_crc32"] == 0  # refused before its length is believed
+
+
+@pytest.mark.parametrize("length", [*range(12), 13, 14, 15])
+def test_lengths_that_are_refused(length):
+    head = bytearray(KNOWN[:10])
+    head[1] = length
+    frames, counts = read_all(raw_frame(head, KNOWN[12:16]) + KNOWN)
+    assert [f.offset for f in frames] == [20]
+    assert counts["bad_headers"] == 1
+    assert counts["bad_crc32"] == counts["truncated"] == 0
+
+
+def test_padding_bits_of_a_plain_frame_take_nothing_from_it():
+    head = bytearray(KNOWN[:10])
+    head[4] = 5
+    ((frame,), _) = read_all(raw_frame(head, KNOWN[12:16]))
+    assert (frame.padding, frame.encryption, frame.data) == (5, 0, KNOWN[12:16])
+
+
+@pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
+def test_any_kind_of_bytes(kind):
+    reader, data = FrameReader(), kind(KNOWN)
+    frames = reader.feed(data[:7]) + reader.feed(data[7:])
+    assert [type(f.data) for f in frames] == [bytes]
+    assert frames[0].data == b"\x02\x00\x00\x00"
+
+
+def test_a_buffer_can_be_used_again():
+    reader, buffer = FrameReader(), bytearray(KNOWN[:15])
+    assert reader.feed(buffer) == []
+    buffer[:] = bytes(15)
+    assert len(reader.feed(KNOWN[15:])) == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"data": bytes(1008)}, r"holds 1007 bytes of data, not 1008$"),
+        ({"data": bytes(992), "key": bytes(32)}, r"holds 1007 bytes of data, not 1008$"),
+        ({"data": b"", "session": 32}, r"session 32 and sequence 0$"),
+        ({"data": b"", "session": -1}, r"session -1"),
+        ({"data": b"", "sequence": 0x10000}, r"sequence 65536$"),
+        ({"data": b"", "sequence": -1}, r"sequence -1$"),
+    ],
+)
+def test_frames_that_cannot_be(fields, message):
+    with pytest.raises(DjiError, match=message):
+        encode_frame(**fields)

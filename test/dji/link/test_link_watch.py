@@ -1,0 +1,157 @@
+"""What a person is told of the link, by what comes through it."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.link.link_watch import Level, LinkCondition, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState
+
+STEP_S = 0.05
+
+
+class Scene:
+    """Time goes on in steps; bytes and frames come as told."""
+
+    def __init__(self, baud=921600):
+        self.watch = LinkWatch("/dev/ttyUSB0", baud)
+        self.now_s, self.bytes, self.frames = 1000.0, 0, 0
+        self.told = []
+
+    def pass_(self, seconds, *, state=LinkState.OPEN, message="", bytes_=0, frames=0):
+        """``bytes_`` and ``frames`` come in each step."""
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            self.bytes += bytes_
+            self.frames += frames
+            report = self.watch.look(self.now_s, state, message, self.bytes, self.frames)
+            if report is not None:
+                self.told.append(report)
+        return self.watch.report
+
+    @property
+    def conditions(self):
+        return [report.condition.value for report in self.told]
+
+
+def test_nothing_before_the_first_look():
+    assert LinkWatch("/dev/ttyUSB0", 921600).report is None
+
+
+def test_frames_make_it_receive_at_once():
+    scene = Scene()
+    scene.pass_(STEP_S)
+    report = scene.pass_(3.0, bytes_=750, frames=5)
+    assert scene.conditions == ["waiting", "receiving"]
+    assert (report.condition, report.level) == (LinkCondition.RECEIVING, Level.OK)
+    assert report.message == "/dev/ttyUSB0: receiving at 921600 baud"
+    # Counts over a window of whole steps are exact but for the rounding of times near 1000 s.
+    assert report.bytes_per_s == pytest.approx(750 / STEP_S, rel=1e-9)
+    assert report.frames_per_s == pytest.approx(5 / STEP_S, rel=1e-9)
+
+
+def test_an_open_port_without_bytes_is_silent_after_two_seconds():
+    scene = Scene()
+    assert scene.pass_(1.9).condition is LinkCondition.WAITING
+    report = scene.pass_(1.0)
+    assert (report.condition, report.level) == (LinkCondition.SILENT, Level.WARN)
+    assert re.search(
+        "ttyUSB0: open but no bytes for 2 s.*the cable.*'API control' is ticked", report.message
+    )
+    assert report.since_s == pytest.approx(1000.0 + STEP_S + 2.0, abs=STEP_S)
+
+
+@pytest.mark.parametrize(
+    ("baud", "words"),
+    [
+        (921600, "at 921600 baud: .*usual are 230400, 115200, 1000000$"),
+        (230400, "at 230400 baud: .*usual are 921600, 115200, 1000000$"),
+        (57600, "at 57600 baud: .*usual are 921600, 230400, 115200, 1000000$"),
+    ],
+)
+def test_bytes_without_frames_are_a_wrong_rate(baud, words):
+    scene = Scene(baud)
+    report = scene.pass_(2.5, bytes_=100)
+    assert (report.condition, report.level) == (LinkCondition.WRONG_BAUD, Level.ERROR)
+    assert re.search(f"bytes come but no valid frame for 2 s {words}", report.message)
+    assert scene.conditions == ["waiting", "wrong_baud"]
+
+
+def test_the_right_rate_ends_it():
+    scene = Scene()
+    scene.pass_(3.0, bytes_=100)
+    scene.pass_(1.0, bytes_=100, frames=1)
+    assert scene.conditions == ["waiting", "wrong_baud", "receiving"]
+
+
+def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
+    scene = Scene()
+    scene.pass_(3.0, bytes_=300, frames=1)
+    scene.pass_(STEP_S, bytes_=120)  # a cut frame
+    scene.pass_(5.0)
+    assert scene.conditions == ["waiting", "receiving", "silent"]
+    assert scene.watch.report.frames_per_s == 0.0
+    assert scene.watch.report.bytes_per_s == 0.0
+
+
+def test_each_state_of_the_port_is_told_once_with_its_message():
+    scene = Scene()
+    scene.pass_(1.0, state=LinkState.NO_DEVICE, message="plug it in")
+    scene.pass_(1.0, state=LinkState.PERMISSION_DENIED, message="dialout")
+    scene.pass_(1.0, bytes_=300, frames=1)
+    scene.pass_(5.0, state=LinkState.LOST, message="pulled")
+    scene.pass_(1.0, bytes_=300, frames=1)
+    assert scene.conditions == [
+        *("no_device", "permission_denied", "waiting", "receiving", "lost"),
+        *("waiting", "receiving"),
+    ]
+    assert [report.message for report in scene.told][:2] == ["plug it in", "dialout"]
+    assert [report.level for report in scene.told][:2] == [Level.ERROR, Level.ERROR]
+
+
+@pytest.mark.parametrize("state", list(LinkState))
+def test_every_state_of_the_port_has_its_condition(state):
+    report = LinkWatch("p", 1).look(0.0, state, "why", 0, 0)
+    expected = "waiting" if state is LinkState.OPEN else state.value
+    assert report.condition.value == expected
+    assert report.level is not Level.OK
+
+
+def test_what_came_before_the_cable_was_pulled_does_not_count_after_it():
+    scene = Scene()
+    scene.pass_(1.0, bytes_=300, frames=1)
+    scene.pass_(0.5, state=LinkState.LOST)
+    assert scene.pass_(1.0).condition is LinkCondition.WAITING
+    assert scene.pass_(1.5).condition is LinkCondition.SILENT
+
+
+def test_a_stream_at_another_rate_has_no_frames():
+    """Bits at 230400 baud as a receiver at 921600 reads them: each lasts for four."""
+    frames = b"".join(encode_frame(bytes([2, 5, n, 7, 9]), sequence=n) for n in range(200))
+    reader = FrameReader()
+    scene = Scene()
+    wrong = at_four_times_the_rate(frames)
+    piece = len(wrong) // 60  # 3 s
+    for start in range(0, 60 * piece, piece):
+        reader.feed(wrong[start : start + piece])
+        scene.bytes, scene.frames = reader.counts["bytes"], reader.counts["frames"]
+        scene.pass_(STEP_S)
+    assert scene.watch.report.condition is LinkCondition.WRONG_BAUD
+
+
+def at_four_times_the_rate(data):
+    """What a UART reads of 8N1 characters that are sent four times slower than it expects."""
+    line = []
+    for byte in data:
+        line += [bit for bit in [0, *((byte >> n) & 1 for n in range(8)), 1] for _ in range(4)]
+    read, at = bytearray(), 0
+    while at + 10 <= len(line):
+        if line[at]:  # idle: a character begins with a 0
+            at += 1
+            continue
+        read.append(sum(bit << n for n, bit in enumerate(line[at + 1 : at + 9])))
+        at += 10
+    return bytes(read)

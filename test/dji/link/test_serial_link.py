@@ -1,0 +1,380 @@
+"""The port over real pseudo-terminals: cables pulled, ports refused, batches, silence."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
+from tirgeo_ros.dji.link.serial_port import pyserial_opener
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
+
+pytest.importorskip("serial")
+
+BAUD = 921600
+PATIENCE_S = 5.0  # a test gives up: nothing that is waited for takes a second
+
+
+@pytest.fixture
+def cable(tmp_path):
+    with PseudoTerminal(tmp_path / "aircraft") as terminal:
+        yield terminal
+
+
+@pytest.fixture
+def open_link():
+    links = []
+
+    def make(*arguments, **named):
+        links.append(SerialLink(*arguments, **named))
+        return links[-1]
+
+    yield make
+    for link in links:
+        link.close()
+
+
+def send(cable, data):
+    end_s = time.monotonic() + PATIENCE_S
+    while data:  # as much as there is room for
+        assert time.monotonic() < end_s, "nobody takes it"
+        data = data[cable.write(data) :]
+
+
+def read_until(link, done):
+    """What came until ``done(all)``, and how long it took in seconds."""
+    start, data = time.monotonic(), b""
+    while not done(data):
+        assert time.monotonic() - start < PATIENCE_S, link.message
+        data += link.read(0.05)
+    return data, time.monotonic() - start
+
+
+def opened(link):
+    read_until(link, lambda _: link.state is LinkState.OPEN)
+    return link
+
+
+def test_every_byte_comes_through_raw(cable, open_link):
+    # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
+    link = opened(open_link(str(cable.path), BAUD))
+    sent = bytes(range(256)) * 40
+    thread = threading.Thread(target=send, args=(cable, sent))
+    thread.start()
+    data, _ = read_until(link, lambda data: len(data) >= len(sent))
+    thread.join()
+    assert data == sent
+    assert link.write(bytes(range(256)))
+    assert cable.read() == bytes(range(256))
+
+
+@pytest.mark.parametrize("baud", [57600, 115200, 230400, 921600, 1000000, 1234567, 4000000])
+def test_usual_and_odd_rates(cable, open_link, baud):
+    link = opened(open_link(str(cable.path), baud))
+    send(cable, b"\xaa\x55")
+    assert read_until(link, lambda data: len(data) == 2)[0] == b"\xaa\x55"
+
+
+def test_a_pseudo_terminal_opens_with_a_rate_that_its_driver_refuses(
+    cable, open_link, monkeypatch
+):
+    import serial  # noqa: PLC0415 - skipped above where it is not there
+
+    def refuses(self, baud):
+        raise ValueError(f"Failed to set custom baud rate ({baud})")
+
+    monkeypatch.setattr(serial.Serial, "_set_special_baudrate", refuses)
+    assert opened(open_link(str(cable.path), 1234567)).state is LinkState.OPEN
+
+
+def test_a_silent_read_takes_its_time_out_and_no_more(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    start, cpu = time.monotonic(), time.thread_time()
+    assert link.read(0.3) == b""
+    # A tenth of a second more is left for a busy machine; it sleeps meanwhile.
+    assert 0.29 < time.monotonic() - start < 0.4
+    assert time.thread_time() - cpu < 0.03
+
+
+def test_bytes_that_trickle_come_in_batches(cable, open_link):
+    # 92 bytes a millisecond, as at 921600 baud, in pieces of 32 as from an adapter.
+    link = opened(open_link(str(cable.path), BAUD))
+    piece, pieces = bytes(32), 600
+
+    def trickle():
+        for number in range(pieces):
+            send(cable, piece)
+            if number % 3 == 2:
+                time.sleep(0.001)
+
+    thread = threading.Thread(target=trickle)
+    batches, total = 0, 0
+    thread.start()
+    start = time.monotonic()
+    while total < len(piece) * pieces:
+        assert time.monotonic() - start < PATIENCE_S
+        data = link.read(0.05)
+        batches, total = batches + bool(data), total + len(data)
+    thread.join()
+    assert total == len(piece) * pieces
+    # A batch takes 3 ms at the least and three pieces 1 ms at the least: about 9 pieces to one.
+    assert batches < pieces / 3
+
+
+def test_the_first_byte_is_not_held_back(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    delays = []
+    for _ in range(20):
+        send(cable, b"x")
+        start = time.monotonic()
+        assert link.read(1.0) == b"x"
+        delays.append(time.monotonic() - start)
+    # 3 ms of gathering and what the system's sleep adds; the median leaves out a busy machine.
+    assert sorted(delays)[10] < 0.005
+
+
+def test_a_pulled_cable_is_noticed_and_the_next_one_found(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    send(cable, b"before")
+    read_until(link, lambda data: data == b"before")
+    cable.pull()
+    _, noticed_s = read_until(link, lambda _: link.state is LinkState.LOST)
+    assert noticed_s < 1.0
+    assert "cable pulled" in link.message
+    gone_s = time.monotonic()
+    read_until(link, lambda _: time.monotonic() - gone_s > 1.0)
+    assert link.state is LinkState.LOST
+    assert not link.write(b"into nothing")
+    cable.plug()
+    _, recovered_s = read_until(link, lambda _: link.state is LinkState.OPEN)
+    assert recovered_s < 1.0  # the longest pause between tries is 0.8 s
+    send(cable, b"after")
+    assert read_until(link, lambda data: len(data) >= 5)[0] == b"after"
+    assert link.openings == 2
+
+
+def open_files():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_cable_that_is_pulled_many_times(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    descriptors = open_files()
+    for _ in range(8):
+        cable.pull()
+        read_until(link, lambda _: link.state is not LinkState.OPEN)
+        cable.plug()
+        opened(link)
+    assert link.openings == 9
+    assert open_files() == descriptors
+
+
+def test_another_device_under_the_name_is_taken_though_the_old_one_is_silent(
+    cable, open_link, tmp_path
+):
+    link = opened(open_link(str(cable.path), BAUD))
+    with PseudoTerminal(tmp_path / "other") as other:
+        cable.path.unlink()
+        cable.path.symlink_to(other.path.readlink())  # the old end stays open and says nothing
+        _, noticed_s = read_until(link, lambda _: link.state is LinkState.LOST)
+        assert noticed_s < 1.0
+        assert "another device has its name" in link.message
+        opened(link)
+        send(other, b"new")
+        assert read_until(link, lambda data: len(data) == 3)[0] == b"new"
+
+
+def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
+    # A dead adapter of USB reads as an end at once, for ever: so does a pipe without writer.
+    class Pipe:
+        def __init__(self):
+            self.reader, writer = os.pipe()
+            os.close(writer)
+
+        def fileno(self):
+            return self.reader
+
+        def write(self, _):
+            raise OSError(errno.EIO, "gone")
+
+        def close(self):
+            os.close(self.reader)
+
+    port = tmp_path / "port"
+    port.touch()
+    openings = [Pipe()]
+
+    def opener(path, baud):
+        if openings:
+            return openings.pop()
+        raise FileNotFoundError(errno.ENOENT, "no such device", path)
+
+    link = open_link(str(port), BAUD, opener)
+    start, reads = time.monotonic(), 0
+    while time.monotonic() - start < 0.5:
+        assert link.read(0.05) == b""
+        reads += 1
+    assert link.state is LinkState.LOST
+    assert "it hung up" in link.message
+    assert reads < 30  # it does not spin
+
+
+def test_no_device(tmp_path, open_link):
+    link = open_link(str(tmp_path / "ttyUSB7"), BAUD)
+    start = time.monotonic()
+    for _ in range(10):
+        assert link.read(0.05) == b""
+    assert time.monotonic() - start > 0.3  # ten reads of 50 ms; it waits and does not spin
+    assert link.state is LinkState.NO_DEVICE
+    assert "ttyUSB7: there is no such device: plug the cable in, or set port" in link.message
+
+
+def test_a_device_that_comes_later_is_opened(tmp_path, open_link):
+    link = open_link(str(tmp_path / "late"), BAUD)
+    for _ in range(30):
+        link.read(0.05)
+    with PseudoTerminal(tmp_path / "late"):
+        _, found_s = read_until(link, lambda _: link.state is LinkState.OPEN)
+        assert found_s < 1.0
+
+
+def failing(*errors):
+    """An opener that fails with each error in turn, the last one for ever."""
+    left = list(errors)
+
+    def opener(path, baud):
+        raise left.pop(0) if len(left) > 1 else left[0]
+
+    return opener
+
+
+@pytest.mark.parametrize(
+    ("error", "state", "message"),
+    [
+        (PermissionError(errno.EACCES, "Permission denied"), "permission_denied", "group dialout"),
+        (OSError(errno.EPERM, "Operation not permitted"), "permission_denied", "dialout"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program has it"),
+        (OSError(errno.EAGAIN, "lock"), "busy", "another program has it"),
+        (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "no serial port.*it is a file"),
+        (OSError("Could not configure port"), "not_a_port", "Could not configure port"),
+        (ValueError("refuses 12345 baud"), "baud_refused", "set baud .refuses 12345 baud"),
+        (OSError(errno.ENXIO, "No such device"), "no_device", "plug the cable in"),
+        (OSError(errno.EIO, "Input/output error"), "no_device", "plug the cable in"),
+    ],
+)
+def test_what_the_system_says_in_words(open_link, error, state, message):
+    link = open_link("/dev/ttyX", BAUD, failing(error))
+    assert link.read(0.0) == b""
+    assert link.state is LinkState(state)
+    assert re.search(f"^/dev/ttyX: .*{message}", link.message)
+    assert "\n" not in link.message
+
+
+def test_a_port_that_comes_back_with_wrong_rights_says_so(cable, open_link):
+    denied = PermissionError(errno.EACCES, "Permission denied")
+    real = [pyserial_opener()]
+
+    def opener(path, baud):
+        if real:
+            return real.pop()(path, baud)
+        raise denied
+
+    link = opened(open_link(str(cable.path), BAUD, opener))
+    cable.pull()
+    read_until(link, lambda _: link.state is LinkState.PERMISSION_DENIED)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_permission_denied(cable, open_link):
+    cable.path.resolve().chmod(0)
+    link = open_link(str(cable.path), BAUD)
+    link.read(0.0)
+    assert link.state is LinkState.PERMISSION_DENIED
+
+
+AS_NOBODY = """
+import os, sys
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
+from tirgeo_ros.dji.link.serial_link import SerialLink
+link = SerialLink(sys.argv[1], 921600)
+os.setgroups([]); os.setgid(65534); os.setuid(65534)
+link.read(0.0)
+print(link.state.value)
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+def test_permission_denied_to_nobody(cable):
+    device = cable.path.resolve()  # nobody may not look into the test's folder
+    device.chmod(0)
+    run = [sys.executable, "-c", AS_NOBODY, str(device)]
+    said = subprocess.run(run, capture_output=True, text=True, check=True, timeout=30)
+    assert said.stdout.strip() == "permission_denied"
+
+
+@pytest.mark.parametrize("make", [lambda path: path.touch(), lambda path: path.mkdir()])
+def test_a_file_or_folder_is_not_a_port(tmp_path, open_link, make):
+    make(tmp_path / "capture.bin")
+    link = open_link(str(tmp_path / "capture.bin"), BAUD)
+    link.read(0.0)
+    assert link.state is LinkState.NOT_A_PORT
+    assert "this is no serial port: set port to one" in link.message
+
+
+def test_a_device_of_another_kind_is_not_a_port(open_link):
+    link = open_link("/dev/null", BAUD)
+    link.read(0.0)
+    assert link.state is LinkState.NOT_A_PORT
+
+
+def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, open_link):
+    first = opened(open_link(str(cable.path), BAUD))
+    second = open_link(str(cable.path), BAUD)
+    second.read(0.0)
+    assert second.state is LinkState.BUSY
+    first.close()
+    opened(second)
+
+
+def test_a_port_that_takes_nothing_is_not_lost(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    taken = 0
+    while link.write(bytes(4096)):  # until the terminal's buffer is full
+        taken += 1
+        assert taken < 1000
+    link.read(0.0)
+    assert link.state is LinkState.OPEN
+
+
+def test_reads_after_the_end_give_nothing(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    link.close()
+    cable.write(b"late")
+    assert link.read(0.1) == b""
+    assert not link.write(b"late")
+
+
+def test_close_while_another_thread_reads(cable, open_link):
+    link = opened(open_link(str(cable.path), BAUD))
+    found = []
+    thread = threading.Thread(target=lambda: found.append(link.read(0.5)))
+    thread.start()
+    time.sleep(0.05)
+    link.close()
+    thread.join(PATIENCE_S)
+    assert found == [b""]
+
+
+def test_without_pyserial_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(DjiError, match="needs pyserial: pip install pyserial"):
+        SerialLink("/dev/ttyUSB0", BAUD)

@@ -1,0 +1,217 @@
+"""Broadcasts in their three layouts, against the documented tables and against themselves."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from dji_layouts import FORMS, MODERN_BYTES, form_of, size_of, values
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.link.framing import FrameReader
+from tirgeo_ros.dji.protocol.broadcast import (
+    Broadcast,
+    Layout,
+    broadcast_length,
+    decode_broadcast,
+    encode_broadcast,
+)
+from tirgeo_ros.dji.protocol.broadcast_parts import (
+    Battery,
+    Position,
+    RelativePosition,
+    Status,
+    Time,
+    Velocity,
+)
+
+
+def test_each_part_is_as_long_as_documented():
+    assert tuple(struct.calcsize(f"<{form}") for form in FORMS[Layout.MODERN].values()) == (
+        MODERN_BYTES
+    )
+    for bit, length in enumerate(MODERN_BYTES):
+        assert broadcast_length(Layout.MODERN, 1 << bit) == 2 + length
+    assert broadcast_length(Layout.MODERN, 0x3FFF) == 282
+    assert broadcast_length(Layout.MODERN, 0x7FFF) == 283
+    # Of the old layouts: 9 bytes of time, 25 of position, 32 of GPS, 1 of status and battery.
+    lengths = [broadcast_length(Layout.LEGACY, 1 << bit) for bit in (0, 5, 6, 11, 12)]
+    assert lengths == [2 + 9, 2 + 25, 2 + 32, 2 + 1, 2 + 1]
+    m100 = [broadcast_length(Layout.M100, 1 << bit) for bit in range(6, 12)]
+    assert m100 == [2 + 6, 2 + 12, 2 + 13, 2 + 1, 2 + 1, 2 + 2]
+
+
+def test_every_mask_has_the_length_of_its_parts_and_is_read_as_modern():
+    for mask in range(0x4000):
+        length = 2 + sum(size for bit, size in enumerate(MODERN_BYTES) if mask >> bit & 1)
+        assert broadcast_length(Layout.MODERN, mask) == length
+        # One in 16 is decoded as well: it takes a plan for each.
+        if mask % 16 == 7:
+            found = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0"))
+            assert (found.layout, found.mask) == (Layout.MODERN, mask)
+
+
+def lengths_of(layout):
+    """Of every mask, by the tables of the tests; -1 where the layout lacks a bit."""
+    masks = np.arange(1 << 15)
+    lengths = np.full(masks.shape, 2)
+    for bit, form in FORMS[layout].items():
+        lengths += struct.calcsize(f"<{form}") * (masks >> bit & 1)
+    known = sum(1 << bit for bit in FORMS[layout])
+    return np.where(masks & ~known, -1, lengths)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (Layout.MODERN, Layout.LEGACY),
+        (Layout.MODERN, Layout.M100),
+        (Layout.LEGACY, Layout.M100),
+    ],
+)
+def test_no_length_fits_two_layouts_that_mean_different_things(one, other):
+    masks = np.arange(1 << 15)
+    same = (lengths_of(one) == lengths_of(other)) & (lengths_of(one) > 0)
+    differing = sum(1 << bit for bit in range(15) if FORMS[one].get(bit) != FORMS[other].get(bit))
+    assert same.any()
+    assert not (masks[same] & differing).any()
+
+
+@pytest.mark.parametrize("layout", Layout)
+def test_a_layout_is_told_by_the_length(layout):
+    masks = range(0, 1 << len(FORMS[layout]), 37)  # 37: all bits come in many combinations
+    for mask in masks:
+        value = struct.pack("<H", mask).ljust(size_of(layout, mask), b"\0")
+        same = [other for other in Layout if broadcast_length(other, mask) == len(value)]
+        assert decode_broadcast(value).layout is same[0]
+        assert layout in same
+
+
+@given(st.integers(0, 0xFFFF), st.integers(0, 300))
+def test_a_length_of_no_layout_is_refused(mask, length):
+    fits = any(broadcast_length(layout, mask) == length for layout in Layout)
+    found = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0")[:length])
+    assert (found is not None) == fits
+
+
+def test_a_gap_of_a_byte_is_refused():
+    value = encode_broadcast(Broadcast(quaternion_wxyz=(1.0, 0.0, 0.0, 0.0), mag=(1, 2, 3)))
+    assert decode_broadcast(value) is not None
+    for wrong in (b"", value[:1], value[:-1], value + b"\0"):
+        assert decode_broadcast(wrong) is None
+
+
+def test_bits_of_no_meaning_are_refused():
+    assert decode_broadcast(b"\x00\x80") is None
+    assert broadcast_length(Layout.MODERN, 0x8000) is None
+    assert broadcast_length(Layout.LEGACY, 0x4000) is None
+    assert broadcast_length(Layout.M100, 0x1000) is None
+
+
+@pytest.mark.parametrize("layout", Layout)
+@given(data=st.data())
+def test_what_is_decoded_encodes_to_the_same_bytes(layout, data):
+    value = data.draw(values(layout))
+    found = decode_broadcast(value)
+    assert encode_broadcast(found) == value
+    assert decode_broadcast(encode_broadcast(found)) == found
+
+
+def test_the_old_layout_of_the_m600():
+    mask = 0x1FFF & ~0x0600
+    numbers = [
+        *(98760, 741636, 1),  # time, ns, flag
+        *(0.5, 0.5, 0.5, 0.5),
+        *(0.0, 0.25, -1.0),
+        *(1.5, -2.5, 3.5, 0b10101),  # health, sensor 10
+        *(0.125, 0.25, 0.5),
+        *(0.9, 0.1, 28.5, 25.0, 4),  # no obstacles behind it
+        *(20240611, 74439, 43574718, 520116395, 29339, 732.0, 2.0, -51.0),
+        *(20240611, 74439, 4.3, 52.0, 28.25, 735.0, 0.0, -50.0, -90, 50, 34),
+        *(-828, 1248, -1047),
+        2,
+        36,
+    ]
+    found = decode_broadcast(struct.pack(form_of(Layout.LEGACY, mask), mask, *numbers))
+    assert found.layout is Layout.LEGACY
+    assert found.time == Time(98760, 741636, None, None, 1)
+    assert found.velocity == Velocity((1.5, -2.5, 3.5), 0b10101)
+    assert (found.velocity.health, found.velocity.sensor_id) == (1, 10)
+    assert found.position == Position(0.9, 0.1, 28.5, 25.0, 4)
+    assert found.relative_position is None
+    assert found.gps.vel_ned_cmps == (732.0, 2.0, -51.0)
+    assert found.gps.detail is None
+    assert (found.rtk.yaw_deg, found.rtk.pos_flag, found.rtk.yaw_flag) == (-90, 50, 34)
+    assert found.mag == (-828, 1248, -1047)
+    assert found.status == Status(2)
+    assert found.battery == Battery(None, None, None, 36)
+    assert found.mask == mask
+
+
+def test_the_m100_has_other_bits():
+    mask = 0x0FC0
+    numbers = [-828, 1248, -1047, 1, 2, 3, 4, 8000, -4545, 1.5, -30.0, 90.0, 1, 2, 36, 17, 0b11001]
+    found = decode_broadcast(struct.pack(form_of(Layout.M100, mask), mask, *numbers))
+    assert found.layout is Layout.M100
+    assert found.mag == (-828, 1248, -1047)
+    assert found.rc.mode == 8000
+    assert (found.gimbal.roll_deg, found.gimbal.pitch_deg, found.gimbal.yaw_deg) == (1.5, -30, 90)
+    assert (found.status, found.battery.percentage) == (Status(2), 36)
+    device = found.device
+    assert (device.device_status, device.flight_status, device.vrc_status) == (1, 1, 1)
+    assert found.gps is None
+    assert found.rtk is None
+
+
+def test_a_compass_status_comes_last():
+    value = encode_broadcast(Broadcast(mag=(1, 2, 3), compass=7))
+    assert value == b"\x00\x41" + struct.pack("<3hB", 1, 2, 3, 7)
+    assert decode_broadcast(value).compass == 7
+
+
+def test_longitude_and_latitude_stand_where_they_are_documented():
+    mask = 0x00E0
+    numbers = [0.9, 0.1, 0, 0, 5, *[0.0] * 6, 0]  # position: latitude first
+    numbers += [0, 0, 43574718, 520116395, 0, *[0.0] * 9, 0, 0, 0, 0]  # GPS: longitude first
+    numbers += [0, 0, 4.3, 52.0, 0.0, 0.0, 0.0, 0.0, 0, 50, 50]  # RTK: longitude first
+    found = decode_broadcast(struct.pack(form_of(Layout.MODERN, mask), mask, *numbers))
+    assert (found.position.lat_rad, found.position.lon_rad) == (0.9, 0.1)
+    assert (found.gps.lat_1e7, found.gps.lon_1e7) == (520116395, 43574718)
+    assert (found.rtk.lat_deg, found.rtk.lon_deg) == (52.0, 4.3)
+
+
+PLACE = Position(0.9, 0.1, 28.5, 25.0, 4)
+CLEAR = RelativePosition(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0)
+
+
+@pytest.mark.parametrize(
+    ("broadcast", "message"),
+    [
+        (Broadcast(position=PLACE), "relative_position needs 7 numbers"),
+        (Broadcast(relative_position=CLEAR), " position needs 5 numbers"),
+        (Broadcast(Layout.LEGACY, relative_position=CLEAR), "a3_osdk31 has no relative_position"),
+        (Broadcast(Layout.M100, compass=1, gps=()), "m100_osdk31 has no gps, compass"),
+        (Broadcast(mag=(40000, 0, 0)), "cannot be sent"),
+        (Broadcast(acceleration_as_packed=(1e39, 0.0, 0.0)), "cannot be sent"),
+        (Broadcast(time=Time(1, 2, None, None, 0)), "time needs 5 numbers in a3_osdk33"),
+        (Broadcast(Layout.LEGACY, battery=Battery(1, 2, 3, 4)), "battery needs 1 numbers"),
+    ],
+)
+def test_what_a_layout_cannot_hold_is_refused(broadcast, message):
+    with pytest.raises(DjiError, match=message):
+        encode_broadcast(broadcast)
+
+
+def test_the_example_frames_encode_to_the_same_bytes(shared):
+    data = (shared / "dji" / "frames.bin").read_bytes()
+    lines = map(json.loads, (shared / "dji" / "frames.jsonl").read_text().splitlines())
+    masks = [line["mask"] for line in lines if line["kind"] == "broadcast"]
+    reader = FrameReader()
+    frames = [f for f in reader.feed(data) + reader.rescan() if f.cmd_id == 0]
+    found = [decode_broadcast(frame.value) for frame in frames]
+    assert [broadcast.mask for broadcast in found] == masks
+    assert [encode_broadcast(b) for b in found] == [frame.value for frame in frames]

@@ -1,0 +1,168 @@
+"""The sample flight through the serial link: bytes on a wire in place of a bag's messages.
+
+Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a reader who is late ->
+frames -> readings -> samples -> the filter and the gimbal, beside the bag's samples themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from serial_flight import heard
+
+from tirgeo_ros.core.config import (
+    BagPlayerConfig,
+    DjiConfig,
+    EkfConfig,
+    GimbalConfig,
+    OverlayConfig,
+)
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.dji.simulator import Aircraft
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import SENSED_SAMPLES
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.tools.evaluate.ground import load_experiment, locate_observations
+from tirgeo_ros.tools.evaluate.result import ground_errors
+from tirgeo_ros.tools.replay.recorded_flight import (
+    body_errors,
+    load_recording,
+    load_truth,
+    track_of,
+)
+
+#: The project's figure: heading and ground error of the serial run against those of the bag run.
+AS_GOOD = 1.25
+#: The sample's first clicks are 10 s into it.
+SETTLED_S = 10.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    heading_deg: float
+    ground_m: dict[str, float]  # by composition
+    located: int
+
+
+class Flight:
+    """The sample, its parameters and what it is judged by."""
+
+    def __init__(self, folder):
+        params = ParameterFile(folder / "params.yaml")
+        self.dji = params.config("dji_node", DjiConfig)
+        player = params.config("bag_player", BagPlayerConfig)
+        self.aircraft, self.places = player.simulated_aircraft, player.aircraft
+        self._ekf = params.config("ekf_node", EkfConfig)
+        self._gimbal = params.config("gimbal_node", GimbalConfig)
+        self._overlay = params.config("overlay_node", OverlayConfig)
+        self._truth = load_truth(folder / "truth.mcap")
+        points = (folder / "survey.geojson", folder / "observations.csv")
+        self._given = load_experiment(*points, "gauss-krueger")
+        self._camera = load_recording(folder / "flight.mcap").camera
+        cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
+        self.samples = [
+            (
+                item.log_time_ns,
+                SENSED_SAMPLES[item.topic[1:]](cdr.deserialize(item.data, item.typename)),
+            )
+            for item in bag.messages([f"/{topic}" for topic in SENSED_SAMPLES])
+        ]
+
+    def heard(self, **changes):
+        """The samples that come out of the aircraft's bytes, and their interpreter."""
+        aircraft = Aircraft(replace(self.aircraft, **changes), places=self.places)
+        return heard(aircraft, self.samples, self.dji)
+
+    def judged(self, samples) -> Judged:
+        track = track_of(samples, self._ekf, self._gimbal)
+        errors = body_errors(track.bodies, self._truth, SETTLED_S)
+        ground = {
+            composition: locate_observations(
+                poses,
+                track.plane,
+                self._camera,
+                self._given,
+                self._overlay.ground_height_m,
+                self._overlay,
+            )[0]
+            for composition, poses in track.cameras.items()
+        }
+        return Judged(
+            math.degrees(errors.heading_rad),
+            {name: ground_errors(located).rmse_m for name, located in ground.items()},
+            min(len(located) for located in ground.values()),
+        )
+
+
+@pytest.fixture(scope="module")
+def flight(sample):
+    return Flight(sample)
+
+
+@pytest.fixture(scope="module")
+def bag(flight):
+    return flight.judged([found for _, found in flight.samples])
+
+
+@pytest.fixture(scope="module")
+def by_joints(flight):
+    return flight.heard()
+
+
+@pytest.mark.slow
+def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
+    serial = flight.judged(by_joints[0])
+    # Its bytes take their time: the filter may start a click later.
+    assert bag.located - 1 <= serial.located <= bag.located
+    assert bag.located >= 20
+    assert serial.heading_deg <= AS_GOOD * bag.heading_deg
+    # Encoders survive by the attitude that is composed of them; the reported one is better too.
+    assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["encoders"]
+    assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
+
+
+@pytest.mark.slow
+def test_the_reported_attitude_is_as_good_as_the_bags(flight, bag):
+    samples, _ = flight.heard(gimbal="reported", layout="legacy")
+    serial = flight.judged(samples)
+    assert serial.heading_deg <= AS_GOOD * bag.heading_deg
+    assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
+    # Joints are computed of it: they can be no better than it, and are no worse.
+    assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["paper"]
+
+
+def test_each_measurement_comes_once(flight, by_joints):
+    """The receivers are polled at 50 Hz and measure 5 and 10 times a second."""
+
+    def number(samples):
+        return Counter((type(s), getattr(s, "source", None)) for s in samples)
+
+    samples, interpreter = by_joints
+    assert interpreter.warnings == []
+    assert number(samples) == number(found for _, found in flight.samples)
+
+
+def imu_stamps(samples):
+    return np.array([s.stamp_ns for s in samples if isinstance(s, ImuSample)])
+
+
+def test_stamps_are_the_measurements_own(flight, by_joints):
+    """Late by the wire and the reader's best, early by no more than half a millisecond.
+
+    75 bytes take 0.81 ms at 921600 baud, and the fastest of some thousand reads none more.
+    """
+    said = imu_stamps([found for _, found in flight.samples])
+    settled = (imu_stamps(by_joints[0]) - said)[500:] / 1e6
+    assert settled.min() > -0.5
+    assert np.median(settled) == pytest.approx(0.8, abs=0.3)
+    assert settled.max() < 2.0
+
+
+def test_a_clock_that_drifts_and_wraps_changes_nothing(flight, by_joints):
+    samples, _ = flight.heard(clock_start_ms=2**32 - 10_000, clock_drift_ppm=50.0)
+    # A millisecond of the counter is truncated, and 50 ppm of a 20 s window is one more.
+    assert np.abs(imu_stamps(samples) - imu_stamps(by_joints[0]))[500:].max() < 2e6

@@ -1,0 +1,298 @@
+"""Messages of the ROS 1 wrapper to readings: axes, units, orders, stamps; what is refused."""
+
+from __future__ import annotations
+
+import math
+import random
+from types import SimpleNamespace as Message
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.dji.sources.readings import AccelerationUnit, GimbalReading, ImuReading, RtkReading
+from tirgeo_ros.dji.sources.ros1 import NEEDED, Ros1Road, Ros1Setup, Ros1Survey, types_of, used
+from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags
+
+MS = 1_000_000
+SECOND = 1_000 * MS
+START = 1_718_091_879 * SECOND
+LAG = 2 * MS
+IMU = "sensor_msgs/msg/Imu"
+ATTITUDE = "geometry_msgs/msg/QuaternionStamped"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+FIX = "sensor_msgs/msg/NavSatFix"
+ROUNDING = 1e-12
+
+
+def header(stamp_ns: int, frame_id: str = "") -> Message:
+    return Message(
+        stamp=Message(sec=stamp_ns // SECOND, nanosec=stamp_ns % SECOND), frame_id=frame_id
+    )
+
+
+def xyz(x: float, y: float, z: float) -> Message:
+    return Message(x=x, y=y, z=z)
+
+
+def imu(stamp_ns: int, force=(0.5, -0.25, 9.8), q=(1.0, 0.0, 0.0, 0.0)) -> Message:
+    return Message(
+        header=header(stamp_ns, "body_FLU"),
+        orientation=Message(w=q[0], x=q[1], y=q[2], z=q[3]),
+        orientation_covariance=[0.0] * 9,
+        angular_velocity=xyz(0.1, 0.2, -0.3),
+        linear_acceleration=xyz(*force),
+    )
+
+
+def vector(stamp_ns: int, x: float, y: float, z: float, frame_id: str = "") -> Message:
+    return Message(header=header(stamp_ns, frame_id), vector=xyz(x, y, z))
+
+
+def fix(stamp_ns: int, latitude=52.0, longitude=4.0, altitude=30.0) -> Message:
+    return Message(
+        header=header(stamp_ns), latitude=latitude, longitude=longitude, altitude=altitude
+    )
+
+
+def attitude(stamp_ns: int, w: float) -> Message:
+    return Message(header=header(stamp_ns), quaternion=Message(w=w, x=0.0, y=0.0, z=0.0))
+
+
+def readings(name, typename, message, record_ns=START + LAG, setup=None):
+    """What one message gives, epochs that are not over included."""
+    road = Ros1Road(setup or Ros1Setup())
+    found = road.take(name, typename, message, record_ns)
+    return [arrived.reading for arrived in found + road.flush()]
+
+
+def test_imu_is_turned_to_ned_and_frd():
+    q_nb = quat_from_euler(0.1, -0.2, 2.5)
+    rotation = ENU_NED @ matrix_from_quat(q_nb) @ FLU_FRD
+    half = np.array([0.5 * math.sqrt(max(0.0, 1 + s @ np.diag(rotation))) for s in _SIGNS])
+    q = half * [1.0, *np.sign(_axial(rotation))]
+    (reading,) = readings("imu", IMU, imu(START, q=tuple(q)))
+    assert isinstance(reading, ImuReading)
+    assert reading.stamp_ns == START
+    assert reading.unit is AccelerationUnit.M_S2
+    assert reading.acceleration_b == (0.5, 0.25, -9.8)
+    assert reading.angular_rate_b == (0.1, -0.2, 0.3)
+    assert abs(np.dot(reading.q_nb, q_nb)) == pytest.approx(1.0, abs=ROUNDING)
+
+
+#: Diagonals to the size of each component of a quaternion (Shepperd's method).
+_SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+
+
+def _axial(m):
+    return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+
+
+def test_an_attitude_that_is_marked_as_absent():
+    message = imu(START)
+    message.orientation_covariance = [-1.0] + [0.0] * 8
+    (reading,) = readings("imu", IMU, message)
+    assert reading.q_nb is None
+
+
+def test_an_imu_with_a_bad_attitude_is_still_an_imu():
+    (reading,) = readings("imu", IMU, imu(START, q=(0.0, 0.0, 0.0, 0.0)))
+    assert reading.acceleration_b == (0.5, 0.25, -9.8)
+    assert reading.q_nb == (0.0, 0.0, 0.0, 0.0)  # for the interpreter to count
+
+
+def test_attitude_is_turned_to_ned_and_frd():
+    """Level with the nose to the east, where ENU has no turn: a heading of 90 deg."""
+    (reading,) = readings("attitude", ATTITUDE, attitude(START, 1.0))
+    expected = quat_from_euler(0.0, 0.0, math.radians(90.0))
+    assert reading.q_nb == pytest.approx(tuple(expected), abs=ROUNDING)
+
+
+def test_fused_velocity_is_east_north_up():
+    (reading,) = readings("velocity", VECTOR, vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
+    assert reading.velocity_n == (2.0, 1.0, -3.0)
+
+
+def test_rtk_velocity_is_north_east_down():
+    (reading,) = readings("rtk_velocity", VECTOR, vector(START, 1.0, 2.0, 3.0))
+    assert reading.velocity_n == (1.0, 2.0, 3.0)
+
+
+def test_fused_position_has_no_fix_and_hardly_a_height():
+    (reading,) = readings("gps_position", FIX, fix(START, altitude=-137.0))
+    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
+    assert reading.fix is None
+    assert reading.vertical_sigma_m == 100.0
+
+
+@pytest.mark.parametrize(
+    ("angles", "frame"),
+    [
+        ((-70.0, 2.0, 45.0), ""),
+        ((2.0, -70.0, 45.0), "ground_ENU"),
+        ((2.0, -70.0, 45.0), "/ground_ENU"),
+        ((2.0, -70.0, 45.0), "uav1/ground_ENU"),
+    ],
+)
+def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
+    (reading,) = readings("gimbal_angle", VECTOR, vector(START, *angles, frame))
+    expected = GimbalReading(START, math.radians(2.0), math.radians(-70.0), math.radians(45.0))
+    assert reading == expected
+
+
+def test_another_frame_tells_no_order():
+    with pytest.raises(MessageError, match="frame 'body_FLU' tells no order of the angles"):
+        readings("gimbal_angle", VECTOR, vector(START, 1.0, 2.0, 3.0, "body_FLU"))
+
+
+@pytest.mark.parametrize(
+    ("name", "typename", "message", "because"),
+    [
+        ("imu", IMU, imu(START, force=(math.nan, 0.0, 9.8)), "not finite: nan, 0, 9.8"),
+        ("attitude", ATTITUDE, attitude(START, 0.0), "a quaternion of length 0"),
+        ("velocity", VECTOR, vector(START, math.inf, 0.0, 0.0), "not finite: inf"),
+        ("gps_position", FIX, fix(START, latitude=0.0, longitude=0.0), "no position yet"),
+        ("rtk_position", FIX, fix(START, latitude=91.0), "no place on the earth: 91, 4"),
+        ("rtk_position", FIX, fix(START, altitude=math.nan), "not finite"),
+        ("gimbal_angle", VECTOR, vector(START, 4500.0, 0.0, 0.0), "no angles of a gimbal"),
+        ("rtk_yaw", "std_msgs/msg/Int16", Message(angle=1), "its definition has no data"),
+        ("imu", IMU, imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
+    ],
+)
+def test_values_that_make_no_sense_are_refused(name, typename, message, because):
+    with pytest.raises(MessageError, match=because):
+        readings(name, typename, message)
+
+
+def test_without_a_stamp_the_time_of_the_record_counts():
+    (reading,) = readings("gimbal_angle", VECTOR, vector(0, 1.0, 2.0, 3.0))
+    assert reading.stamp_ns == START + LAG
+
+
+def test_yaw_and_flags_have_the_stamp_of_their_position():
+    road = Ros1Road()
+    number = "std_msgs/msg/UInt8"
+    given = [
+        ("rtk_info_position", number, Message(data=50)),
+        ("rtk_position", FIX, fix(START)),
+        ("rtk_yaw", "std_msgs/msg/Int16", Message(data=-90)),
+        ("rtk_info_yaw", number, Message(data=49)),
+    ]
+    for k, (name, typename, message) in enumerate(given):
+        assert road.take(name, typename, message, START + (k + 2) * MS) == []
+    ((arrival_ns, reading),) = road.take("imu", IMU, imu(START + SECOND), START + SECOND)[:1]
+    place = (math.radians(52.0), math.radians(4.0), 30.0)
+    assert reading == RtkReading(START, place, 50, None, -90, 49)
+    assert arrival_ns == START + 5 * MS
+
+
+def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
+    later = 86_400 * SECOND
+    survey = Ros1Survey()
+    for k in range(50):
+        survey.add("imu", imu(START + k * 10 * MS), START + k * 10 * MS + LAG + later)
+    road = Ros1Road(survey.setup)
+    assert survey.setup.shift_ns == later + LAG
+    message = Message(data=10)
+    assert road.take("rtk_yaw", "std_msgs/msg/Int16", message, START + later + LAG) == []
+    ((arrival_ns, reading),) = road.flush()
+    assert arrival_ns == reading.stamp_ns == START
+    assert "86400.002 s before the times of the record" in road.warnings[0]
+
+
+@pytest.mark.parametrize("lag_ns", [0, 300 * MS, -300 * MS])
+def test_a_recorder_that_is_late_is_of_the_same_clock(lag_ns):
+    survey = Ros1Survey()
+    for k in range(50):
+        survey.add("imu", imu(START + k * 10 * MS), START + k * 10 * MS + lag_ns)
+    assert survey.setup.shift_ns == 0
+
+
+def test_a_gravity_that_is_multiplied_in_twice():
+    """Broadcast with m/s2 set in Assistant: the wrapper's factor comes on top of it."""
+    survey = Ros1Survey()
+    message = imu(START, force=(0.0, 0.0, 9.8 * 9.801))
+    for k in range(30):
+        survey.add("imu", message, START + k)
+    (reading,) = readings("imu", IMU, message, setup=survey.setup)
+    assert reading.acceleration_b[2] == pytest.approx(-9.8, abs=ROUNDING)
+    assert "gravity multiplied in twice" in Ros1Road(survey.setup).warnings[0]
+
+
+def test_a_hard_landing_is_no_second_gravity():
+    survey = Ros1Survey()
+    for k in range(30):
+        survey.add("imu", imu(START, force=(0.0, 0.0, 120.0 if k < 10 else 9.8)), START + k)
+    assert survey.setup.gravity == 1.0
+
+
+@pytest.mark.parametrize("burst", [4, 8, 16])
+def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
+    """400 Hz stamped when the serial port hands over a burst, with 0.3 ms of scheduling.
+
+    After two seconds of learning the stamps stand on a line: within 0.1 ms of it (a third of the
+    scheduling), where the bursts are off by milliseconds.
+    """
+    rng = random.Random(burst)
+    true = [START + k * 2_500_000 for k in range(2400)]
+    stamped = []
+    for k in range(len(true)):
+        last = min(k // burst * burst + burst - 1, len(true) - 1)
+        after = stamped[-1] + 20_000 if stamped else 0
+        stamped.append(max(true[last] + rng.randrange(300_000), after))
+    survey = Ros1Survey()
+    for stamp in stamped[:200]:
+        survey.add("imu", imu(stamp), stamp + MS)
+    road = Ros1Road(survey.setup)
+    made = [road.take("imu", IMU, imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
+    errors_ms = (np.array(made) - np.array(true))[800:] * 1e-6
+    assert np.std(errors_ms) < 0.1
+    assert np.std((np.array(stamped) - np.array(true))[800:] * 1e-6) > 2.0
+    assert "imu is stamped in bursts" in road.warnings[0]
+
+
+def test_even_stamps_are_left_alone():
+    """Also whole milliseconds at 400 Hz, as the aircraft's aligned clock gives them."""
+    stamps = [START + (5 * k // 2) * MS for k in range(400)]
+    survey = Ros1Survey()
+    for stamp in stamps:
+        survey.add("imu", imu(stamp), stamp + LAG)
+    assert survey.setup == Ros1Setup()
+    road = Ros1Road(survey.setup)
+    assert [road.take("imu", IMU, imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
+
+
+def lags(imu_lag_ns, gimbal_lag_ns, duration_s=60):
+    found = StampLags()
+    for k in range(duration_s * 10):
+        at_ns = START + k * 100 * MS
+        jitter_ns = (k * 7 % 10) * 500_000
+        found.add("imu", at_ns, at_ns + imu_lag_ns(k / 10) + jitter_ns)
+        found.add("gimbal_angle", at_ns, at_ns + gimbal_lag_ns + jitter_ns)
+    return found.warnings("imu", "gimbal_angle")
+
+
+def test_stamps_that_go_together_are_no_matter():
+    assert lags(lambda _: 3 * MS, 1 * MS) == []
+
+
+def test_a_drift_of_aligned_stamps_is_told():
+    # 1 ms a second from the first stretch of 10 s to the last whole one, 40 s later.
+    (drift,) = lags(lambda t_s: round(t_s * MS), 1 * MS)
+    assert "the stamps of imu drift by +40 ms" in drift
+
+
+def test_a_constant_difference_is_told():
+    (apart,) = lags(lambda _: 35 * MS, 1 * MS)
+    assert "the stamps of gimbal_angle are -34 ms later" in apart
+
+
+def test_what_is_read_of_a_bag():
+    assert used(["imu", "rc", "velocity", "battery_state"]) == {"imu", "velocity"}
+    older = ["A3_GPS", "A3_RTK", "global_position", "velocity", "gimbal"]
+    assert used(older) == {"A3_GPS", "A3_RTK", "gimbal"}
+    assert types_of("velocity") == (VECTOR, "dji_sdk/msg/Velocity")
+    assert types_of("rc") == ()
+    assert all(types_of(name) for names in NEEDED for name in names)

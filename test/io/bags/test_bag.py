@@ -1,0 +1,358 @@
+"""Bags that are whole: written, read, ordered, refused."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+import message_samples as given
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from tirgeo_ros.core.types.errors import BagError, MessageError
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages, imu_sample
+
+IMU = "sensor_msgs/msg/Imu"
+cdr = Cdr()
+made = Messages(cdr.types)
+
+
+def imu(stamp_ns):
+    return made.imu(ImuSample(stamp_ns, np.zeros(3), np.zeros(3)))
+
+
+def write(path, log_times, topic="/imu/data"):
+    with BagWriter(path) as bag:
+        for log_time in log_times:
+            bag.write(topic, IMU, imu(log_time), log_time, log_time + 7)
+
+
+def foreign(path, *, profile="ros2", encoding="cdr", schema="ros2msg", times=(1,), **options):
+    """A bag by another writer; one topic /a as told and a sound one /b."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile, "another")
+        text = cdr.definition(IMU).encode()
+        kinds = [(encoding, schema, "/a"), ("cdr", "ros2msg", "/b")]
+        channels = [
+            writer.register_channel(topic, kind, writer.register_schema(IMU, form, text))
+            for kind, form, topic in kinds
+        ]
+        for log_time in times:
+            for channel in channels:
+                writer.add_message(channel, log_time, cdr.serialize(imu(log_time), IMU), log_time)
+        writer.finish()
+    return path
+
+
+def test_every_message_comes_back(tmp_path):
+    path = tmp_path / "all.mcap"
+    with BagWriter(path) as bag:
+        for number, (name, (typename, make)) in enumerate(given.EVERY_MESSAGE.items()):
+            bag.write("/" + name.replace(" ", "_"), typename, make(made), number)
+    reader = BagReader(path)
+    found = list(reader.messages())
+    assert [m.topic for m in found] == ["/" + n.replace(" ", "_") for n in given.EVERY_MESSAGE]
+    for message, (typename, make) in zip(found, given.EVERY_MESSAGE.values(), strict=True):
+        assert message.typename == typename == reader.topics()[message.topic]
+        assert message.data == cdr.serialize(make(made), typename)
+    assert reader.damage is None
+
+
+def test_times_count_and_span(tmp_path):
+    write(tmp_path / "a.mcap", [5, 10, 20])
+    reader = BagReader(tmp_path / "a.mcap")
+    assert (reader.count, reader.span_ns) == (3, (5, 20))
+    times = [(m.log_time_ns, m.publish_time_ns) for m in reader.messages()]
+    assert times == [(5, 12), (10, 17), (20, 27)]
+    assert [imu_sample(cdr.deserialize(m.data, IMU)).stamp_ns for m in reader.messages()] == [
+        5,
+        10,
+        20,
+    ]
+
+
+def test_a_topic_that_stayed_silent_is_none(tmp_path):
+    """As rosbag2 leaves it where a node advertises what its receiver never says."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "another")
+        schema = writer.register_schema(IMU, "ros2msg", cdr.definition(IMU).encode())
+        said, _ = (writer.register_channel(topic, "cdr", schema) for topic in ("/a", "/b"))
+        writer.add_message(said, 1, cdr.serialize(imu(1), IMU), 1)
+        writer.finish()
+    assert list(BagReader(path).topics()) == ["/a"]
+
+
+def test_publish_time_is_log_time_unless_given(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/imu/data", IMU, imu(3), 9)
+    (message,) = BagReader(tmp_path / "a.mcap").messages()
+    assert message.publish_time_ns == 9
+
+
+def test_ready_bytes_are_taken_as_they_are(tmp_path):
+    data = cdr.serialize(imu(1), IMU) + b"\0\0"
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/imu/data", IMU, data, 1)
+    (message,) = BagReader(tmp_path / "a.mcap").messages()
+    assert message.data == data
+
+
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"chunk_size": 2000}])
+def test_order_is_of_log_time_across_chunks(tmp_path, options):
+    times = np.random.default_rng(3).permutation(200)
+    path = foreign(tmp_path / "a.mcap", times=[int(t) for t in times], **options)
+    found = [(m.log_time_ns, m.topic) for m in BagReader(path).messages()]
+    assert found == [(t, topic) for t in range(200) for topic in ("/a", "/b")]
+
+
+def test_equal_times_keep_the_order_of_the_file(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for number in range(50):
+            bag.write("/imu/data", IMU, imu(number), 1)
+    stamps = [
+        imu_sample(cdr.deserialize(m.data, IMU)).stamp_ns
+        for m in BagReader(tmp_path / "a.mcap").messages()
+    ]
+    assert stamps == list(range(50))
+
+
+def test_only_the_topics_and_times_asked_for(tmp_path):
+    path = foreign(tmp_path / "a.mcap", times=range(100), chunk_size=4000)
+    reader = BagReader(path)
+    found = [(m.topic, m.log_time_ns) for m in reader.messages(["/b", "/absent"], start_ns=97)]
+    assert found == [("/b", 97), ("/b", 98), ("/b", 99)]
+    assert reader.topics() == {"/a": IMU, "/b": IMU}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.NONE},
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.ZSTD},
+        {"use_chunking": False},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"use_statistics": False},
+        {"enable_crcs": False},
+        {"profile": ""},
+    ],
+)
+def test_bags_of_other_writers(tmp_path, options):
+    reader = BagReader(foreign(tmp_path / "a.mcap", times=range(30), **options))
+    assert [m.log_time_ns for m in reader.messages(["/a"])] == list(range(30))
+    assert reader.damage is None
+    assert reader.span_ns == (0, 29)
+    assert reader.count == (None if "use_statistics" in options else 60)
+
+
+def test_long_bag_is_read_chunk_by_chunk(tmp_path):
+    path = foreign(tmp_path / "a.mcap", times=range(2000), chunk_size=50_000)
+    reader = BagReader(path)
+    loads = []
+    load = reader._loaded
+    reader._loaded = lambda data, segment, *rest: (
+        loads.append(segment) or load(data, segment, *rest)
+    )
+    messages = reader.messages()
+    for _ in range(10):
+        next(messages)
+    assert 1 <= len(loads) <= 2 < len(reader._contents.segments)
+
+
+# what the file looks like to others
+
+
+def test_the_container_is_what_others_expect(tmp_path):
+    path = tmp_path / "a.mcap"
+    write(path, range(5000))
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 5000
+        assert summary.statistics.channel_message_counts == {1: 5000}
+        assert len(summary.chunk_indexes) > 1
+        assert all(index.compression == "zstd" for index in summary.chunk_indexes)
+        (channel,) = summary.channels.values()
+        (schema,) = summary.schemas.values()
+        assert (channel.topic, channel.message_encoding) == ("/imu/data", "cdr")
+        assert (schema.name, schema.encoding) == (IMU, "ros2msg")
+        assert [m.log_time for _, _, m in reader.iter_messages()] == list(range(5000))
+
+
+def test_schema_text_says_what_is_in_the_messages():
+    text = cdr.definition("nav_msgs/msg/Odometry")
+    parts = text.split("=" * 80 + "\n")
+    assert "geometry_msgs/PoseWithCovariance pose" in parts[0]
+    assert {part.splitlines()[0] for part in parts[1:]} >= {
+        "MSG: std_msgs/Header",
+        "MSG: geometry_msgs/Quaternion",
+    }
+
+
+def test_same_calls_same_bytes(tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        write(tmp_path / name, range(300))
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_permissions_are_those_of_any_new_file(tmp_path):
+    write(tmp_path / "a.mcap", [1])
+    (tmp_path / "plain").touch()
+    modes = {stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("a.mcap", "plain")}
+    assert len(modes) == 1
+
+
+# nothing half-written
+
+
+def test_an_error_leaves_nothing(tmp_path):
+    def interrupted():
+        with BagWriter(tmp_path / "a.mcap") as bag:
+            bag.write("/imu/data", IMU, imu(1), 1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_keeps_the_file_that_was_there(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"before")
+    with pytest.raises(BagError, match="message type no/such/Type is not known"):  # noqa: SIM117
+        with BagWriter(path) as bag:
+            bag.write("/imu/data", "no/such/Type", imu(1), 1)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == b"before"
+
+
+def test_the_file_appears_when_it_is_whole(tmp_path):
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as bag:
+        bag.write("/imu/data", IMU, imu(1), 1)
+        assert not path.exists()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_one_topic_has_one_type(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/t", IMU, imu(1), 1)
+        with pytest.raises(BagError, match=f"topic /t is {IMU} and cannot be std_msgs/msg/Header"):
+            bag.write("/t", "std_msgs/msg/Header", b"", 1)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    path = tmp_path / "none" / "a.mcap"
+    with pytest.raises(BagError, match=rf"{path}: cannot be written: No such"), BagWriter(path):
+        pass
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    """A device would be, by one who may write in its folder; a pipe stands for it."""
+    path = tmp_path / "a.mcap"
+    os.mkfifo(path)
+    with pytest.raises(BagError, match=rf"{path}: not a file; give the output"), BagWriter(path):
+        pass
+    assert path.is_fifo()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# refused
+
+
+def test_absent(tmp_path):
+    with pytest.raises(BagError, match=r"a\.mcap: cannot be read: No such file"):
+        BagReader(tmp_path / "a.mcap")
+
+
+def test_a_folder(tmp_path):
+    with pytest.raises(BagError, match="cannot be read: Is a directory"):
+        BagReader(tmp_path)
+
+
+def test_of_no_bytes(tmp_path):
+    (tmp_path / "a.mcap").touch()
+    with pytest.raises(BagError, match=r"a\.mcap: the file is empty"):
+        BagReader(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("data", [b"#ROSBAG V2.0\n" + bytes(100), b"SQLite format 3\0", b"\x89"])
+def test_of_another_kind(tmp_path, data):
+    (tmp_path / "a.mcap").write_bytes(data)
+    with pytest.raises(BagError, match="not an MCAP file; give a bag in MCAP format"):
+        BagReader(tmp_path / "a.mcap")
+
+
+def test_of_another_profile(tmp_path):
+    with pytest.raises(BagError, match="profile 'ros1' is not 'ros2'"):
+        BagReader(foreign(tmp_path / "a.mcap", profile="ros1"))
+
+
+def test_without_messages(tmp_path):
+    write(tmp_path / "a.mcap", [])
+    with pytest.raises(BagError, match="no message can be read; it has none"):
+        BagReader(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema"), [("json", "ros2msg"), ("cdr", "ros2idl"), ("ros1", "ros1msg")]
+)
+def test_foreign_encoding_matters_where_it_is_asked_for(tmp_path, encoding, schema):
+    reader = BagReader(foreign(tmp_path / "a.mcap", encoding=encoding, schema=schema))
+    assert reader.topics() == {"/a": IMU, "/b": IMU}
+    assert [m.topic for m in reader.messages(["/b"])] == ["/b"]
+    with pytest.raises(BagError, match=rf"topic /a is encoded as {encoding} with a .* {schema}"):
+        reader.messages(["/a"])
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\0\1\0",
+        b"\0\7\0\0" + bytes(400),
+        cdr.serialize(imu(1), IMU)[:-40],
+        cdr.serialize(imu(1), IMU) + bytes(100),
+        b"\0\1\0\0" + b"\xff" * 400,
+        cdr.serialize(made.image(0, np.zeros((4, 4), np.uint8)), "sensor_msgs/msg/Image"),
+    ],
+)
+def test_bytes_that_are_no_message(data):
+    with pytest.raises(MessageError, match=r"/imu/data: .* sensor_msgs/msg/Imu"):
+        cdr.deserialize(data, IMU, "/imu/data")
+
+
+def test_big_endian_is_read():
+    store = pytest.importorskip("rosbags.typesys").get_typestore
+    jazzy = store(pytest.importorskip("rosbags.typesys").Stores.ROS2_JAZZY)
+    data = bytes(jazzy.serialize_cdr(imu(123456789), IMU, little_endian=False))
+    assert imu_sample(cdr.deserialize(data, IMU)).stamp_ns == 123456789
+
+
+def test_a_long_bag_takes_no_more_memory_than_a_short_one(tmp_path):
+    """What was read of the file is not kept mapped: 30 MB that do not compress."""
+    kind = "std_msgs/msg/Header"
+    rng = np.random.default_rng(1)
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for number in range(300):
+            bag.write("/a", kind, rng.bytes(100_000), number)
+    begun, most = mapped_bytes(), 0
+    for _ in BagReader(tmp_path / "a.mcap").messages():
+        most = max(most, mapped_bytes() - begun)
+    assert most < 10 << 20  # a chunk of a megabyte, and what the library itself loads meanwhile
+
+
+def mapped_bytes():
+    """Of files, in this process's memory."""
+    status = Path("/proc/self/status").read_text()
+    return int(re.search(r"RssFile:\s+(\d+) kB", status)[1]) << 10

@@ -1,0 +1,205 @@
+"""Bags that are cut off or damaged: what can be read is read, and the loss is said."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.mcap_contents import MAGIC
+
+TYPE = "std_msgs/msg/Header"
+COUNT = 600
+cdr = Cdr()
+
+
+def payload(number):
+    """A message that does not compress, so that damage anywhere hits something."""
+    kind = cdr.types(TYPE)
+    stamp = cdr.types("builtin_interfaces/msg/Time")(sec=number, nanosec=0)
+    text = np.random.default_rng(number).bytes(40).hex()
+    return cdr.serialize(kind(stamp=stamp, frame_id=text), TYPE)
+
+
+PAYLOADS = [payload(number) for number in range(COUNT)]
+
+
+def bag(path, **options):
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=options.pop("chunk_size", 4000), **options)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
+        channel = writer.register_channel("/a", "cdr", schema)
+        for number, data in enumerate(PAYLOADS):
+            writer.add_message(channel, number, data, number)
+        writer.finish()
+    return path
+
+
+FORMS = {
+    "zstd": {},
+    "lz4": {"compression": CompressionType.LZ4},
+    "plain chunks": {"compression": CompressionType.NONE},
+    "no chunks": {"use_chunking": False},
+}
+
+
+def read(path):
+    """Numbers of the messages that come, each checked to be what was written."""
+    reader = BagReader(path)
+    found = list(reader.messages())
+    assert all(m.data == PAYLOADS[m.log_time_ns] for m in found)
+    return [m.log_time_ns for m in found], reader.damage
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
+def test_a_cut_keeps_what_is_before_it(tmp_path, form, share):
+    path = bag(tmp_path / "a.mcap", **FORMS[form])
+    data = path.read_bytes()
+    cut = int(share * len(data))
+    path.write_bytes(data[:cut])
+    numbers, damage = read(path)
+    assert numbers == list(range(len(numbers)))
+    # The messages take all but the summary's few per cent: a cut loses no more than a block that
+    # was being compressed (lz4 64 KiB, zstd 128 KiB; both larger than these chunks of 4 kB).
+    per_message = len(data) / COUNT
+    assert len(numbers) >= cut / per_message - 4000 / per_message - 60
+    assert damage.endswith(f"; {len(numbers)} messages were read")
+    assert "no usable index at the end (the file ends early)" in damage
+
+
+def test_a_cut_chunk_gives_its_beginning(tmp_path):
+    path = bag(tmp_path / "a.mcap", compression=CompressionType.NONE, chunk_size=1 << 20)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    numbers, damage = read(path)
+    assert COUNT * 0.4 < len(numbers) < COUNT * 0.6
+    assert "the chunk at byte" in damage
+    assert "is cut off" in damage
+
+
+@pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])
+def test_a_damaged_chunk_is_left_out(tmp_path, form):
+    path = bag(tmp_path / "a.mcap", **FORMS[form])
+    data = bytearray(path.read_bytes())
+    segment = BagReader(path)._contents.segments[10]
+    middle = segment.offset + segment.length // 2
+    data[middle : middle + 20] = bytes(b ^ 0x5A for b in data[middle : middle + 20])
+    path.write_bytes(data)
+    numbers, damage = read(path)
+    assert numbers == sorted(numbers)
+    assert COUNT - 60 < len(numbers) < COUNT  # a chunk holds 4000 / 140 messages
+    assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    assert "the chunk at byte" in damage
+    assert f"; {len(numbers)} messages were read" in damage
+
+
+@pytest.mark.parametrize("summary", [True, False])
+def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
+    path = bag(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    segment = BagReader(path)._contents.segments[5]
+    data[segment.offset : segment.offset + 30] = bytes(30)
+    path.write_bytes(data if summary else data[:-100])
+    numbers, damage = read(path)
+    assert COUNT - 60 < len(numbers) < COUNT
+    assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    assert f"from byte {segment.offset} are not readable" in damage
+
+
+def test_missing_bytes_in_the_middle(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + data[len(data) // 2 + 100 :])
+    numbers, damage = read(path)
+    assert COUNT - 90 < len(numbers) < COUNT
+    assert numbers[-1] == COUNT - 1
+    assert "checksum of the index is wrong" in damage
+
+
+def test_a_damaged_summary_costs_nothing(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    data[-60] ^= 1
+    path.write_bytes(data)
+    numbers, damage = read(path)
+    assert numbers == list(range(COUNT))
+    assert "checksum of the index is wrong" in damage
+
+
+def test_garbage_behind_the_end(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    path.write_bytes(path.read_bytes() + b"garbage")
+    numbers, damage = read(path)
+    assert numbers == list(range(COUNT))
+    assert "no usable index" in damage
+
+
+def test_order_without_an_index(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2000)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
+        channel = writer.register_channel("/a", "cdr", schema)
+        for number in random.Random(4).sample(range(COUNT), COUNT):
+            writer.add_message(channel, number, PAYLOADS[number], number)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-20])
+    numbers, damage = read(path)
+    assert numbers == list(range(COUNT))
+    assert damage
+
+
+def test_what_is_lost_with_the_descriptions(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    first = BagReader(path)._contents.segments[0]
+    data[first.offset + first.length // 2] ^= 1
+    path.write_bytes(data[:-100])  # neither the first chunk nor the summary says what /a is
+    with pytest.raises(BagError, match=r"no message can be read; .*of no known topic"):
+        BagReader(path)
+
+
+def test_only_the_head_is_left(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    for size in (len(MAGIC), len(MAGIC) + 5, 40):
+        path.write_bytes(path.read_bytes()[:size])
+        with pytest.raises(BagError, match="no message can be read"):
+            BagReader(path)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_no_damage_raises_anything_else(tmp_path, form):
+    """Many random cuts and hits: messages or a BagError, no other error.
+
+    No message comes that was not written, except where MCAP has no checksum that could tell: in
+    messages outside chunks and in a chunk that is both hit and cut off.
+    """
+    path = bag(tmp_path / "a.mcap", **FORMS[form])
+    whole = path.read_bytes()
+    rng = random.Random(11)
+    for _ in range(60):
+        data = bytearray(whole)
+        for _ in range(rng.randrange(1, 4)):
+            at = rng.randrange(len(MAGIC), len(data))
+            size = rng.choice([1, 8, 200])
+            data[at : at + size] = rng.randbytes(size)
+        cut = rng.random() < 0.5
+        if cut:
+            data = data[: rng.randrange(len(MAGIC), len(data))]
+        path.write_bytes(data)
+        try:
+            reader = BagReader(path)
+            found = list(reader.messages())
+        except BagError:
+            continue
+        wrong = [m for m in found if m.data != PAYLOADS[m.log_time_ns % COUNT]]
+        assert cut or form == "no chunks" or not wrong
+        assert len(found) <= COUNT + len(wrong)
+        assert reader.damage or len(found) == COUNT

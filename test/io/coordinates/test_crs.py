@@ -1,0 +1,174 @@
+"""Coordinate reference systems: order of axes, datums, heights, and what is not known."""
+
+import json
+import re
+
+import numpy as np
+import pyproj
+import pytest
+from map_files import UTM33_PRJ
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.coordinates.crs import checked_system, to_wgs84
+from tirgeo_ros.io.maps import load_layers
+
+NAN = float("nan")
+
+
+def laid(name, *points):
+    return to_wgs84(np.array(points, float), name, "a.map")
+
+
+@pytest.mark.parametrize("name", ["EPSG:32633", UTM33_PRJ, "+proj=utm +zone=33 +datum=WGS84"])
+def test_codes_wkt_and_proj(name):
+    points, remarks = laid(name, [500000.0, 0.0, 3.5])
+    np.testing.assert_allclose(points, [[15.0, 0.0, 3.5]], atol=1e-9)
+    assert remarks == ()
+
+
+def test_x_comes_first_whatever_the_system_says():
+    """EPSG:31468 is northing before easting, EPSG:4326 latitude before longitude."""
+    for name, point in (("EPSG:31468", [4500000.0, 5400000.0]), ("EPSG:4326", [12.0, 48.7])):
+        points, _ = laid(name, [*point, NAN])
+        np.testing.assert_allclose(points[0, :2], [12.0, 48.7], atol=0.1)
+
+
+# Coefficients of EPSG's coordinate operation 1314 (OSGB36 to WGS84), position vector.
+OSGB36 = (446.448, -125.157, 542.06, 0.15, 0.247, 0.842, -20.489)
+
+
+def test_a_shift_of_datum_and_how_well_it_is_known():
+    """Airy's ellipsoid by seven parameters, against the arithmetic written out here."""
+    text = "+proj=longlat +ellps=airy +towgs84=" + ",".join(map(str, OSGB36)) + " +type=crs"
+    points, _ = laid(text, [-1.5, 52.5, NAN])
+    a, b = 6377563.396, 6356256.909
+    e2 = 1 - (b / a) ** 2
+    lon, lat = np.radians([-1.5, 52.5])
+    radius = a / np.sqrt(1 - e2 * np.sin(lat) ** 2)
+    ecef = radius * np.array(
+        [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), (1 - e2) * np.sin(lat)]
+    )
+    rx, ry, rz = np.radians(np.array(OSGB36[3:6]) / 3600)
+    turn = np.array([[1, -rz, ry], [rz, 1, -rx], [-ry, rx, 1]])
+    moved = np.array(OSGB36[:3]) + (1 + OSGB36[6] * 1e-6) * turn @ ecef
+    to_geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
+    wanted = to_geodetic.transform(*moved)
+    # 1e-9 deg is 0.1 mm; PROJ's turn is the exact one, 1e-11 of the radius beside this.
+    np.testing.assert_allclose(points[0, :2], wanted[:2], atol=2e-9)
+    _, remarks = laid("EPSG:27700", [400000.0, 300000.0, NAN])
+    assert "from OSGB36 / British National Grid to WGS84 is known to" in remarks[0]
+
+
+def test_a_datum_that_is_not_known():
+    points, remarks = laid("+proj=utm +zone=33 +ellps=GRS80", [500000.0, 0.0, NAN])
+    np.testing.assert_allclose(points[0, :2], [15.0, 0.0], atol=1e-9)
+    assert "names no datum: taken for WGS84, which is right to 2 m for a datum" in remarks[0]
+    for name in ("+proj=utm +zone=33 +ellps=bessel", "+proj=longlat +ellps=bessel", "EPSG:4610"):
+        with pytest.raises(
+            MapError, match=r"a.map: the way from the datum of .* give its EPSG code or"
+        ):
+            laid(name, [50.0, 0.0, NAN])
+
+
+PLATES = {
+    "CGCS2000": (4490, 4480, 4547),
+    "GDA2020": (7844, 7856),
+    "NAD83(2011)": (6318, 6345),
+    "JGD2011": (6668, 6677),
+    "ETRS89": (4258, 25832),
+}
+
+
+@pytest.mark.parametrize("datum", PLATES)
+@pytest.mark.parametrize("form", ["code", "WKT1_ESRI", "WKT1_GDAL", "WKT2_2019"])
+def test_a_datum_that_is_named_is_not_remarked_upon(datum, form):
+    """Whether a code names it, or the text alone, as a .prj does."""
+    for code in PLATES[datum]:
+        name = f"EPSG:{code}"
+        if form != "code":
+            if code == 4480:
+                continue  # a system of three axes has no WKT of the first kind
+            text = pyproj.CRS(name).to_wkt(form)
+            name = re.sub(r',\s*(AUTHORITY|ID)\["EPSG",\s*"?\d+"?\]', "", text)
+            assert "EPSG" not in name
+        assert laid(name, [100.0, 40.0, NAN])[1] == (), name
+
+
+GEOGCS = (
+    'GEOGCS["site",DATUM["{}",SPHEROID["GRS 1980",6378137.0,298.257222101]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
+)
+
+
+@pytest.mark.parametrize(
+    ("datum", "told"),
+    [
+        ("WGS84", ""),
+        ("D_WGS_1984", ""),
+        ("D_China_2000", ""),
+        ("Unknown based on WGS 84 ellipsoid", "site names no datum: taken for WGS84"),
+        ("Not_specified_based_on_GRS_1980_ellipsoid", "site names no datum: taken for WGS84"),
+        ("my mine", "a.map: the datum 'my mine' of site is not known: taken for WGS84"),
+    ],
+)
+def test_names_of_datums_without_a_code(datum, told):
+    _, remarks = laid(GEOGCS.format(datum), [16.0, 48.0, NAN])
+    assert len(remarks) == bool(told)
+    assert told in "".join(remarks)
+
+
+def test_heights_of_another_zero_are_left_out_and_that_is_told():
+    points, remarks = laid("EPSG:32633+5773", [500000.0, 0.0, 120.0])
+    assert np.isnan(points[0, 2])
+    (remark,) = remarks
+    assert remark.endswith("zone 33N + EGM96 height are none above the ellipsoid: left out")
+    assert laid("EPSG:32633+5773", [500000.0, 0.0, NAN])[1] == ()
+
+
+def test_the_input_stays_as_it_is():
+    points = np.array([[500000.0, 0.0, 1.0]])
+    to_wgs84(points, "EPSG:32633+5773", "a.map")
+    np.testing.assert_array_equal(points, [[500000.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("name", ["", "nonsense", "\ud800", "x" * 10000])
+def test_what_is_no_system(name):
+    with pytest.raises(
+        MapError, match=r"^a.map: unknown coordinate reference system .*; save the"
+    ):
+        checked_system(name, "a.map")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("EPSG:5773", "Vertical"), ("EPSG:4978", "Geocentric")]
+)
+def test_a_system_of_no_map(name, kind):
+    with pytest.raises(MapError, match=f"^a.map: '{name}' is a {kind} CRS, and .*; save the"):
+        checked_system(name, "a.map")
+
+
+def test_a_line_across_the_antimeridian_stays_short(tmp_path):
+    """UTM 60 goes on beyond 180 deg; the line is 20 km long there and on the tangent plane."""
+    path = tmp_path / "a.geojson"
+    line = [[823000.0 + x, 0.0] for x in (0.0, 10e3, 20e3)]
+    crs = {"properties": {"name": "EPSG:32660"}}
+    path.write_text(json.dumps({"type": "LineString", "coordinates": line, "crs": crs}))
+    (feature,) = load_layers(str(path))[0].features
+    lons = np.degrees(feature.points[:, 1])
+    assert lons[0] > 179
+    assert lons[-1] < -179
+    plane = TangentPlane(*feature.points[1, :2], 0.0)
+    ned = plane.ned_from_geodetic(feature.points[:, 0], feature.points[:, 1], np.zeros(3))
+    # 0.9996 at the central meridian grows by (x / R)^2 / 2, 0.13 %, so far from it.
+    assert np.hypot(*np.diff(ned[[0, -1], :2], axis=0)[0]) == pytest.approx(20e3, rel=2e-3)
+
+
+def test_another_planet():
+    moon = (
+        'GEOGCRS["Moon",DATUM["D_Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],'
+        'PRIMEM["Reference_Meridian",0],CS[ellipsoidal,2],AXIS["lat",north],AXIS["lon",east],'
+        'ANGLEUNIT["degree",0.0174532925199433]]'
+    )
+    with pytest.raises(MapError, match=r"a\.map: there is no way from Moon to WGS84: is it of"):
+        laid(moon, [10.0, 10.0, NAN])

@@ -1,0 +1,147 @@
+"""Style sheets: each key, and what is said of each that is wrong."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from map_files import UTM33_PRJ
+from project import PROJECT
+
+from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.style_sheet import load_style_sheet
+
+SHEET = """
+layers:
+  - file: roads.gpkg
+    layer: roads
+    colour: "#ffd000"
+    width: 2
+    fill: Navy
+    fill_opacity: 0.5
+    label: name
+    scale: [0, 2.5]
+    crs: EPSG:25832
+    sigma: 0.2
+    where: kind == road and lanes >= 2
+  - label: false
+    scale: [0.5, .inf]
+    crs: 32633
+    sigma: 1
+  - {}
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "style.yaml"
+        path.write_text(text, "utf-8")
+        return path
+
+    return write
+
+
+def test_every_key(written, tmp_path):
+    full, some, empty = load_style_sheet(written(SHEET))
+    assert full.style == LayerStyle(
+        line_bgr=(0, 208, 255),
+        width_px=2,
+        fill_bgr=(128, 0, 0),
+        fill_opacity=0.5,
+        labels=True,
+        scale_m_px=(0.0, 2.5),
+    )
+    assert (full.file, full.layer) == (tmp_path / "roads.gpkg", "roads")
+    assert (full.crs, full.sigma_m, full.label.fields) == ("EPSG:25832", 0.2, ("name",))
+    assert full.condition.fields == ("kind", "lanes")
+    assert (some.condition, empty.condition) == (None, None)
+    assert some.style == LayerStyle(labels=False, scale_m_px=(0.5, math.inf))
+    assert (some.crs, some.sigma_m, some.file, some.layer) == ("EPSG:32633", 1.0, None, "")
+    assert (empty.style, empty.label, empty.crs, empty.sigma_m) == (LayerStyle(), None, "", None)
+
+
+def test_a_file_with_the_system(written, tmp_path):
+    (tmp_path / "site.prj").write_text(UTM33_PRJ)
+    (entry,) = load_style_sheet(written("layers: [{crs: site.prj}]"))
+    assert (entry.crs, entry.crs_file) == (UTM33_PRJ, tmp_path / "site.prj")
+
+
+def test_a_file_elsewhere(written):
+    (entry,) = load_style_sheet(written("layers: [{file: /maps/a.kml}]"))
+    assert entry.file == Path("/maps/a.kml")
+
+
+BAD = {
+    "no list": ("layers: 3", "no style sheet: it needs a list under layers:"),
+    "a list": ("- a", "no style sheet"),
+    "no layers": ("layers: []", "the list of layers is empty"),
+    "root": ("layers: [{}]\nlayer: 3", "unknown key layer .did you mean layers"),
+    "no keys": ("layers: [roads.gpkg]", "layer 1: is no list of keys"),
+    "unknown": ("layers: [{}, {color: red}]", r"layer 2: unknown key color \(did you mean colour"),
+    "far": ("layers: [{zzz: red}]", r"layer 1: unknown key zzz \(known: colour, crs"),
+    "twice": ("layers: [{width: 1, width: 2}]", "key width stands twice"),
+    "not YAML": ("layers: [", "not YAML"),
+    "file": ("layers: [{file: }]", "layer 1: file has no value"),
+    "file type": ("layers: [{file: [a]}]", "layer 1: file: .* is not of type string"),
+    "width": ("layers: [{width: 6}]", "layer 1: width: 6 px is outside 1 to 5"),
+    "width type": ("layers: [{width: 1.5}]", "layer 1: width: 1.5 is not of type int"),
+    "comment": ("layers:\n- colour: #ffd000", "layer 1: colour has no value; .* needs quotes"),
+    "colour": ("layers: [{colour: reddish}]", "layer 1: colour: 'reddish' is no colour"),
+    "alpha": ("layers: [{colour: '#11223344'}]", "layer 1: colour: '#11223344' is no colour"),
+    "256": ("layers: [{colour: 'rgb(256, 0, 0)'}]", "layer 1: colour: .* is no colour"),
+    "colour type": ("layers: [{fill: [1, 2, 3]}]", r"layer 1: fill: \[1, 2, 3\] is no colour"),
+    "opacity": ("layers: [{fill: red, fill_opacity: 1.5}]", "fill_opacity: 1.5 is outside 0 to 1"),
+    "no fill": ("layers: [{fill_opacity: 0.5}]", "layer 1: fill_opacity without fill"),
+    "nan": ("layers: [{sigma: .nan}]", "layer 1: sigma: "),
+    "sigma": ("layers: [{sigma: -1}]", "layer 1: sigma: -1 m is outside 0 to 1000"),
+    "scale": ("layers: [{scale: [2, 1]}]", "layer 1: scale: .* is not two numbers, the lesser"),
+    "scale one": ("layers: [{scale: 2}]", "layer 1: scale: 2 is not two numbers"),
+    "scale three": ("layers: [{scale: [1, 2, 3]}]", "layer 1: scale: "),
+    "scale text": ("layers: [{scale: [0, a]}]", "layer 1: scale: "),
+    "scale nan": ("layers: [{scale: [0, .nan]}]", "layer 1: scale: "),
+    "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),
+    "label empty": ("layers: [{label: ''}]", "layer 1: label: '' is neither"),
+    "brace": ("layers: [{label: 'a {b'}]", "layer 1: label: 'a {b' is no label"),
+    "format": ("layers: [{label: '{b:3}'}]", "layer 1: label: '{b:3}' is no label"),
+    "crs": (
+        "layers: [{crs: EPSG:1}]",
+        "layer 1: crs: unknown coordinate reference system 'EPSG:1'",
+    ),
+    "crs type": ("layers: [{crs: [1]}]", r"layer 1: crs: \[1\] is no code"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition: it ends where"),
+    "where type": ("layers: [{where: true}]", "layer 1: where: True is no condition, as kind =="),
+    "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_wrong_is_said(written, case):
+    text, message = BAD[case]
+    path = written(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_style_sheet(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_an_absent_sheet(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read: No such file"):
+        load_style_sheet(tmp_path / "absent.yaml")
+
+
+def test_the_example_sheet_draws_the_sample_map():
+    """Each layer has features, each feature is in one, and nothing is remarked upon."""
+    root = PROJECT
+    sheet, path = root / "config/styles/rescue.yaml", root / "bags/sample/map.geojson"
+    layers = load_layers(str(path), str(sheet))
+    groups = [{f.group for f in layer.features} for layer in layers]
+    features = json.loads(path.read_text())["features"]
+    kinds = [features[min(group)]["properties"]["kind"] for group in groups]
+    assert kinds == ["bed", "path", "hydrant"]
+    assert sum(map(len, groups)) == len(features)
+    assert set().union(*groups) == set(range(len(features)))
+    assert [layer.left_out for layer in layers] == [()] * 3
+    assert len({layer.style.line_bgr for layer in layers}) == 3

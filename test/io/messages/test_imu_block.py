@@ -1,0 +1,87 @@
+"""Blocks of Imu messages are read as the messages are one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.io.bags.bag import Cdr
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.imu_block import imu_block
+
+TYPE = "sensor_msgs/msg/Imu"
+CDR = Cdr()
+
+
+def message(frame="imu", stamp=(7, 5), rate=(1.0, 2.0, 3.0), force=(4.0, 5.0, 9.8), absent=()):
+    vector = CDR.types("geometry_msgs/msg/Vector3")
+    covariances = [np.full(9, 0.5) for _ in range(3)]
+    for k in absent:
+        covariances[k][0] = -1.0
+    header = CDR.types("std_msgs/msg/Header")(
+        CDR.types("builtin_interfaces/msg/Time")(*stamp), frame
+    )
+    turn = CDR.types("geometry_msgs/msg/Quaternion")(0.1, 0.2, 0.3, 0.9)
+    a, b, c = covariances
+    return CDR.types(TYPE)(header, turn, a, vector(*rate), b, vector(*force), c)
+
+
+def cdr(msg, *, big=False):
+    if not big:
+        return CDR.serialize(msg, TYPE)
+    definition = CDR._definition(TYPE)
+    data = bytearray(4 + definition.getsize_cdr(0, msg, CDR._store))
+    definition.serialize_cdr_be(memoryview(data)[4:], 0, msg, CDR._store)
+    return bytes(data)
+
+
+numbers = st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    given_messages=st.lists(
+        st.tuples(
+            st.text("abé_/", max_size=12),
+            st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999)),
+            numbers,
+            numbers,
+            st.booleans(),
+        ),
+        max_size=8,
+    )
+)
+def test_a_block_is_its_messages(given_messages):
+    data = [cdr(message(f, s, r, a), big=big) for f, s, r, a, big in given_messages]
+    block = imu_block(data)
+    read = [CDR.deserialize(one, TYPE) for one in data]
+    assert block.unreadable == 0
+    assert block.stamps_ns.tolist() == [stamp_ns(one) for one in read]
+    assert block.values.shape == (len(data), 6)
+    for row, one in zip(block.values, read, strict=True):
+        r, f = one.angular_velocity, one.linear_acceleration
+        np.testing.assert_array_equal(row, [r.x, r.y, r.z, f.x, f.y, f.z])
+
+
+def test_bytes_behind_a_message_do_no_harm():
+    block = imu_block([cdr(message()) + bytes(7)])
+    assert block.values.tolist() == [[1.0, 2.0, 3.0, 4.0, 5.0, 9.8]]
+
+
+def test_what_is_no_imu_is_counted_and_passed_by():
+    good = cdr(message(stamp=(1, 0)))
+    huge = bytearray(good)
+    huge[12:16] = b"\xff\xff\xff\xff"  # a frame_id of 4 GB
+    broken = [b"", good[:3], good[:15], good[:-1], b"\0\3" + good[2:], bytes(huge)]
+    block = imu_block([*broken, good])
+    assert block.unreadable == len(broken)
+    assert block.stamps_ns.tolist() == [1_000_000_000]
+
+
+@pytest.mark.parametrize(("absent", "columns"), [(1, slice(0, 3)), (2, slice(3, 6))])
+def test_a_value_marked_absent_is_nan(absent, columns):
+    block = imu_block([cdr(message(absent=(absent,)))])
+    assert np.isnan(block.values[0, columns]).all()
+    assert np.isfinite(np.delete(block.values[0], np.r_[columns])).all()

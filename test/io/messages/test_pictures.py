@@ -1,0 +1,212 @@
+"""Image and camera messages, sound and broken."""
+
+from __future__ import annotations
+
+import array
+
+import cv2
+import message_samples as given
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tirgeo_ros.core.types.errors import CameraError, MessageError
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import Messages, camera, compressed_pixels, image_pixels
+
+made = Messages(Cdr().types)
+rng = np.random.default_rng(5)
+GREY = rng.integers(0, 256, (6, 8), np.uint8)
+COLOUR = rng.integers(0, 256, (6, 8, 3), np.uint8)
+
+
+def image(pixels, encoding=None):
+    message = made.image(0, pixels)
+    message.encoding = encoding or message.encoding
+    return message
+
+
+@pytest.mark.parametrize("pixels", [GREY, COLOUR])
+def test_eight_bit_round_trip(pixels):
+    assert_array_equal(image_pixels(image(pixels)), pixels)
+
+
+def test_a_view_with_gaps_is_written_whole():
+    assert_array_equal(image_pixels(image(COLOUR[::2, ::2])), COLOUR[::2, ::2])
+
+
+def test_data_of_rclpy_is_read_too():
+    message = image(GREY)
+    message.data = array.array("B", GREY.tobytes())
+    assert_array_equal(image_pixels(message), GREY)
+
+
+def test_rows_may_be_padded():
+    padded = np.hstack([COLOUR.reshape(6, 24), np.full((6, 5), 77, np.uint8)])
+    message = image(COLOUR)
+    message.step, message.data = 29, padded.ravel()
+    assert_array_equal(image_pixels(message), COLOUR)
+
+
+def test_rgb_is_turned():
+    assert_array_equal(image_pixels(image(COLOUR, "rgb8")), COLOUR[..., ::-1])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "order"), [("yuv422", (128, 0, 128, 1)), ("yuv422_yuy2", (0, 128, 1, 128))]
+)
+def test_yuv422_without_colour_is_grey(encoding, order):
+    # order: where luminance 0 and 1 of a pair of pixels stand among the neutral colour bytes.
+    luminance = np.array([[60, 200]], np.uint8)
+    packed = np.array([[{0: 60, 1: 200}.get(place, place) for place in order]], np.uint8)
+    message = image(np.zeros((1, 2), np.uint8), encoding)
+    message.step, message.data = 4, packed.ravel()
+    pixels = image_pixels(message)
+    # ITU-R BT.601 with 16 to 235: grey = 255 / 219 (Y - 16), to a rounding.
+    wanted = 255 / 219 * (luminance.astype(float) - 16)
+    assert pixels.shape == (1, 2, 3)
+    assert np.abs(pixels.astype(float) - wanted[..., None]).max() <= 1
+
+
+def test_yuv422_needs_pairs():
+    message = image(np.zeros((2, 3), np.uint8), "yuv422")
+    message.step, message.data = 6, np.zeros(12, np.uint8)
+    with pytest.raises(MessageError, match="yuv422 needs an even width, has 3"):
+        image_pixels(message)
+
+
+@pytest.mark.parametrize(("order", "big"), [("<u2", 0), (">u2", 1)])
+def test_mono16_keeps_its_values_in_either_order_of_bytes(order, big):
+    values = rng.integers(0, 1 << 16, (6, 8), np.uint16)
+    message = image(values)
+    message.is_bigendian = big
+    message.data = np.frombuffer(values.astype(order).tobytes(), np.uint8)
+    pixels = image_pixels(message)
+    assert pixels.dtype == np.uint16  # of this machine's order: OpenCV takes no other
+    assert_array_equal(pixels, values)
+
+
+def test_mono16_with_padded_rows_and_the_other_name():
+    values = rng.integers(0, 1 << 16, (6, 8), np.uint16)
+    message = image(values, "16UC1")
+    rows = np.hstack([values.astype("<u2").view(np.uint8), np.full((6, 4), 9, np.uint8)])
+    message.step, message.data = 20, rows.ravel()
+    assert_array_equal(image_pixels(message), values)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [
+        ("encoding", "bayer_rggb8", "encoding 'bayer_rggb8' is not one of mono8"),
+        ("height", 7, "48 bytes do not hold 8x7 pixels"),
+        ("height", 0, "do not hold 8x0 pixels"),
+        ("step", 7, "with 7 bytes a row"),
+        ("data", np.zeros(0, np.uint8), "0 bytes do not hold"),
+    ],
+)
+def test_broken_images_are_refused(field, value, reason):
+    message = image(GREY)
+    setattr(message, field, value)
+    with pytest.raises(MessageError, match=reason):
+        image_pixels(message)
+
+
+@pytest.mark.parametrize(
+    "pixels", [GREY.astype(float), GREY[..., None], COLOUR[..., :2], GREY.astype(np.int8)]
+)
+def test_other_arrays_are_no_images(pixels):
+    with pytest.raises(ValueError, match="no image encoding"):
+        made.image(0, pixels)
+
+
+# compressed
+
+
+@pytest.mark.parametrize("pixels", [GREY, COLOUR])
+def test_png_round_trip(pixels):
+    message = made.compressed(0, cv2.imencode(".png", pixels)[1].tobytes())
+    assert_array_equal(compressed_pixels(message), pixels)
+
+
+def test_jpeg_is_read():
+    smooth = np.full((16, 16), 90, np.uint8)
+    message = made.compressed(0, cv2.imencode(".jpg", smooth)[1].tobytes())
+    assert_array_equal(compressed_pixels(message), smooth)
+    assert message.format == "jpeg"
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_png_of_16_bits_keeps_its_values(channels):
+    values = rng.integers(0, 1 << 16, (6, 8), np.uint16)
+    written = values if channels == 1 else np.dstack([values] * channels)
+    message = made.compressed(0, cv2.imencode(".png", written)[1].tobytes())
+    pixels = compressed_pixels(message)
+    assert pixels.dtype == np.uint16
+    assert_array_equal(pixels, values)
+
+
+def test_a_picture_of_floats_is_refused():
+    tiff = cv2.imencode(".tiff", np.ones((6, 8), np.float32))[1].tobytes()
+    with pytest.raises(MessageError, match="pixels of float32; send 8 or 16 bits"):
+        compressed_pixels(made.compressed(0, tiff))
+
+
+def test_png_with_transparency_loses_it():
+    clear = np.dstack([COLOUR, np.full((6, 8), 9, np.uint8)])
+    message = made.compressed(0, cv2.imencode(".png", clear)[1].tobytes())
+    assert_array_equal(compressed_pixels(message), COLOUR)
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"nothing of the kind"])
+def test_what_is_no_picture_is_refused(data):
+    with pytest.raises(MessageError, match=f"{len(data)} bytes are no jpeg"):
+        compressed_pixels(made.compressed(0, data))
+
+
+# camera_info
+
+
+@pytest.mark.parametrize("lens", [given.BROWN, given.RATIONAL])
+def test_camera_round_trip(lens):
+    found = camera(made.camera_info(lens, 0))
+    padded = (*lens.distortion, 0.0) if len(lens.distortion) == 4 else lens.distortion
+    assert found.distortion == padded
+    assert (found.width, found.height, found.fx, found.cy) == (
+        lens.width,
+        lens.height,
+        lens.fx,
+        lens.cy,
+    )
+
+
+def test_camera_info_of_a_brown_lens():
+    message = made.camera_info(given.BROWN, 0)
+    assert message.distortion_model == "plumb_bob"
+    assert_array_equal(message.d, [0.054, 0.3462, -0.0037, 0.0076, 0])
+    assert_array_equal(message.p.reshape(3, 4)[:, :3], message.k.reshape(3, 3))
+    assert_array_equal(message.r.reshape(3, 3), np.eye(3))
+    assert message.header.frame_id == "tir_optical_frame"
+
+
+def test_camera_without_distortion():
+    message = made.camera_info(given.BROWN, 0)
+    message.d, message.distortion_model = np.zeros(0), ""
+    assert camera(message).distortion == ()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [
+        ("k", np.zeros(9), "K is zero"),
+        ("distortion_model", "equidistant", "distortion model 'equidistant' is not known"),
+        ("distortion_model", "rational_polynomial", "needs 8 coefficients in D, has 5"),
+        ("d", np.zeros(3), "plumb_bob needs 4 or 5 coefficients in D, has 3"),
+        ("d", np.full(5, np.nan), "not finite"),
+        ("width", 0, "must be positive"),
+    ],
+)
+def test_useless_calibrations_are_refused(field, value, reason):
+    message = made.camera_info(given.BROWN, 0)
+    setattr(message, field, value)
+    with pytest.raises(CameraError, match=rf"^cam0/camera_info: .*{reason}"):
+        camera(message, "cam0/camera_info")

@@ -1,0 +1,195 @@
+"""Survey and observation files."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from measured import run_measured
+
+from tirgeo_ros.core.types.errors import SurveyError
+from tirgeo_ros.io.surveys.survey import (
+    Observation,
+    SurveyPoint,
+    load_observations,
+    load_survey,
+    save_observations,
+    save_survey,
+)
+
+names = st.text(st.characters(codec="utf-8", categories=("L", "N")), min_size=1).filter(
+    lambda name: name == name.strip()
+)
+points = st.builds(
+    SurveyPoint,
+    names | st.sampled_from(['a,"b"', "K 1"]),
+    st.floats(-math.pi / 2, math.pi / 2),
+    st.floats(-math.pi, math.pi),
+    st.floats(-500, 9000),
+)
+
+
+@given(st.lists(points, min_size=1, max_size=5, unique_by=lambda point: point.id))
+@pytest.mark.parametrize("suffix", ["csv", "geojson"])
+def test_survey_round_trip(tmp_path_factory, suffix, made):
+    path = tmp_path_factory.mktemp("survey") / f"survey.{suffix}"
+    save_survey(path, made)
+    found = load_survey(path)
+    assert [p.id for p in found] == [p.id for p in made]
+    for point, wanted in zip(found, made, strict=True):
+        # Ten decimals of a degree and four of a metre are written.
+        assert abs(point.latitude_rad - wanted.latitude_rad) <= math.radians(0.51e-10)
+        assert abs(point.longitude_rad - wanted.longitude_rad) <= math.radians(0.51e-10)
+        assert abs(point.height_m - wanted.height_m) <= 0.51e-4
+
+
+def test_geojson_has_longitude_first(tmp_path):
+    path = tmp_path / "s.geojson"
+    save_survey(path, [SurveyPoint("P1", math.radians(30), math.radians(-97), 150.5)])
+    (feature,) = json.loads(path.read_text())["features"]
+    assert feature["geometry"] == {"type": "Point", "coordinates": [-97.0, 30.0, 150.5]}
+    assert feature["properties"] == {"id": "P1"}
+
+
+def test_csv_by_hand(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_bytes(b"\xef\xbb\xbfh, id ,lat,lon,note\r\n12.5,7, 30 ,-97,by the oak\r\n")
+    (point,) = load_survey(path)
+    assert point == SurveyPoint("7", math.radians(30), math.radians(-97), 12.5)
+
+
+def test_numbers_as_ids_in_geojson(tmp_path):
+    path = tmp_path / "s.geojson"
+    geometry = {"type": "Point", "coordinates": [1, 2, 3]}
+    feature = {"type": "Feature", "properties": {"id": 5}, "geometry": geometry}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    assert load_survey(path)[0].id == "5"
+
+
+def test_observation_round_trip(tmp_path):
+    path = tmp_path / "o.csv"
+    made = [Observation("P1", 1_700_000_000_123_456_789, 12.125, -3.5), Observation("P2", 0, 0, 1)]
+    save_observations(path, made)
+    assert path.read_text().splitlines()[0] == "id,stamp_ns,u,v"
+    assert load_observations(path) == made
+
+
+def feature(geometry=None, properties=None):
+    geometry = geometry or {"type": "Point", "coordinates": [1, 2, 3]}
+    properties = {"id": "a"} if properties is None else properties
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        feature({"type": "LineString", "coordinates": [[1, 2, 3], [1, 2, 3]]}),
+        feature({"type": "Point", "coordinates": [1, 2]}),
+        feature({"type": "Point", "coordinates": ["east", 2, 3]}),
+        feature({"type": "Point", "coordinates": [1, 91, 3]}),
+        feature({"type": "Point", "coordinates": [math.nan, 2, 3]}),
+        feature(properties={}),
+        feature(properties={"id": ""}),
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [10**400, 5, 6]},
+            "properties": {"id": "a"},
+        },
+        {"type": "Feature", "geometry": None, "properties": {"id": "a"}},
+        {"type": "Feature", "geometry": {"type": "Point"}, "properties": None},
+        3,
+    ],
+)
+def test_broken_features_are_numbered(tmp_path, broken):
+    path = tmp_path / "s.geojson"
+    features = [feature(), broken]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(SurveyError, match=f"^{path}: feature 2 is no Point with longitude"):
+        load_survey(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("{", "line 1: not JSON"),
+        (f'{{"a": {"9" * 5000}}}', "not JSON: Exceeds the limit"),
+        (f'{{"a": {"[" * 100_000}', "not JSON: maximum recursion depth"),
+        ("[1]", "no GeoJSON FeatureCollection"),
+        ('{"type": "Point"}', "no GeoJSON FeatureCollection"),
+        ("", "no column id, lat, lon, h; the first line must be id,lat,lon,h"),
+        ("id,lat,lon\n", "no column h;"),
+        ("id,lat,lon,h\na,1,2,3\nb,1,2\n", "line 3 does not read id,lat,lon,h"),
+        ("id,lat,lon,h\na,north,2,3\n", "line 2 does not read"),
+        ("id,lat,lon,h\na,95,2,3\n", "line 2 does not read"),
+        ("id,lat,lon,h\na,1,2,inf\n", "line 2 does not read"),
+        ("id,lat,lon,h\n,1,2,3\n", "line 2 does not read"),
+        ("id,lat,lon,h\na,1,2,3\na,4,5,6\n", "point a stands twice"),
+    ],
+)
+def test_broken_surveys(tmp_path, text, reason):
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    with pytest.raises(SurveyError, match=rf"^{path}: {reason}"):
+        load_survey(path)
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f"a,{1 << 63},2,3"],
+)
+def test_broken_observations(tmp_path, row):
+    path = tmp_path / "o.csv"
+    path.write_text(f"id,stamp_ns,u,v\nb,1,2,3\n{row}\n")
+    with pytest.raises(SurveyError, match=rf"^{path}: line 3 does not read id,stamp_ns,u,v"):
+        load_observations(path)
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path):
+    with pytest.raises(SurveyError, match=r"none\.csv: cannot be read: No such file"):
+        load_observations(tmp_path / "none.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\xfa")
+    with pytest.raises(SurveyError, match="not a text file in UTF-8"):
+        load_survey(tmp_path / "bytes.csv")
+    with pytest.raises(SurveyError, match="cannot be written: No such file"):
+        save_observations(tmp_path / "none" / "o.csv", [])
+
+
+TABLES = {
+    "load_survey": ("id,lat,lon,h", "P{0},48.{0:07d},16.{0:07d},200.5"),
+    "load_observations": ("id,stamp_ns,u,v", "P{0},{0},320.5,256.5"),
+    "load_marks": ("id,column,row", "P{0},{0}.5,256.5"),
+    "load_control_points": ("#CRS: EPSG:32650\nmapX,mapY,sourceX,sourceY", "{0},{0},{0}.5,256.5"),
+}
+LOAD = """
+import sys
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io import control_points, survey
+name, path = sys.argv[1:]
+try:
+    if name == "load_control_points":
+        print(len(control_points.load_control_points(path, None, None).names))
+    else:
+        print(len(getattr(survey, name)(path)))
+except TirgeoError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_of_too_many_rows_is_refused(tmp_path, name):
+    """What is made of a million rows, ellipses of sixty corners say, takes four gigabytes."""
+    header, row = TABLES[name]
+    rows, reason = (30_000, "at most 20000 are taken: split the file")
+    if name == "load_observations":
+        rows, reason = (10**6, "larger than 16 MB")
+    path = tmp_path / "many.csv"
+    lines = "\n".join(row.format(number) for number in range(rows))
+    path.write_text(f"{header}\n{lines}\n")
+    done = run_measured(LOAD, name, str(path))
+    assert done.said.startswith(f"{path}: "), done
+    assert reason in done.said, done
+    assert done.said.count("\n") == 1
+    done.check_modest()

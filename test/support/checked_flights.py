@@ -1,0 +1,196 @@
+"""Flights as the checks get them, in order of arrival: recorded or simulated, right or planted.
+
+The checks of the filter's inputs get samples alone (``recorded``, ``simulated``, ``checked``);
+those of gimbal and pictures what filter and gimbal make of them too (``checked_flight``).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dev.flight_errors import NAVIGATION_SAMPLES
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.gimbal.composer import GimbalComposer
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.core.types.measurements import JointSample
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import sensed
+from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registration
+from tirgeo_ros.tools.simulate.flight import Flight
+
+_SEEN = ("thermal/camera_info", "thermal/image_raw/compressed")
+
+
+class Arrived(NamedTuple):
+    """A sample with its topic, and the time of its arrival.
+
+    Of ``checked_flight`` also, in place of a topic: ``camera``, ``frame`` (stamp and pixels), and
+    ``plane``, ``body`` and ``pose``, which were made of the sample before.
+    """
+
+    topic: str
+    sample: Any
+    arrival_ns: int
+
+
+#: What a fault makes of a sample; None loses it.
+Change = Callable[[Arrived], Arrived | None]
+
+
+@dataclass(frozen=True)
+class CheckedFlight:
+    """What a flight gives to the checks, with its parameters."""
+
+    configs: NodeConfigs
+    events: tuple[Arrived, ...]
+
+
+def read(path: Path, topics: Collection[str]) -> Iterator[Arrived]:
+    """What came on topics of a bag."""
+    cdr = Cdr()
+    for message in BagReader(path).messages([f"/{topic}" for topic in topics]):
+        topic = message.topic[1:]
+        decoded = cdr.deserialize(message.data, message.typename)
+        if topic in SAMPLES:
+            yield Arrived(topic, SAMPLES[topic](decoded), message.log_time_ns)
+        elif topic == "thermal/camera_info":
+            yield Arrived("camera", convert.camera(decoded), message.log_time_ns)
+        else:
+            frame = convert.stamp_ns(decoded), convert.compressed_pixels(decoded)
+            yield Arrived("frame", frame, message.log_time_ns)
+
+
+def recorded(path: Path) -> list[Arrived]:
+    """The filter's inputs of a bag."""
+    return [one for one in read(path, SAMPLES) if isinstance(one.sample, NAVIGATION_SAMPLES)]
+
+
+def simulated(flight: Flight) -> list[Arrived]:
+    """The filter's inputs of a simulated flight."""
+    messages = Messages(Cdr().types)
+    return [
+        Arrived(sensed(messages, sample)[0], sample, arrival_ns)
+        for arrival_ns, sample in flight.samples
+        if isinstance(sample, NAVIGATION_SAMPLES)
+    ]
+
+
+def checked(
+    flight: Iterable[Arrived],
+    config: EkfConfig,
+    change: Change = lambda arrived: arrived,
+    given: Collection[str] | None = None,
+    *,
+    filtered: bool = False,
+) -> list[Finding]:
+    """Return what the checks find at the end of a flight; ``filtered``: they hear the filter."""
+    checks = NavigationChecks(config, given)
+    registration = Registration(config, GimbalConfig()) if filtered else None
+    for arrived in map(change, flight):
+        if arrived is None:
+            continue
+        checks.take(*arrived)
+        solution = registration.take(arrived.sample).solution if registration else None
+        if solution is not None:
+            checks.solution(solution)
+    return checks.findings()
+
+
+def lost(*topics: str) -> Change:
+    """Return a fault: these topics, or all that begin so, never come."""
+    return lambda arrived: None if arrived.topic.startswith(topics) else arrived
+
+
+def changed(topics: str, **fields: Callable[[Any], Any]) -> Change:
+    """Return a fault: fields of the samples of topics (in one text) are functions of themselves.
+
+    Arrays come as copies, so that a function may write into them.
+    """
+
+    def change(arrived: Arrived) -> Arrived:
+        if arrived.topic not in topics.split():
+            return arrived
+        sample = arrived.sample
+        values = {}
+        for name, function in fields.items():
+            value = getattr(sample, name)
+            values[name] = function(value.copy() if isinstance(value, np.ndarray) else value)
+        return arrived._replace(sample=replace(sample, **values))
+
+    return change
+
+
+@functools.lru_cache(maxsize=4)
+def checked_flight(folder: Path) -> CheckedFlight:
+    """A simulated flight through the filter, with its frames."""
+    configs = node_configs([folder / "params.yaml"])
+    registration, events = Registration(configs.ekf, configs.gimbal), []
+    for arrived in read(folder / "flight.mcap", (*SAMPLES, *_SEEN)):
+        events.append(arrived)
+        if arrived.topic in SAMPLES:
+            made = _made(registration, arrived.sample)
+            events += [Arrived(kind, what, arrived.arrival_ns) for kind, what in made]
+    return CheckedFlight(configs, tuple(events))
+
+
+def _made(registration: Registration, sample: Any) -> Iterator[tuple[str, Any]]:
+    found = registration.take(sample)
+    if found.body is not None:
+        yield "plane", registration.navigation.plane
+        yield "body", found.body
+    for pose in found.cameras:
+        yield "pose", pose
+
+
+def picture_findings(
+    flight: CheckedFlight,
+    *,
+    overlay: OverlayConfig | None = None,
+    ground: Ground | None = None,
+    lens: Callable[[Camera], Camera] = lambda camera: camera,
+    bodies: bool = False,
+) -> list[Finding]:
+    """What the checks of the pictures find in a flight, with other parameters or another lens."""
+    overlay = overlay or flight.configs.overlay
+    checks = PictureChecks(overlay, overlay.ground_height_m if ground is None else ground, None)
+    for kind, what, arrival_ns in flight.events:
+        if kind == "camera":
+            checks.camera(lens(what))
+        elif kind == "frame":
+            checks.frame(*what, arrival_ns)
+        elif kind in ("plane", "pose") or (kind == "body" and bodies):
+            getattr(checks, kind)(what)
+    return checks.findings()
+
+
+def recomposed(
+    flight: CheckedFlight,
+    change: Callable[[JointSample], JointSample],
+    gimbal: GimbalConfig | None = None,
+) -> CheckedFlight:
+    """A flight with the camera poses of other joint angles, or of another gimbal's parameters."""
+    composer = GimbalComposer(gimbal or flight.configs.gimbal)
+    events: list[Arrived] = []
+    for kind, what, arrival_ns in flight.events:
+        if kind == "pose":
+            continue
+        sample = change(what) if kind == "gimbal/joint_states" else what
+        events.append(Arrived(kind, sample, arrival_ns))
+        if kind == "body" or isinstance(sample, JointSample):
+            take = composer.add_body if kind == "body" else composer.add_joints
+            poses = take(sample)
+            events += [Arrived("pose", pose, arrival_ns) for pose in poses]
+    return CheckedFlight(flight.configs, tuple(events))

@@ -1,0 +1,73 @@
+"""A node that knows nothing of this package, and waiting for processes."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import defaultdict
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from tirgeo_ros.tools.graph.node_process import NodeProcess
+
+#: By default a reader that halts, as on a machine with other work, finds the samples of the last
+#: two seconds, and the newest frame only. Here each one counts.
+INPUTS = (
+    "/imu/data",
+    "/rtk/fix",
+    "/rtk/vel",
+    "/rtk/heading",
+    "/gps/fix",
+    "/gps/vel",
+    "/gimbal/joint_states",
+    "/gimbal/attitude",
+    "/thermal/image_raw/compressed",
+)
+BETWEEN = ("/tirgeo/odometry", "/tirgeo/camera_pose")
+PICTURES = ("/tirgeo/overlay/image", "/tirgeo/overlay/image/compressed")
+
+
+def deep_queues() -> str:
+    """A parameter file's part that lets no message be lost; the file itself may have /**."""
+    deep, whole = {"depth": 300}, {"depth": 300, "reliability": "reliable"}
+    overrides = {topic: {"publisher": deep, "subscription": whole} for topic in INPUTS}
+    overrides |= {topic: {"publisher": deep, "subscription": deep} for topic in BETWEEN}
+    overrides |= {topic: {"publisher": {"depth": 30}} for topic in PICTURES}
+    return f"/**/*: {json.dumps({'ros__parameters': {'qos_overrides': overrides}})}\n"
+
+
+class Stranger:
+    """A node that knows nothing of this package."""
+
+    def __init__(self, domain: int, topics: dict[str, type]) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, args=[], domain_id=domain)
+        self.node = Node("stranger", context=self.context)
+        self.received = defaultdict(list)
+        for topic, kind in topics.items():
+            # Deep enough that a busy machine loses nothing on this side.
+            self.node.create_subscription(kind, topic, self.received[topic].append, 1000)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def spin_until(self, done, timeout_s: float = 60.0) -> None:
+        end_s = time.monotonic() + timeout_s
+        while not done():
+            assert time.monotonic() < end_s, {k: len(v) for k, v in self.received.items()}
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not process.said(words):
+        process.check_running()
+        assert time.monotonic() < end_s, f"{process.name} never said {words!r}"
+        time.sleep(0.02)

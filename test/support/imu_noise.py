@@ -1,0 +1,55 @@
+"""Noise of known N, B and K, for tests of what tells them from a record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.allan.sample_grid import Piece
+
+
+def white(rng, size, n, step_s):
+    """Of random walk ``n``: each sample is an average over its step."""
+    return n / np.sqrt(step_s) * rng.standard_normal(size)
+
+
+def flicker(rng, size, b, step_s):
+    """Of bias instability ``b``: white noise filtered to the one-sided density b^2 / (pi f).
+
+    Made twice as long as needed, so that it does not close in a circle.
+    """
+    length = 1 << int(np.ceil(np.log2(2 * size)))
+    frequencies = np.fft.rfftfreq(length, step_s)
+    gains = np.zeros(len(frequencies))
+    gains[1:] = b / np.sqrt(2 * np.pi * frequencies[1:] * step_s)
+    return np.fft.irfft(np.fft.rfft(rng.standard_normal(length)) * gains, length)[:size]
+
+
+def walk(rng, size, k, step_s):
+    """Of rate random walk ``k``."""
+    return k * np.sqrt(step_s) * np.cumsum(rng.standard_normal(size))
+
+
+def gauss_markov(rng, size, sigma, time_s, step_s):
+    """A first-order Gauss-Markov process, stationary from its beginning."""
+    decay = np.exp(-step_s / time_s)
+    values = sigma * np.sqrt(1 - decay**2) * rng.standard_normal(size)
+    values[0] = sigma * rng.standard_normal()
+    for k in range(1, size):
+        values[k] += decay * values[k - 1]
+    return values
+
+
+def noise(rng, size, n, b, k, step_s):
+    """The three together."""
+    return white(rng, size, n, step_s) + flicker(rng, size, b, step_s) + walk(rng, size, k, step_s)
+
+
+def pieces(values, sizes=(1 << 15,), counts=None):
+    """A record (n,) or (n, channels) in pieces of these sizes, again and again."""
+    values = values[:, None] if values.ndim == 1 else values
+    counts = np.ones(len(values)) if counts is None else counts
+    begin, number = 0, 0
+    while begin < len(values):
+        end = begin + sizes[number % len(sizes)]
+        yield Piece(begin, begin == 0, (values * counts[:, None])[begin:end], counts[begin:end])
+        begin, number = end, number + 1

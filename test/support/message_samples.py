@@ -1,0 +1,120 @@
+"""One of every message that tirgeo sends or reads, with no two numbers alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import canonical
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    JointSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages import Messages
+
+STAMP_NS = 1_700_000_000_123_456_789
+Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
+
+
+def covariance(size: int, seed: int = 1) -> np.ndarray:
+    """(size, size) positive definite, every entry its own."""
+    root = np.random.default_rng(seed).normal(size=(size, size))
+    return root @ root.T + np.eye(size)
+
+
+IMU = ImuSample(STAMP_NS, np.array([0.1, -0.2, -9.8]), np.array([0.01, 0.02, -0.03]), Q)
+POSITION = PositionSample(
+    STAMP_NS, Source.RTK_POSITION, FixStatus.FIXED, 0.55, -2.1, 123.4, covariance(3)
+)
+VELOCITY = VelocitySample(
+    STAMP_NS, Source.RTK_VELOCITY, np.array([1.0, 2.0, -0.5]), covariance(3, 2)
+)
+HEADING = HeadingSample(STAMP_NS, 5.5, 0.0003)
+JOINTS = JointSample(STAMP_NS, yaw_rad=0.3, roll_rad=-0.1, pitch_rad=-0.6)
+CAMERA_ATTITUDE = CameraAttitudeSample(STAMP_NS, Q)
+SOLUTION = NavSolution(
+    STAMP_NS,
+    0.55,
+    -2.1,
+    123.4,
+    np.array([2.0, -1.0, 0.3]),
+    Q,
+    np.array([0.02, -0.01, 0.3]),
+    (1e-4, 2e-4, 3e-4),
+    covariance(9),
+)
+BODY = BodyPose(STAMP_NS, np.array([10.0, -20.0, -30.0]), Q, covariance(6))
+CAMERA_POSE = CameraPose(STAMP_NS, np.array([11.0, -21.0, -29.0]), Q, covariance(6, 3))
+PLANE = TangentPlane(0.55, -2.1, 100.0)
+BROWN = Camera(640, 512, 803.5, 797.6, 349.3, 251.8, (0.054, 0.3462, -0.0037, 0.0076))
+RATIONAL = Camera(64, 48, 60.0, 61.0, 31.0, 23.0, (0.1, 0.02, 1e-3, 2e-3, 0.01, 0.2, 0.03, 0.01))
+STATUS = NavigationStatus(
+    "ekf_heading",
+    FilterState.ALIGNING,
+    "too slow",
+    FixStatus.FLOAT,
+    0.0123,
+    {("rtk_position", "used"): 12, ("rtk_heading", "gated"): 3},
+    {"rtk_position": 0.25, "rtk_heading": 1.75},
+    state_s=3.75,
+    resets={"rtk_position": 2, "rtk_heading": 1},
+    last_reset="position by 3.21 m",
+    clipped={"accelerometer x": 12},
+    warnings=("imu/data: accelerometer x clipped", "another"),
+)
+_GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
+_COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)
+_DEEP = np.arange(6 * 5, dtype="<u2").reshape(6, 5) * 700
+
+#: Name to type and maker.
+EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
+    "imu": ("sensor_msgs/msg/Imu", lambda m: m.imu(IMU)),
+    "imu without attitude": (
+        "sensor_msgs/msg/Imu",
+        lambda m: m.imu(ImuSample(STAMP_NS, IMU.specific_force_b, IMU.angular_rate_b)),
+    ),
+    "position": ("sensor_msgs/msg/NavSatFix", lambda m: m.nav_sat_fix(POSITION, "rtk")),
+    "velocity": (
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        lambda m: m.velocity(VELOCITY, "rtk"),
+    ),
+    "heading": ("sensor_msgs/msg/Imu", lambda m: m.heading(HEADING)),
+    "joints": ("sensor_msgs/msg/JointState", lambda m: m.joints(JOINTS)),
+    "camera attitude": (
+        "geometry_msgs/msg/QuaternionStamped",
+        lambda m: m.camera_attitude(CAMERA_ATTITUDE),
+    ),
+    "odometry": ("nav_msgs/msg/Odometry", lambda m: m.odometry(SOLUTION, BODY)),
+    "fix": ("sensor_msgs/msg/NavSatFix", lambda m: m.fix(SOLUTION)),
+    "origin": ("sensor_msgs/msg/NavSatFix", lambda m: m.origin(PLANE, STAMP_NS)),
+    "camera pose": (
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        lambda m: m.camera_pose(CAMERA_POSE),
+    ),
+    "mono8": ("sensor_msgs/msg/Image", lambda m: m.image(STAMP_NS, _GREY)),
+    "mono16": ("sensor_msgs/msg/Image", lambda m: m.image(STAMP_NS, _DEEP)),
+    "bgr8": ("sensor_msgs/msg/Image", lambda m: m.image(STAMP_NS, _COLOUR)),
+    "compressed": (
+        "sensor_msgs/msg/CompressedImage",
+        lambda m: m.compressed(STAMP_NS, b"\xff\xd8 odd number of bytes"),
+    ),
+    "plumb_bob": ("sensor_msgs/msg/CameraInfo", lambda m: m.camera_info(BROWN, STAMP_NS)),
+    "rational": ("sensor_msgs/msg/CameraInfo", lambda m: m.camera_info(RATIONAL, STAMP_NS)),
+    "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
+    "diagnostics": (
+        "diagnostic_msgs/msg/DiagnosticArray",
+        lambda m: m.diagnostics(STAMP_NS, [m.navigation_diagnostic("ekf_node: state", STATUS)]),
+    ),
+}

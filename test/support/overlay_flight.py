@@ -1,0 +1,92 @@
+"""A camera that stands still, as messages, for overlay_node over DDS."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import numpy as np
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from overlays import GREY, PLANE, ink_on, pose_at
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image, NavSatFix
+
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.io.messages import Messages, image_pixels
+from tirgeo_ros.nodes.topics import message_class
+
+MESSAGES = Messages(message_class)
+ITEM = "/overlay_node: overlay"
+
+
+def has_lines(picture: Image) -> bool:
+    ink = ink_on(image_pixels(picture))
+    return (ink[:, 1] > 150).sum() > 100  # a notice stands above
+
+
+def write_map(path, ring_n) -> None:
+    latitude, longitude, _ = np.degrees(PLANE.geodetic_from_ned(ring_n))
+    ring = np.column_stack([longitude, latitude]).tolist()
+    geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": geometry}))
+
+
+class Flight:
+    """A camera that stands still, its video, and what overlay_node makes of it."""
+
+    def __init__(self, stranger) -> None:
+        self.stranger = stranger
+        node = stranger.node
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.origin = node.create_publisher(NavSatFix, "tirgeo/origin", latched)
+        self.origin.publish(MESSAGES.origin(PLANE, 0))
+        self.info = node.create_publisher(CameraInfo, "thermal/camera_info", 1)
+        self.image = node.create_publisher(Image, "thermal/image_raw", 1)
+        self.pose = node.create_publisher(PoseWithCovarianceStamped, "tirgeo/camera_pose", 10)
+        self.pixel = node.create_publisher(PointStamped, "tirgeo/locate/pixel", 10)
+        self.sent_s = 0.0
+        self.unstamped = False
+
+    def step(self) -> None:
+        """Twenty frames a second, each with its pose."""
+        if time.monotonic() - self.sent_s < 0.05:
+            return
+        self.sent_s = time.monotonic()
+        now_ns = time.time_ns()
+        self.info.publish(MESSAGES.camera_info(XT2, now_ns))
+        self.pose.publish(MESSAGES.camera_pose(pose_at(now_ns)))
+        self.image.publish(MESSAGES.image(0 if self.unstamped else now_ns, GREY))
+
+    def until(self, done, timeout_s: float = 60.0) -> None:
+        def stepped() -> bool:
+            self.step()
+            return done()
+
+        self.stranger.spin_until(stepped, timeout_s)
+
+    def shown(self) -> Image:
+        """The next picture with lines."""
+        pictures = self.stranger.received["tirgeo/overlay/image"]
+        pictures.clear()
+        self.until(lambda: pictures and has_lines(pictures[-1]))
+        return pictures[-1]
+
+    def diagnostics(self, item: str = ITEM) -> dict[str, str]:
+        """The newest of an item; its message under no name."""
+        for array in reversed(self.stranger.received["/diagnostics"]):
+            for status in array.status:
+                if status.name == item:
+                    return {"": status.message} | {pair.key: pair.value for pair in status.values}
+        return {}
+
+    def next_diagnostics(self) -> dict[str, str]:
+        """Those of the next second: what has been published may not have come yet."""
+        self.stranger.received["/diagnostics"].clear()
+        self.until(self.diagnostics)
+        return self.diagnostics()
+
+    def click(self, u: float, v: float, stamp: int = 0) -> None:
+        message = PointStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        message.point.x, message.point.y = u, v
+        self.pixel.publish(message)

@@ -1,0 +1,87 @@
+"""An overlay over a square on the ground, and where its lines truly are."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+
+PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
+MS = 1_000_000
+START = 1_700_000_000_000 * MS
+LATENCY = 50 * MS
+WAIT = 100 * MS
+GREY = np.full((512, 640), 90, np.uint8)
+STRIP_TOP = status_box(GREY).top
+#: No scale bar, rose, ellipses or fading: lines and labels alone.
+PLAIN = ConfidenceConfig(ellipses=False, lines="none", scale_bar=False, heading_rose=False)
+SQUARE_N = np.array([[30, -6, 0], [30, 6, 0], [42, 6, 0], [42, -6, 0]], float)
+MOVED_N = np.array([2.0, 3.0, 0.0])
+
+
+def geo(points_n, label="", *, height=True):
+    points = np.column_stack(PLANE.geodetic_from_ned(np.asarray(points_n, float)))
+    if not height:
+        points[:, 2] = np.nan
+    return GeoFeature(label, closed=len(points_n) > 2, points=points)
+
+
+def pose_at(stamp_ns, north=0.0, yaw_deg=0.0):
+    q_nc = quat_multiply(
+        quat_from_euler(0.0, math.radians(-30), math.radians(yaw_deg)), Q_BODY_OPTICAL
+    )
+    return CameraPose(stamp_ns, np.array([north, 0.0, -20.0]), q_nc, np.eye(6) * 1e-4)
+
+
+def status(state=FilterState.RUNNING, reason=""):
+    return NavigationStatus("ekf_heading", state, reason, FixStatus.FIXED, 0.002, {}, {})
+
+
+def ready(features=None, *, layers=(), told=True, **config):
+    """With ``layers`` None the map is to come."""
+    layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
+    overlay = Overlay(OverlayConfig(**config), None if layers is None else [layer])
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    if told:
+        overlay.set_status(status())
+    return overlay
+
+
+def ink_on(image):
+    v, u = np.nonzero(image[:490, :, 2].astype(int) - image[:490, :, 0] > 100)
+    return np.column_stack([u, v])
+
+
+def true_outline(pose, points_n=SQUARE_N, camera=XT2):
+    ring = np.concatenate([points_n, points_n[:1]])
+    t = np.linspace(0, 1, 2000)[:, None]
+    points = np.concatenate([a + t * (b - a) for a, b in pairwise(ring)])
+    uv, valid = camera.project((points - pose.position_n) @ matrix_from_quat(pose.q_nc))
+    return uv[valid]
+
+
+def distances(pixels, outline):
+    return np.array([np.hypot(*(outline - pixel).T).min() for pixel in pixels])
+
+
+def assert_on(image, pose):
+    pixels = ink_on(image)
+    assert len(pixels) > 400
+    # Half the diagonal of a pixel and the ink's own width to each side.
+    assert distances(pixels, true_outline(pose)).max() < 1.5
+    outline = true_outline(pose)
+    seen = outline[(outline > 2).all(axis=1) & (outline < [637, 487]).all(axis=1)]
+    assert distances(seen[::40], pixels).max() < 1.5

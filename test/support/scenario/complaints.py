@@ -1,0 +1,92 @@
+"""All that a run of the filter does that its row of the table does not allow."""
+
+from __future__ import annotations
+
+import numpy as np
+from scenario.runs import Run, sizes
+from scenario.table import Row
+
+from tirgeo_ros.core.types.verdicts import FilterState
+
+#: What good data give, and a fault must leave behind.
+GOOD_DEG, GOOD_M, RECOVERY_S = 0.3, 0.05, 5.0
+_IMU_HZ = 100.0
+
+
+def complaints(row: Row, done: Run) -> list[str]:
+    """All that a run does that its row does not allow."""
+    found = [*_numbers(done), *_states(row, done)]
+    if done.published:
+        found += [*_bounds(row, done), *_honesty(row, done), *_recovery(row, done)]
+    return found
+
+
+def _numbers(done: Run) -> list[str]:
+    """What no filter may ever publish."""
+    found = [f"published at {s.stamp_ns}, which never was" for s in done.astray]
+    for solution in done.published:
+        place = (solution.latitude_rad, solution.longitude_rad, solution.height_m)
+        values = [place, solution.velocity_n, solution.q_nb, solution.angular_rate_b]
+        values.append(solution.rate_variance_b)
+        if not all(np.isfinite(value).all() for value in values):
+            found.append(f"not finite at {solution.stamp_ns}")
+    covariances = np.array([s.covariance for s in done.published]).reshape(-1, 9, 9)
+    if not np.isfinite(covariances).all():
+        return [*found, "covariance not finite"]
+    sigma = np.sqrt(np.abs(np.einsum("nii->ni", covariances)))
+    # Of the correlations, for metres and radians do not compare.
+    least = np.linalg.eigvalsh(covariances / sigma[:, :, None] / sigma[:, None, :])[:, 0]
+    if (least < 0).any():
+        found.append(f"covariance not positive: {least.min():.1e}")
+    return found
+
+
+def _states(row: Row, done: Run) -> list[str]:
+    states = done.states_from(row.start_s)
+    found = []
+    if states != row.states:
+        found.append(f"states {', '.join(s.value for s in states)}")
+    if any(state is FilterState.LOST for _, state in done.changes):
+        found.append("lost")
+    if done.resets != row.resets:
+        found.append(f"{done.resets} resets: {done.status.last_reset}")
+    return found
+
+
+def _bounds(row: Row, done: Run) -> list[str]:
+    inside = (done.errors.t_s >= row.start_s) & (done.errors.t_s < row.end_s + RECOVERY_S)
+    limits = (row.bounds.heading_deg, row.bounds.tilt_deg, row.bounds.position_m)
+    return _beyond(done, inside, limits, "meanwhile")
+
+
+def _recovery(row: Row, done: Run) -> list[str]:
+    """Good again ``recovery_s`` after the fault, and published without a break from then on."""
+    since_s = row.end_s + RECOVERY_S
+    after = done.errors.t_s >= since_s
+    found = _beyond(done, after, (GOOD_DEG, GOOD_DEG, GOOD_M), "afterwards")
+    if since_s < done.flown_s and np.count_nonzero(after) < (done.flown_s - since_s) * _IMU_HZ:
+        found.append(f"{np.count_nonzero(after)} solutions in {done.flown_s - since_s:.1f} s")
+    return found
+
+
+def _beyond(
+    done: Run, where: np.ndarray, limits: tuple[float, float, float], when: str
+) -> list[str]:
+    names = ("heading deg", "tilt deg", "position m")
+    found = []
+    for name, values, limit in zip(names, sizes(done), limits, strict=True):
+        worst = values[where].max(initial=0.0)
+        if worst > limit:
+            at_s = done.errors.t_s[where][values[where].argmax()]
+            found.append(f"{when}: {name} {worst:.3g} > {limit:g} at {at_s:.2f} s")
+    return found
+
+
+def _honesty(row: Row, done: Run) -> list[str]:
+    """No error that the filter's own sigma calls impossible: no line is drawn where none is."""
+    ratios = np.abs(done.errors.state / done.errors.sigma)
+    if ratios.max() <= row.bounds.sigmas:
+        return []
+    at, state = np.unravel_index(ratios.argmax(), ratios.shape)
+    name = f"{('position', 'attitude', 'velocity')[state // 3]} {'NED'[state % 3]}"
+    return [f"{name}: {ratios.max():.1f} sigmas at {done.errors.t_s[at]:.2f} s"]

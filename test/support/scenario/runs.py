@@ -1,0 +1,145 @@
+"""A faulty flight through the filter, and what it says of itself and of the truth meanwhile."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from unittest import mock
+
+import numpy as np
+from flights import Errors, config_for, errors
+from scenario.deliveries import Deliveries, Fault, Interval, deliveries
+
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.measurements import ImuSample, PositionSample
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.tools.simulate import flight as simulated
+from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.trajectory import Trajectory
+
+DURATION_S = 50.0
+SHEAR_S = (25.0, 25.3)  # the first and the last instant of the wind's change
+SHEAR_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a flight. Solutions have the stamps of the flight's own clock."""
+
+    published: list[NavSolution]
+    astray: list[NavSolution]  # stamped with instants at which the IMU measured nothing
+    errors: Errors
+    changes: list[tuple[float, FilterState]]  # true time (s from the start), state from then on
+    status: NavigationStatus  # at the end
+    flown_s: float
+
+    def states_from(self, t_s: float) -> tuple[FilterState, ...]:
+        """The state at ``t_s`` and those after it."""
+        before = [state for t, state in self.changes if t < t_s]
+        return (*before[-1:], *(state for t, state in self.changes if t >= t_s))
+
+    @property
+    def resets(self) -> int:
+        return sum(self.status.resets.values())
+
+
+def run(flown: Flight, fed: Deliveries, **values: object) -> Run:
+    """Feed the filter; its state is asked for with every fix and every tenth IMU sample."""
+    navigation = Navigation(config_for(flown, **values))
+    published: list[NavSolution] = []
+    changes: list[tuple[float, FilterState]] = []
+    start_ns = flown.truth.stamp_ns[0]
+    for number, delivery in enumerate(fed):
+        solution = navigation.process(delivery.sample).solution
+        if solution is not None:
+            assert isinstance(delivery.sample, ImuSample), "published with something else"
+            stamp_ns = solution.stamp_ns - delivery.clock_ns
+            published.append(solution._replace(stamp_ns=stamp_ns))
+        if number % 10 == 0 or isinstance(delivery.sample, PositionSample):
+            state = navigation.status().state
+            if not changes or changes[-1][1] is not state:
+                changes.append(((delivery.true_ns - start_ns) * 1e-9, state))
+    known = set(flown.truth.stamp_ns)
+    at_home = [solution for solution in published if solution.stamp_ns in known]
+    return Run(
+        at_home,
+        [solution for solution in published if solution.stamp_ns not in known],
+        errors(flown, at_home),
+        changes,
+        navigation.status(),
+        flown.scenario.duration_s,
+    )
+
+
+def sizes(done: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heading error (deg), the larger of roll's and pitch's (deg), position error in space (m)."""
+    rpy_deg = np.abs(np.degrees(done.errors.rpy))
+    return (
+        rpy_deg[:, 2],
+        rpy_deg[:, :2].max(axis=1),
+        np.linalg.norm(done.errors.state[:, :3], axis=1),
+    )
+
+
+def faulty(flown: Flight, fault: Fault, start_s: float, end_s: float) -> Deliveries:
+    """A flight's deliveries with a fault from ``start_s`` to ``end_s`` after its start."""
+    first_ns = flown.truth.stamp_ns[0]
+    interval = Interval(first_ns + round(start_s * 1e9), first_ns + round(end_s * 1e9))
+    return fault(deliveries(flown), interval)
+
+
+@functools.cache
+def calm() -> Flight:
+    """The paper's flight, cut short."""
+    return fly(replace(Scenario(), duration_s=DURATION_S))
+
+
+@functools.cache
+def hovering() -> Flight:
+    """The same place and air, but the aircraft stands and turns."""
+    base = Scenario()
+    return fly(replace(base, duration_s=DURATION_S, route=replace(base.route, shape="hover")))
+
+
+@functools.cache
+def sheared() -> Flight:
+    """The same flight, but the wind turns: the aircraft has to lean over to stay on its way."""
+    with mock.patch.object(simulated, "Trajectory", _ShearedTrajectory):
+        return calm.__wrapped__()
+
+
+#: The flights of the table.
+FLIGHTS: dict[str, Callable[[], Flight]] = {
+    "lawnmower": calm,
+    "hover": hovering,
+    "shear": sheared,
+}
+
+
+class _ShearedTrajectory(Trajectory):
+    """A trajectory through a wind that changes by what it takes to lean by ``SHEAR_DEG``."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        super().__init__(scenario, seed)
+        change_m_s = 9.8 * np.tan(np.radians(SHEAR_DEG)) / scenario.wind.drag_1_s
+        across = self.motion(SHEAR_S[0]).heading_rad[0] + np.pi / 2  # so that it rolls
+        step = change_m_s * np.array([np.cos(across), np.sin(across), 0.0])
+        gust = self._gust
+        self._gust = lambda t_s, derivative=0: (  # type: ignore[assignment]
+            gust(t_s, derivative) + _ramp(np.asarray(t_s), derivative)[..., None] * step
+        )
+
+
+def _ramp(t_s: np.ndarray, derivative: int) -> np.ndarray:
+    """From 0 to 1 within ``SHEAR_S``, or its rate (1/s): the polynomial with no corner in either.
+
+    10 u^3 - 15 u^4 + 6 u^5: its first and second derivatives are zero at both ends.
+    """
+    length_s = SHEAR_S[1] - SHEAR_S[0]
+    u = np.clip((t_s - SHEAR_S[0]) / length_s, 0.0, 1.0)
+    if derivative == 0:
+        return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
+    return np.asarray(30 * u**2 * (1 - u) ** 2 / length_s)

@@ -1,0 +1,167 @@
+"""The budget's numbers, its files and its command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.pictures.camera_file import save_camera
+from tirgeo_ros.tools.budget.budget import Setting, budget
+from tirgeo_ros.tools.budget.budget_files import make_budget
+from tirgeo_ros.tools.cli import main as command
+
+MIDDLE = "middle_m"
+
+
+def row(rows, factor, form="general"):
+    return next(r for r in rows if (r["factor"], r["form"]) == (factor, form))
+
+
+def test_the_forms_agree_for_a_pinhole_camera():
+    camera = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
+    made = budget(Setting(camera))
+    for factor in ("position", "height", "position 3d", "heading"):
+        np.testing.assert_allclose(made.general[factor], made.closed[factor], rtol=1e-9)
+
+
+def test_factors_add_up_in_squares():
+    made = budget(Setting())
+    parts = sum(made.general[name] ** 2 for name in ("position", "height", "heading", "tilt"))
+    np.testing.assert_allclose(made.general["pose"] ** 2, parts, rtol=1e-9)
+    whole = made.general["all"] ** 2 - made.general["pose"] ** 2
+    others = sum(made.general[name] ** 2 for name in ("latency", "lens", "ground"))
+    np.testing.assert_allclose(whole, others, rtol=1e-9)
+
+
+def test_the_middle_by_hand():
+    """At 20 m and 30 deg down the ground is 34.64 m ahead."""
+    rows = budget(Setting(Camera(640, 512, 800.0, 800.0, 319.5, 255.5))).rows()
+    # The picture's middle lies between pixels: half a step off is 0.2 %.
+    assert row(rows, "height")[MIDDLE] == pytest.approx(2.8017 / math.tan(math.pi / 6), rel=0.01)
+    heading = math.radians(1.7972) * 20 / math.tan(math.pi / 6)
+    assert row(rows, "heading", "closed")[MIDDLE] == pytest.approx(heading, rel=0.01)
+    assert row(rows, "latency")[MIDDLE] == pytest.approx(0.005 * 3.0)
+    assert row(rows, "position")["largest_m"] == pytest.approx(1.5884, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"height_m": 0.0}, "the camera is 0 m above the ground"),
+        ({"depression_deg": -5.0}, "the camera looks down by -5 deg: give above 0 to 90"),
+        ({"roll_error_deg": -1.0}, "roll_error_deg is -1: give 0 or more"),
+        ({"east_error_m": math.nan}, "east_error_m is nan: give 0 or more"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(values, said):
+    with pytest.raises(CalibrationError, match=said):
+        make_budget(values)
+
+
+def test_a_view_of_the_sky_is_refused():
+    camera = Camera(640, 200, 800.0, 800.0, 319.5, 900.0)  # sees only what is over its axis
+    with pytest.raises(CalibrationError, match="sees no ground: look further down"):
+        budget(Setting(camera, depression_deg=1.0)).rows()
+
+
+def test_files(tmp_path, capsys):
+    out = tmp_path / "budget"
+    assert command.main(["budget", "--height", "60", "--tilt", "45", "-o", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "camera 60 m above the ground, 45 deg down" in shown
+    with (out / "budget.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    height = next(r for r in rows if (r["factor"], r["form"]) == ("height", "general"))
+    assert f"{float(height['mean_m']):.3f}" in shown
+    for name in ("height", "heading", "all"):
+        assert cv2.imread(str(out / f"{name}.png")).shape[2] == 3
+
+
+@pytest.mark.slow
+def test_the_horizon_in_the_picture(tmp_path):
+    result = make_budget({"depression_deg": 5.0}, output=tmp_path)
+    assert row(result["rows"], "height")["mean_m"] > 20  # far ground, and no nan
+    assert (tmp_path / "height.png").stat().st_size > 1000
+
+
+def test_a_middle_over_the_horizon_has_no_number(capsys, tmp_path):
+    camera = Camera(640, 512, 800.0, 800.0, 319.5, 300.0)
+    save_camera(tmp_path / "camera.yaml", camera)
+    arguments = ["budget", "--tilt", "1", "--camera", str(tmp_path / "camera.yaml")]
+    assert command.main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    # 800 px * tan(1 deg) = 13.96 px above row 300 is the horizon: of rows 0, 4 ... 284 of 508.
+    assert any(line.startswith("56% of the picture lies over the horizon") for line in lines)
+    assert next(line for line in lines if line.startswith("all  ")).split()[2] == "-"
+    table = [line for line in lines if " general " in line or " closed " in line]
+    assert {len(line.split()) for line in table} == {7, 8, 9}  # no two numbers run together
+    assert command.main([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert row(told["rows"], "all")["middle_m"] is None
+    assert told["ground_share"] == pytest.approx(56 / 128)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CalibrationError, match=r"file/out: cannot be made: Not a directory"):
+        make_budget({}, output=tmp_path / "file/out")
+
+
+def test_json(capsys):
+    assert command.main(["budget", "--json", "--height-error", "0"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert row(result["rows"], "height")["largest_m"] == 0
+    assert result["errors"]["height_error_m"] == 0
+
+
+def test_of_a_flight(sample, tmp_path):
+    """The sample's errors are those that it was made with, and its filter is far better."""
+    result = make_budget({}, bag=sample / "flight.mcap", params=[sample / "params.yaml"])
+    told = result["flight"]
+    # DJI's GPS errs by 2.8 m in height over this flight's 45 s, the autopilot's north by 1 deg.
+    assert 1.0 < told["height_error_m"] < 5.0
+    assert 0.3 < told["heading_error_deg"] < 3.0
+    assert result["height_m"] == pytest.approx(20.0, abs=0.5)
+    assert result["depression_deg"] == pytest.approx(30.0, abs=0.5)
+    assert row(result["rows_of_the_filter"], "pose")["mean_m"] < 0.5
+    assert row(result["rows"], "pose")["mean_m"] > 3.0
+
+
+@pytest.mark.slow
+def test_a_flight_without_gps_says_whose_errors_it_takes(sample, tmp_path, capsys):
+    reader = BagReader(sample / "flight.mcap")
+    with BagWriter(tmp_path / "nogps.mcap") as writer:
+        for item in reader.messages():
+            if not item.topic.startswith(("/gps/", "/thermal/image")):
+                writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    arguments = [str(tmp_path / "nogps.mcap"), "--params", str(sample / "params.yaml")]
+    assert command.main(["budget", *arguments]) == 0
+    told = capsys.readouterr().out
+    assert "nan" not in told
+    assert told.count("not recorded; that of the paper is taken") == 3  # east, north, height
+
+
+@pytest.mark.slow
+def test_a_flight_over_unknown_ground(sample):
+    with pytest.raises(CalibrationError, match=r"flight\.mcap: height of the ground not known"):
+        make_budget({}, bag=sample / "flight.mcap")
+    assert make_budget({"height_m": 20.0}, bag=sample / "flight.mcap")["height_m"] == 20.0
+
+
+def test_the_command_takes_a_camera(tmp_path, capsys):
+    save_camera(tmp_path / "camera.yaml", Camera(320, 256, 800.0, 800.0, 159.5, 127.5))
+    assert command.main(["budget", "--json", "--camera", str(tmp_path / "camera.yaml")]) == 0
+    told = json.loads(capsys.readouterr().out)["rows"]
+    # half the frame: 30 - 9 deg below the horizon at its upper edge for 30 - 18; 0.6 by their cot
+    wide = row(make_budget({})["rows"], "height", "closed")["largest_m"]
+    assert row(told, "height", "closed")["largest_m"] < 0.75 * wide
+    assert command.main(["budget", "--camera", str(tmp_path / "none.yaml")]) == 1
+    assert "none.yaml" in capsys.readouterr().err

@@ -1,0 +1,248 @@
+"""``tirgeo calibrate allan`` over bags: what it writes, and what it warns of and refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from imu_noise import gauss_markov, white
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.tools.calibrate.allan import calibrate_allan
+from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.simulate.static_imu import write_imu
+
+RATE_HZ = 50
+STEP_NS = 1_000_000_000 // RATE_HZ
+SIZE = 30_000  # 10 min
+START_NS = 1_700_000_000_000_000_000
+WALKS = np.array([1.7e-4, 1.9e-4, 1.6e-4, 1.3e-2, 1.4e-2, 1.2e-2])
+BIAS, BIAS_TIME_S = 3e-4, 20.0
+
+
+def record(seed=1, size=SIZE):
+    rng = np.random.default_rng(seed)
+    values = white(rng, (size, 6), WALKS, 1 / RATE_HZ)
+    values[:, 2] += gauss_markov(rng, size, BIAS, BIAS_TIME_S, 1 / RATE_HZ)
+    values[:, 5] += 9.8
+    return values
+
+
+def even(size=SIZE):
+    return START_NS + np.arange(size) * STEP_NS
+
+
+def bag_of(path, stamps_ns=None, values=None):
+    with BagWriter(path) as bag:
+        write_imu(
+            bag,
+            even() if stamps_ns is None else stamps_ns,
+            record() if values is None else values,
+        )
+    return path
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    return bag_of(tmp_path_factory.mktemp("allan") / "still.mcap")
+
+
+@pytest.fixture(scope="module")
+def found(still):
+    result = calibrate_allan(still, still.with_name("imu.yaml"), csv=still.with_name("imu.csv"))
+    return still.parent, result
+
+
+@pytest.mark.slow
+def test_ekf_node_takes_what_it_writes(found):
+    folder, result = found
+    imu = ParameterFile(folder / "imu.yaml").config("ekf_node", EkfConfig).imu
+    # 10 min tell N to 0.6 %; the bias of gyro z, 15 times twice its correlation time, to a fifth.
+    assert imu.angle_random_walk == pytest.approx(WALKS[:3], rel=0.03)
+    assert imu.velocity_random_walk == pytest.approx(WALKS[3:], rel=0.03)
+    assert imu.gyro_bias_instability[2] == pytest.approx(BIAS, rel=0.4)
+    assert imu.gyro_bias_time_s[2] == pytest.approx(BIAS_TIME_S, rel=0.6)
+    assert imu.gyro_bias_instability[0] < BIAS
+    assert result["parameters"]["imu.gyro_bias_time_s"] == pytest.approx(imu.gyro_bias_time_s)
+    head = (folder / "imu.yaml").read_text()
+    assert head.startswith("# Noise of the IMU in still.mcap: 0.17 h at 50.00 Hz")
+    assert "B: flicker floor / 0.664" in head
+
+
+@pytest.mark.slow
+def test_what_is_not_seen_is_a_bound_and_told(found):
+    _, result = found
+    axes = {axis["axis"]: axis for axis in result["axes"]}
+    for name in ("gyro x", "gyro y", "accel x", "accel y", "accel z"):
+        assert axes[name]["bias_instability"] is None
+        assert axes[name]["bias_instability_upper"] > 0
+        assert not axes[name]["bias_seen"]
+    assert "0.17 h show no bias instability of gyro x, gyro y" in result["warning"]
+    assert "record longer" in result["warning"]
+    assert "moved" not in result["warning"]
+    assert "vibration" not in result["warning"]
+
+
+def test_the_plot_and_the_numbers_stand_beside_it(found):
+    folder, result = found
+    assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]
+    assert (folder / "imu.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    rows = list(csv.DictReader((folder / "imu.csv").read_text().splitlines()))
+    assert len(rows[0]) == 1 + 6 * 5
+    first = {key: float(value) for key, value in rows[0].items()}
+    assert first["tau_s"] == pytest.approx(1 / RATE_HZ)
+    assert first["gyro_x_deviation"] == pytest.approx(1.7e-4 * math.sqrt(RATE_HZ), rel=0.02)
+    for row in rows:
+        assert float(row["accel_y_low"]) < float(row["accel_y_deviation"])
+        assert float(row["accel_y_deviation"]) < float(row["accel_y_high"])
+
+
+@pytest.mark.slow
+def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
+    words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "imu.yaml")]
+    assert command.main(words) == 0
+    out = capsys.readouterr().out
+    assert "30000 samples of /imu/data, 0.17 h at 50.00 Hz" in out
+    assert "gyro: N in rad/sqrt(s)" in out
+    assert command.main([*words, "--json", "--plot", str(tmp_path / "a.png")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [axis["axis"] for axis in result["axes"]][:3] == ["gyro x", "gyro y", "gyro z"]
+    assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
+    assert (tmp_path / "a.png").is_file()
+
+
+@pytest.mark.slow
+def test_a_part_of_the_record(still, tmp_path):
+    result = calibrate_allan(still, tmp_path / "imu.yaml", from_s=100.0, to_s=400.0)
+    assert result["samples"] == 300 * RATE_HZ + 1
+    assert result["span_s"] == pytest.approx(300, abs=0.1)
+
+
+@pytest.mark.slow
+def test_gaps_repeats_and_faulty_samples_are_counted(tmp_path):
+    stamps, values = even(), record(2)
+    values[5000, 1] = np.nan
+    stamps[6000] = stamps[5999]
+    keep = np.ones(SIZE, bool)
+    keep[10_000:10_100] = keep[20_000] = False
+    bag = bag_of(tmp_path / "a.mcap", stamps[keep], values[keep])
+    result = calibrate_allan(bag, tmp_path / "imu.yaml")
+    told = result["irregular"]
+    assert (told["not_finite"], told["repeated_stamps"]) == (1, 1)
+    assert (told["gaps"], told["missing"]) == (4, 103)
+    assert result["rate_hz"] == pytest.approx(RATE_HZ)
+    assert result["parameters"]["imu.angle_random_walk"] == pytest.approx(WALKS[:3], rel=0.03)
+
+
+@pytest.fixture(scope="module")
+def lifted(tmp_path_factory):
+    """Turned by 0.5 rad/s for 4 s and laid down askew."""
+    values = record(3)
+    values[25_000:25_200, :3] += 0.5
+    values[25_000:, 3] += 0.8
+    return bag_of(tmp_path_factory.mktemp("allan") / "lifted.mcap", values=values)
+
+
+@pytest.mark.slow
+def test_someone_lifts_the_drone(lifted, tmp_path):
+    out = tmp_path / "imu.yaml"
+    with pytest.raises(CalibrationError) as refused:
+        calibrate_allan(lifted, out)
+    assert re.search(
+        r"lifted.mcap: the IMU moved at 499-505 s, by up to 2[89][0-9.]* deg/s and "
+        r"0\.8[0-9]* m/s2: .* "
+        r"--from 0 --to 499; --moved writes",
+        str(refused.value),
+    )
+    with pytest.raises(CalibrationError, match=r"moved at 499-505 s.* --from 50 --to 499"):
+        calibrate_allan(lifted, out, from_s=50.0)
+    assert list(tmp_path.iterdir()) == []
+    assert "moved" not in calibrate_allan(lifted, out, to_s=499.0)["warning"]
+
+
+@pytest.mark.slow
+def test_a_record_that_moved_is_written_where_it_must(lifted, tmp_path, capsys):
+    words = ["calibrate", "allan", str(lifted), "-o", str(tmp_path / "imu.yaml")]
+    assert command.main(words) == 1
+    assert capsys.readouterr().err.startswith("tirgeo calibrate allan: ")
+    assert not (tmp_path / "imu.yaml").exists()
+    assert command.main([*words, "--moved"]) == 0
+    assert "warning: the IMU moved at 499-505 s" in capsys.readouterr().err
+    assert (tmp_path / "imu.yaml").is_file()
+
+
+def test_a_flight_is_sent_to_calibrate_imu(tmp_path):
+    values = record(8)
+    values[:, 0] += 0.05 * np.sin(np.arange(SIZE) / RATE_HZ)
+    bag = bag_of(tmp_path / "a.mcap", values=values)
+    with pytest.raises(CalibrationError, match=r"0-600 s.* of a flight, tirgeo calibrate imu"):
+        calibrate_allan(bag, tmp_path / "imu.yaml")
+
+
+@pytest.mark.slow
+def test_motors_run_and_the_imu_warms_up(tmp_path):
+    values = record(4)
+    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * np.arange(SIZE))
+    values[:, 0] += 2e-6 / RATE_HZ * np.arange(SIZE)
+    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
+    assert "vibration: accel z 13.0 Hz (0.5 m/s2)" in result["warning"]
+    assert re.search(r"steady drift of gyro x by 0\.00[67]\d* rad/s/h", result["warning"])
+    assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_warm_up_that_ends_is_warned_of(tmp_path):
+    values = record(5)
+    values[:, 1] += 2e-3 * (1 - np.exp(-np.arange(SIZE) / (0.25 * SIZE)))
+    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
+    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settled", result["warning"])
+
+
+@pytest.mark.slow
+def test_a_topic_faster_than_its_sensor(tmp_path):
+    values = np.repeat(record(6, SIZE // 2), 2, axis=0)
+    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
+    assert "50 % of the samples equal the one before" in result["warning"]
+
+
+@pytest.mark.slow
+def test_refusals(still, tmp_path):
+    out = tmp_path / "imu.yaml"
+    with pytest.raises(BagError, match=r"/imu/raw is not there; topics of .*: /imu/data; give"):
+        calibrate_allan(still, out, topic="imu/raw")
+    with pytest.raises(CalibrationError, match=r"none of .* messages has a sample; look at"):
+        calibrate_allan(still, out, from_s=1e6)
+    with pytest.raises(CalibrationError, match="40 s in one piece tell nothing"):
+        calibrate_allan(still, out, to_s=40.0)
+    with pytest.raises(CalibrationError, match="would take the place of"):
+        calibrate_allan(still, out, plot=out)
+    with pytest.raises(CalibrationError, match=r"absent/imu\.yaml: cannot be written: No such"):
+        calibrate_allan(still, tmp_path / "absent/imu.yaml")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dead_axis_and_a_lossy_record_are_refused(tmp_path):
+    values = record(7, 6000)
+    values[:, 4] = 0.0
+    bag = bag_of(tmp_path / "dead.mcap", even(6000), values)
+    with pytest.raises(CalibrationError, match="accel y: never changes"):
+        calibrate_allan(bag, tmp_path / "imu.yaml")
+    values = record(7, 6000)
+    values[np.random.default_rng(1).random(6000) < 0.3, 0] = np.nan
+    bag = bag_of(tmp_path / "lossy.mcap", even(6000), values)
+    with pytest.raises(CalibrationError, match=r"missing or not finite beside .* good ones"):
+        calibrate_allan(bag, tmp_path / "imu.yaml")
+
+
+def test_wrong_use(still, tmp_path, capsys):
+    words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "a.yaml")]
+    with pytest.raises(SystemExit, match="2"):
+        command.main([*words, "--from", "10", "--to", "5"])
+    assert "--from must be 0 or more, and less than --to" in capsys.readouterr().err

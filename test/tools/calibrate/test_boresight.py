@@ -1,0 +1,406 @@
+"""tirgeo calibrate boresight over simulated flights: what is planted is found, or refused."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from project import PROJECT
+
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
+from tirgeo_ros.core.config import DjiConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.types.errors import CalibrationError, ConfigError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.decode import heading_sample
+from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.tools.calibrate.boresight import (
+    CLICK_SIGMA_PX,
+    IF_TOLD,
+    USUAL,
+    calibrate_boresight,
+)
+from tirgeo_ros.tools.cli._calibrations import boresight
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.simulate.files import simulate
+
+pytestmark = pytest.mark.slow
+
+SCENARIO = PROJECT / "config" / "scenarios" / "paper_flight.yaml"
+PLANTED = {"roll": 1.0, "pitch": -0.8, "yaw": 1.5, "latency": 70.0}
+OVERLAY = "/**/overlay_node:\n  ros__parameters: "
+GIMBAL = "/**/gimbal_node:\n  ros__parameters: "
+
+
+class Flown:
+    """A flight whose truth is known, and its calibration from parameters that are wrong."""
+
+    def __init__(self, folder, source, now, truth):
+        (folder / "now.yaml").write_text(now)
+        self.folder, self.source, self.truth = folder, source, truth
+
+    def calibrate(self, observations=None, *params, out="found.yaml", **options):
+        files = [self.source / "params.yaml", self.folder / "now.yaml"]
+        return calibrate_boresight(
+            self.source / "flight.mcap",
+            self.source / "survey.geojson",
+            observations or self.source / "observations.csv",
+            self.folder / out,
+            params=[*files, *(self.folder / name for name in params)],
+            **options,
+        )
+
+    def rows(self):
+        head, *rows = (self.source / "observations.csv").read_text().splitlines()
+        return head, rows
+
+    def halves(self):
+        """Two files of observations, each of every other point."""
+        head, rows = self.rows()
+        ids = sorted({row.partition(",")[0] for row in rows})
+        for k in (0, 1):
+            part = [row for row in rows if ids.index(row.partition(",")[0]) % 2 == k]
+            path = self.folder / f"half{k}.csv"
+            path.write_text("\n".join([head, *part]) + "\n")
+            yield path
+
+    def errors(self, result):
+        """By parameter: found less true, and sigma."""
+        return {
+            name: (one["found"] - self.truth[name], one["sigma"])
+            for name, one in result["parameters"].items()
+        }
+
+
+def planted(folder, seed, now, **changes):
+    """A simulated flight with what the requirement plants."""
+    tree = yaml.safe_load(SCENARIO.read_text())
+    given = {"gimbal.boresight_rpy_deg": [1.0, -0.8, 1.5], "video.latency_s": 0.07}
+    for name, value in {**given, **changes}.items():
+        group, key = name.split(".")
+        tree[group][key] = value
+    (folder / "scenario.yaml").write_text(yaml.safe_dump(tree))
+    simulate(folder / "scenario.yaml", folder, seed=seed, images=False)
+    late = f"{OVERLAY}{{video_latency_s: 0.05}}\n"
+    truth = {"roll": 1.0, "pitch": -0.8, "yaw": 1.5, "latency": 70.0}
+    return Flown(folder, folder, late + GIMBAL + now, truth | {"gimbal_north": 0.0})
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory, sample):
+    """The sample flight, whose camera has no error, read with parameters that have one."""
+    now = f"{OVERLAY}{{video_latency_s: 0.07}}\n{GIMBAL}{{boresight_rpy_deg: [1.0, -0.8, 1.5]}}\n"
+    truth = {"roll": 0.0, "pitch": 0.0, "yaw": 0.0, "latency": 50.0}
+    return Flown(tmp_path_factory.mktemp("sample"), sample, now, truth)
+
+
+def test_the_error_of_the_parameters_is_found(flown):
+    result = flown.calibrate(click_sigma_px=0.5)
+    errors = flown.errors(result)
+    assert set(errors) == {"roll", "pitch", "yaw", "latency"}
+    assert all(abs(error) <= 4 * sigma for error, sigma in errors.values())
+    assert errors["latency"][1] < 5  # ms
+    assert all(sigma < 0.15 for name, (_, sigma) in errors.items() if name != "latency")
+    assert result["ground_rmse_m"]["before"] > 1.0
+    assert result["ground_rmse_m"]["leave_one_point_out"] < 0.25
+    assert result["residual_rms_px"]["after"] < 0.2 * result["residual_rms_px"]["before"]
+    assert any("gimbal_north held" in note for note in result["notes"])
+
+
+@pytest.fixture(scope="module")
+def held(flown):
+    """The sample flight's calibration but for the gimbal's north, in ``held.yaml``."""
+    return flown.calibrate(out="held.yaml", hold=["gimbal_north"])
+
+
+def test_what_was_found_makes_poses_that_have_no_more_of_it(flown, held):
+    again = flown.calibrate(None, "held.yaml", out="again.yaml", hold=["gimbal_north"])
+    # the model of the fit against the flight read anew with its result: float32 messages apart,
+    # they differ by the picture of a moment's interpolation
+    assert again["ground_rmse_m"]["before"] == pytest.approx(
+        held["ground_rmse_m"]["after"], abs=2e-3
+    )
+    for one in again["parameters"].values():
+        assert abs(one["found"] - one["before"]) < 0.02 * one["sigma"]
+
+
+def check_requirement(flown):
+    """Half of the points serves the other: within 0.1 deg, 10 ms and 0.25 m on the ground."""
+    used, unused = flown.halves()
+    result = flown.calibrate(used, click_sigma_px=0.5)
+    for name, (error, sigma) in flown.errors(result).items():
+        assert abs(error) <= (10.0 if name == "latency" else 0.1)
+        assert abs(error) <= 4 * sigma
+    assert result["ground_rmse_m"]["before"] > 1.0
+    there = flown.calibrate(unused, "found.yaml", out="again.yaml")
+    assert there["ground_rmse_m"]["before"] <= 0.25
+    # leave-one-out foretold it: rms of 30 and of 30 observations differ by some tenths
+    foretold = result["ground_rmse_m"]["leave_one_point_out"]
+    assert 0.5 < there["ground_rmse_m"]["before"] / foretold < 2.0
+
+
+def test_the_file_is_what_the_nodes_take_and_says_how_well(flown, held):
+    path = flown.folder / "held.yaml"
+    found = held["parameters"]
+    gimbal = load_config(path, "gimbal_node", GimbalConfig)
+    rpy = [found[name]["found"] for name in ("roll", "pitch", "yaw")]
+    np.testing.assert_allclose(gimbal.boresight_rpy_deg, rpy, rtol=1e-8)
+    overlay = load_config(path, "overlay_node", OverlayConfig)
+    assert overlay.video_latency_s == pytest.approx(found["latency"]["found"] / 1e3, rel=1e-8)
+    assert set(yaml.safe_load(path.read_text())) == {"/**/gimbal_node", "/**/overlay_node"}
+    head = [line for line in path.read_text().splitlines() if line.startswith("#")]
+    assert any("13 points" in line for line in head)
+    assert any(
+        line.startswith("# yaw: ") and "+-" in line and "before 1.500" in line for line in head
+    )
+    assert any("rmse: before" in line for line in head)
+
+
+def test_wrong_and_unknown_observations_are_named(flown):
+    head, rows = flown.rows()
+    name, stamp, u, v = rows[10].split(",")
+    rows[10] = f"{name},{stamp},{float(u) + 60:.1f},{v}"
+    rows += [f"X9,{stamp},300,300", f"{name},{int(stamp) + 10**12},300,300"]
+    path = flown.folder / "wrong.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    result = flown.calibrate(path, hold=["gimbal_north"])
+    (wrong,) = result["outliers"]
+    assert (wrong["id"], wrong["stamp_ns"]) == (name, int(stamp))
+    assert wrong["off_px"] == pytest.approx(60, abs=10)
+    # one of the sample's own pictures comes before the filter's first pose
+    assert (result["unknown_ids"], result["without_pose"]) == (1, 2)
+    text = "\n".join(result["notes"])
+    assert f"left out {name} at {stamp}" in text
+    assert "1 observations of points that the survey does not have" in text
+    assert all(
+        abs(e) <= (10 if n == "latency" else 0.1) for n, (e, _) in flown.errors(result).items()
+    )
+
+
+def test_what_cannot_be_told_apart_is_refused_and_nothing_written(flown):
+    wanted = ["roll", "pitch", "yaw", "latency", "heading_offset"]
+    with pytest.raises(CalibrationError, match=r"flight.mcap: .*yaw and heading_offset cannot be"):
+        flown.calibrate(estimate=wanted, out="refused.yaml")
+    assert not (flown.folder / "refused.yaml").exists()
+
+
+def test_only_what_is_asked_for_is_written(flown):
+    near = flown.folder / "near.yaml"
+    near.write_text(f"{GIMBAL}{{boresight_rpy_deg: [0.05, -0.05, 1.5]}}\n")
+    result = flown.calibrate(None, near.name, estimate=["yaw", "latency"], out="two.yaml")
+    assert list(result["parameters"]) == ["yaw", "latency"]
+    tree = yaml.safe_load((flown.folder / "two.yaml").read_text())
+    rpy = tree["/**/gimbal_node"]["ros__parameters"]["boresight_rpy_deg"]
+    assert rpy[:2] == [0.05, -0.05]
+    assert rpy[2] == pytest.approx(result["parameters"]["yaw"]["found"])
+
+
+def test_what_is_held_wrong_shows_in_the_residuals(flown):
+    with pytest.raises(
+        CalibrationError, match=r"yaw, latency: residuals \d+.\d times .* what is held right"
+    ):
+        flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")
+
+
+def test_a_heading_that_the_method_does_not_take_is_said_to_be_idle(flown):
+    (flown.folder / "rtk.yaml").write_text("/**/ekf_node:\n  ros__parameters: {method: rtk}\n")
+    with pytest.raises(CalibrationError, match="heading_offset cannot be found: nothing that"):
+        flown.calibrate(None, "rtk.yaml", estimate=["yaw", "heading_offset"], out="idle.yaml")
+
+
+def test_no_observations_are_refused(flown):
+    path = flown.folder / "none.csv"
+    path.write_text("id,stamp_ns,u,v\n")
+    with pytest.raises(CalibrationError, match="0 surveyed points in 0 pictures with a pose"):
+        flown.calibrate(path, hold=["gimbal_north"], out="none.yaml")
+
+
+def test_the_verb_knows_the_names_and_the_click():
+    assert boresight._NAMES == PARAMETERS  # spelled there to start quickly
+    assert boresight._NAMES[:5] == (*USUAL, IF_TOLD)
+    parser = argparse.ArgumentParser()
+    made = boresight.add_parser(parser.add_subparsers())
+    assert made.get_default("click_sigma") == CLICK_SIGMA_PX
+
+
+def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
+    folder, source = flown.folder, flown.source
+    args = [
+        "calibrate",
+        "boresight",
+        source / "flight.mcap",
+        "--survey",
+        source / "survey.geojson",
+    ]
+    args += ["--observations", source / "observations.csv", "-o", folder / "v.yaml"]
+    args += ["--params", source / "params.yaml", "--params", folder / "now.yaml"]
+    args += ["--hold", "gimbal_north"]
+    pytest.importorskip("matplotlib")
+    assert main([*map(str, args), "--plot", str(folder / "v.png")]) == 0
+    out = capsys.readouterr().out
+    assert "parameter" in out
+    assert "each point by the others alone" in out
+    assert (folder / "v.png").read_bytes().startswith(b"\x89PNG")
+    assert main([*map(str, args), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["parameters"]["yaw"]["unit"] == "deg"
+    assert np.array(result["correlation"]).shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--estimate", "roll,tilt"], "tilt is none of roll, pitch"),
+        (["--estimate", "roll", "--hold", "roll"], "roll: either --estimate or --hold"),
+        (["--estimate", ""], "nothing to estimate"),
+        (["--click-sigma", "0"], "not between 0 and 100 px"),
+    ],
+)
+def test_wrong_use_is_said(extra, message, capsys):
+    args = ["calibrate", "boresight", "a.mcap", "--survey", "s", "--observations", "o", "-o", "y"]
+    with pytest.raises(SystemExit) as stop:
+        raise SystemExit(main([*args, *extra]))
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
+    params = tmp_path / "dem.yaml"
+    params.write_text(f"{OVERLAY}{{dem: hills.tif}}\n")
+    inputs = (sample / "flight.mcap", sample / "survey.geojson", sample / "observations.csv")
+    with pytest.raises(CalibrationError, match="ground_height: overlay_node takes the ground"):
+        calibrate_boresight(
+            *inputs, tmp_path / "y.yaml", params=params, estimate=["yaw", "ground_height"]
+        )
+    with pytest.raises(CalibrationError, match=r"survey.geojson: would take the place"):
+        calibrate_boresight(*inputs, sample / "survey.geojson")
+    params.write_text(f"{OVERLAY}{{video_latency: 0.1}}\n")
+    with pytest.raises(ConfigError, match="unknown parameter video_latency"):
+        calibrate_boresight(*inputs, tmp_path / "y.yaml", params=params)
+
+
+def test_half_of_the_points_serves_the_other_by_encoders(tmp_path):
+    check_requirement(planted(tmp_path, 1, "{composition: encoders}\n"))
+
+
+def test_by_the_reported_attitude(tmp_path):
+    """What the gimbal does not report limits it: 0.48 deg of pitch that lasts 2.5 s.
+
+    Over 87 s of clicks its mean is 0.48 sqrt(2 2.5 / 87) = 0.115 deg, whatever the clicks' number:
+    the sigmas must say so.
+    """
+    flown = planted(tmp_path, 1, "{composition: paper}\n")
+    result = flown.calibrate(click_sigma_px=0.5)
+    for name, (error, sigma) in flown.errors(result).items():
+        assert abs(error) <= 3.5 * sigma
+        assert name == "latency" or sigma < 0.3
+    assert result["parameters"]["pitch"]["sigma"] > 0.1
+    assert result["ground_rmse_m"]["after"] < 0.5 * result["ground_rmse_m"]["before"]
+
+
+def test_a_gimbal_that_is_steady_is_calibrated_by_its_reported_attitude(tmp_path):
+    flown = planted(
+        tmp_path, 4, "{composition: paper}\n", **{"gimbal.error_rms_deg": [0.03, 0.05]}
+    )
+    check_requirement(flown)
+
+
+def test_two_tilts_tell_the_gimbals_north(tmp_path):
+    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(
+        tmp_path, 1, "{composition: paper}\n", **tilts, **{"gimbal.north_bias_deg": 2.0}
+    )
+    found = flown.errors(flown.calibrate(click_sigma_px=0.5))
+    error, sigma = found.pop("gimbal_north")
+    assert abs(error - 2.0) <= 3.5 * sigma
+    assert sigma < 0.5
+    assert all(abs(e) <= 3.5 * s for e, s in found.values())
+
+
+def test_a_hover_that_hardly_turns_shows_no_latency(tmp_path):
+    changes = {"route.shape": "hover", "route.yaw_rate_deg_s": 1.0, "survey.points": 4}
+    flown = planted(tmp_path, 1, "{composition: encoders}\n", **changes)
+    with pytest.raises(CalibrationError, match=r"latency cannot be found: .* --hold latency"):
+        flown.calibrate()
+
+
+def test_two_tilts_tell_an_encoders_zero(tmp_path):
+    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(tmp_path, 3, "{composition: encoders, yaw_zero_deg: 2.0}\n", **tilts)
+    found = flown.errors(flown.calibrate(click_sigma_px=0.5))
+    error, sigma = found.pop("gimbal_north")  # the simulated encoder has no error: 0 is the truth
+    assert abs(error) <= 4 * sigma
+    assert sigma < 0.3
+    assert all(abs(e) <= 4 * s for e, s in found.values())
+    tree = yaml.safe_load((flown.folder / "found.yaml").read_text())
+    assert "yaw_zero_deg" in tree["/**/gimbal_node"]["ros__parameters"]
+
+
+def with_headings_off(folder, off_deg):
+    """Let the flight's headings be those that antennas in the wrong place give."""
+    path, cdr = folder / "flight.mcap", Cdr()
+    messages, whole = Messages(cdr.types), folder / "flight.mcap.whole"
+    path.rename(whole)
+    with BagWriter(path) as out:
+        for item in BagReader(whole).messages():
+            data = item.data
+            if item.topic == "/rtk/heading":
+                sample = heading_sample(cdr.deserialize(data, item.typename))
+                off = replace(sample, heading_rad=sample.heading_rad + np.radians(off_deg))
+                data = cdr.serialize(messages.heading(off), item.typename)
+            out.write(item.topic, item.typename, data, item.log_time_ns)
+
+
+def test_two_tilts_tell_the_antennas_direction(tmp_path):
+    """Antennas that stand 2 deg further to the right than believed: headings 2 deg too large."""
+    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(tmp_path, 3, "{composition: encoders}\n", **tilts)
+    with_headings_off(tmp_path, 2.0)
+    names = ["roll", "pitch", "yaw", "latency", "heading_offset"]
+    result = flown.calibrate(estimate=names, click_sigma_px=0.5)
+    found = result["parameters"].pop("heading_offset")
+    assert found["before"] == 0.0  # along the nose
+    assert abs(found["found"] - 2.0) <= 4 * found["sigma"] < 1.2
+    assert all(abs(error) <= 4 * sigma for error, sigma in flown.errors(result).values())
+    turned = load_config(tmp_path / "found.yaml", "dji_node", DjiConfig).aircraft.second_antenna_m
+    first = np.array([-0.1, 0.32, 0.38])
+    angle = np.radians(found["found"])
+    expected = first + np.array([np.cos(angle), -np.sin(angle), 0.0])  # forward, left, up
+    assert turned == pytest.approx(expected, abs=1e-8)
+    assert "import it anew" in "".join(result["notes"])
+
+
+def test_antennas_that_are_not_said_cannot_be_turned(flown):
+    one = "/**:\n  ros__parameters: {aircraft: {second_antenna_m: []}}\n"
+    (flown.folder / "one.yaml").write_text(one)
+    with pytest.raises(CalibrationError, match=r"set aircraft\.rtk_antenna_m and aircraft\."):
+        flown.calibrate(None, "one.yaml", estimate=["heading_offset"], out="refused.yaml")
+
+
+def test_a_ground_height_is_found_if_asked_for(tmp_path):
+    flown = planted(tmp_path, 5, "{composition: encoders}\n")
+    survey = json.loads((tmp_path / "survey.geojson").read_text())
+    for feature in survey["features"]:
+        feature["geometry"]["coordinates"][2] += 1.5  # a survey in another datum
+    (tmp_path / "survey.geojson").write_text(json.dumps(survey))
+    names = ["roll", "pitch", "yaw", "latency", "ground_height"]
+    result = flown.calibrate(estimate=names, click_sigma_px=0.5)
+    one = result["parameters"]["ground_height"]
+    assert one["before"] == pytest.approx(13.0, abs=0.03)  # 11.5 m and 1.5, surveyed to 2 cm
+    assert abs(one["found"] - 11.5) <= 4 * one["sigma"]
+    assert one["sigma"] < 0.2
+
+
+def test_a_second_tilt_does_not_cost_the_boresight(tmp_path):
+    """The north could be told at two tilts, but roll would be known half as well for it."""
+    tilts = {"gimbal.pitch_step_deg": -35.0, "gimbal.pitch_step_s": 60.0}
+    flown = planted(tmp_path, 1, "{composition: encoders}\n", **tilts)
+    result = flown.calibrate(click_sigma_px=0.5)
+    assert "gimbal_north" not in result["parameters"]
+    for name, (error, _) in flown.errors(result).items():
+        assert abs(error) <= (10.0 if name == "latency" else 0.1)
+    assert any("much less certain" in note for note in result["notes"])

@@ -1,0 +1,175 @@
+"""``tirgeo calibrate gimbal`` on rendered videos of a board on a wall (Ren et al., Table 8)."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.pictures.camera_file import save_camera
+from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
+from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, gimbal_pose
+
+pytestmark = pytest.mark.slow
+
+BOARD = Checkerboard(9, 6, 0.1)
+FRAMES, FPS = 24, 10
+STD_DEG = np.array([0.2704, 0.4839, 13.8857])  # roll, pitch, yaw of Table 8
+
+
+def wobble(count, seed=5):
+    """(count, 3) rad with the standard deviations of Table 8, to the last digit."""
+    rng = np.random.default_rng(seed)
+    raw = rng.normal(size=(count, 3))
+    raw[:, 2] = np.sign(np.sin(np.arange(count) * 0.7 + 0.2)) + 0.1 * raw[:, 2]
+    raw = (raw - raw.mean(0)) / raw.std(0, ddof=1)
+    return np.radians(raw * STD_DEG)
+
+
+@pytest.fixture(scope="module")
+def video():
+    """Stamps, pictures, and the truth."""
+    angles = wobble(FRAMES)
+    draw, rng = BoardRenderer(XT2, BOARD), np.random.default_rng(6)
+    look = BoardLook()
+    images = [draw.view(*gimbal_pose(BOARD, a, 2.2, 0.7), look, rng).image for a in angles]
+    stamps = [5_000_000_000 + round(n * 1e9 / FPS) for n in range(FRAMES)]
+    return stamps, images, angles
+
+
+def bag_of(path, stamps, images, *, info=True):
+    messages = Messages(Cdr().types)
+    with BagWriter(path) as writer:
+        for stamp, image in zip(stamps, images, strict=True):
+            made = messages.image(stamp, image)
+            writer.write("/thermal/image_raw", "sensor_msgs/msg/Image", made, stamp)
+            if info:
+                made = messages.camera_info(XT2, stamp)
+                writer.write("/thermal/camera_info", "sensor_msgs/msg/CameraInfo", made, stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(video, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gimbal")
+    stamps, images, _ = video
+    images = list(images)
+    images[7] = np.full_like(images[7], 100)  # the board is lost for a moment
+    bag = bag_of(folder / "wall.mcap", stamps, images)
+    table, plot = folder / "attitude.csv", folder / "attitude.png"
+    return calibrate_gimbal([bag], BOARD, output=table, plot=plot), table, plot
+
+
+@pytest.mark.slow
+def test_table_8_comes_out_within_the_noise(run, video):
+    result, *_ = run
+    kept = np.delete(np.degrees(video[2]), 7, axis=0)
+    truth = kept.std(0, ddof=1)
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        noise = result["noise_deg"][name]
+        # What noise n does to a standard deviation s of N: n / sqrt(N), and n^2 / 2s of bias.
+        allowed = 4 * noise / np.sqrt(len(kept)) + noise**2 / truth[axis]
+        assert result["std_deg"][name] == pytest.approx(truth[axis], abs=allowed)
+        assert noise < 0.1 * truth[axis]
+    assert result["used"] == FRAMES - 1
+    assert next(iter(result["refused"].values())).startswith("no board")
+
+
+def test_the_time_series_is_the_truth(run, video):
+    _, table, plot = run
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    kept = np.delete(np.degrees(video[2]), 7, axis=0)
+    found = np.array([[float(row[f"{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows])
+    sigma = np.array(
+        [[float(row[f"sigma_{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows]
+    )
+    assert np.abs((found - kept) / sigma).max() < 4.5
+    assert [float(row["time_s"]) for row in rows][5:9] == [0.5, 0.6, 0.8, 0.9]
+    assert cv2.imread(str(plot)) is not None
+
+
+@pytest.mark.slow
+def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsys):
+    for number, image in enumerate(video[1][:12]):
+        cv2.imwrite(str(tmp_path / f"f{number}.png"), image)
+    save_camera(tmp_path / "camera.yaml", XT2)
+    argv = ["calibrate", "gimbal", str(tmp_path), "--board", "9x6", "--square", "0.1"]
+    argv += ["--camera", str(tmp_path / "camera.yaml"), "--rate", "5"]
+    assert main([*argv, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["duration_s"] == pytest.approx(11 / 5)
+    truth = np.degrees(video[2][:12].std(0, ddof=1))
+    assert result["std_deg"]["yaw"] == pytest.approx(truth[2], rel=0.01)
+    assert main(argv) == 0
+    text = capsys.readouterr().out
+    assert main([*argv, "-v"]) == 0
+    assert capsys.readouterr().out == text  # none was refused
+    assert text.index("pitch") < text.index("yaw") < text.index("roll")
+
+
+def test_what_is_missing_is_told(video, tmp_path):
+    stamps, images, _ = video
+    with pytest.raises(CalibrationError, match="give --camera"):
+        calibrate_gimbal([tmp_path], BOARD)
+    few = bag_of(tmp_path / "few.mcap", stamps[:3], images[:3])
+    with pytest.raises(
+        CalibrationError, match="3 pictures of 3 show the board, 10 are the fewest"
+    ):
+        calibrate_gimbal([few], BOARD)
+    bare = bag_of(tmp_path / "bare.mcap", stamps[:3], images[:3], info=False)
+    with pytest.raises(BagError, match=r"topic absent: /thermal/camera_info; give --camera"):
+        calibrate_gimbal([bare], BOARD)
+    small = bag_of(tmp_path / "small.mcap", stamps[:1], [images[0][:256, :320].copy()])
+    with pytest.raises(CalibrationError, match="320x256 pixels, the camera's calibration 640x512"):
+        calibrate_gimbal([small], BOARD)
+
+
+@pytest.mark.slow
+def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys):
+    stamps, images, _ = video
+    bag = bag_of(tmp_path / "wall.mcap", stamps, images)
+    words = ["calibrate", "gimbal", str(bag), "--board", "9x6", "--square", "0.1"]
+    segments = BagReader(bag)._contents.segments
+    damage(bag, segments[3:4])
+    assert main(words) == 1
+    told = capsys.readouterr()
+    assert "pictures used, over" in told.out
+    assert f"wall.mcap: the chunk at byte {segments[3].offset} is cut off or damaged" in told.err
+    assert told.err.count("\n") == 1
+    damage(bag, segments)
+    assert main(words) == 1
+    told = capsys.readouterr()
+    assert "wall.mcap: no /thermal/camera_info in what can be read; give --camera" in told.err
+    assert (told.out, told.err.count("\n")) == ("", 1)
+
+
+def damage(bag, segments):
+    data = bytearray(bag.read_bytes())
+    for segment in segments:
+        middle = segment.offset + segment.length // 2
+        data[middle : middle + 20] = bytes(20)
+    bag.write_bytes(data)
+
+
+@pytest.mark.parametrize(("fps", "rate", "expected"), [(30, 10, 20), (9, 10, 18), (25, 10, 20)])
+def test_videos_are_thinned_evenly(fps, rate, expected):
+    stamps = [round(n * 1e9 / fps) for n in range(2 * fps)]
+    kept = list(thinned((Taken(str(s), s, None) for s in stamps), rate))
+    assert abs(len(kept) - expected) <= 1
+
+
+def test_a_stamp_that_goes_back_does_not_stop_a_video():
+    stamps = [0, 100, 200, 0, 100, 200]
+    kept = list(thinned((Taken(str(s), s * 1_000_000, None) for s in stamps), 10))
+    assert len(kept) >= 5

@@ -1,0 +1,214 @@
+"""``tirgeo calibrate lens`` on rendered thermal boards with the lens of Ren et al., Table 9."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from bad_boards import bad_boards
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.pictures.camera_file import load_camera
+from tirgeo_ros.tools.calibrate.board_pictures import files_of, sharpest
+from tirgeo_ros.tools.calibrate.lens import calibrate_lens
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
+from tirgeo_ros.tools.cli.main import main, parser_of, verbs
+from tirgeo_ros.tools.simulate.board import BoardLook, board_views
+
+BOARD = Checkerboard(9, 6, 0.1)
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+TRUTH = np.array([XT2.fx, XT2.fy, XT2.cx, XT2.cy, *XT2.distortion])
+
+
+def write(folder, images):
+    folder.mkdir(exist_ok=True)
+    for name, image in images.items():
+        assert cv2.imwrite(str(folder / f"{name}.png"), image)
+    return folder
+
+
+def off_sigmas(result):
+    assert tuple(result["parameters"]) == NAMES
+    found = np.array([result["parameters"][name] for name in NAMES])
+    return (found - TRUTH) / [result["sigma"][name] for name in NAMES]
+
+
+@pytest.fixture(scope="module")
+def views():
+    return board_views(XT2, BOARD, 10, 4)
+
+
+@pytest.fixture(scope="module")
+def folder(views, tmp_path_factory):
+    images = {f"view_{number}": view.image for number, view in enumerate(views)}
+    images["wall"] = np.full((512, 640), 105, np.uint8)
+    images["again"] = views[0].image
+    folder = write(tmp_path_factory.mktemp("lens") / "pictures", images)
+    (folder / "broken.png").write_bytes(b"no picture")
+    (folder / "notes.txt").write_text("not looked at")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(folder):
+    """The command's JSON and what it wrote."""
+    output, plot = folder.parent / "camera.yaml", folder.parent / "coverage.png"
+    result = calibrate_lens([folder], BOARD, output, plot=plot)
+    return result, output, plot
+
+
+@pytest.mark.slow
+def test_the_lens_is_found_within_its_sigmas(run):
+    result, output, plot = run
+    assert np.abs(off_sigmas(result)).max() < 3
+    assert result["reprojection_rms_px"] < 0.6  # and far below: the corners are good to 0.05 px
+    camera = load_camera(output)
+    assert camera.fx == pytest.approx(result["parameters"]["fx"])
+    assert camera.distortion[4] == 0.0
+    assert cv2.imread(str(plot)).shape[0] > 500
+
+
+@pytest.mark.slow
+def test_every_picture_that_is_not_used_has_its_reason(run):
+    result, *_ = run
+    refused = result["refused"]
+    assert {"wall.png", "broken.png"} < set(refused)
+    assert len({"again.png", "view_0.png"} & set(refused)) == 1
+    assert refused["wall.png"].startswith("no board")
+    assert refused["broken.png"].startswith("not readable")
+    assert result["pictures"] == 13
+    assert result["views"] == 13 - len(refused)
+    assert set(result["view_rms_px"]).isdisjoint(refused)
+
+
+@pytest.mark.slow
+def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
+    pictures = [str(folder / f"view_{number}.png") for number in range(6)]
+    argv = ["calibrate", "lens", *pictures, "--board", "9x6", "--square", "0.1"]
+    argv += ["-o", str(tmp_path / "camera.yaml"), "--max-views", "5"]
+    assert main([*argv, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["views"] + result["views_spare"] + len(result["refused"]) == 6
+    assert result["views"] <= 5
+    assert "views are few: take 20" in result["warning"]
+    assert main(argv) == 0
+    text = capsys.readouterr().out
+    assert "fx" in text
+    assert "reprojection error" in text
+
+
+@pytest.mark.parametrize("verb", ["lens", "gimbal"])
+def test_pictures_that_were_not_used_are_told_by_reason_and_by_name_with_v(verb):
+    refused = {"a.png": "no board: no corners", "b.png": "blurred: 3 px", "c.png": "no board: x"}
+    assert not_used(refused) == ["not used: 2 no board, 1 blurred; -v names each"]
+    assert not_used({}) == []
+    argv = ["calibrate", verb, "a.png", "--board", "9x6", "--square", "0.1", "-o", "any"]
+    args = parser_of(verbs()).parse_args([*argv, "-v"])
+    assert args.describe.__module__.endswith(verb)
+    assert each_not_used(refused).splitlines()[1] == "not used: b.png: blurred: 3 px"
+
+
+@pytest.mark.slow
+def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
+    views = board_views(XT2, BOARD, 6, 8, BoardLook(bits=16))
+    bag, messages = tmp_path / "board.mcap", Messages(Cdr().types)
+    with BagWriter(bag) as writer:
+        for number, view in enumerate(views):
+            for repeat, blur_px in enumerate((3.0, 0.0, 4.0)):
+                stamp_ns = (10 + number) * 1_000_000_000 + repeat * 100_000_000
+                image = cv2.GaussianBlur(view.image, (0, 0), blur_px) if blur_px else view.image
+                message = messages.image(stamp_ns, image)
+                writer.write("/uav/thermal/image_raw", "sensor_msgs/msg/Image", message, stamp_ns)
+    result = calibrate_lens([bag], BOARD, tmp_path / "camera.yaml", every_s=1.0, namespace="uav")
+    assert set(result["view_rms_px"]) <= {f"{10 + number}.100" for number in range(6)}
+    assert np.abs(off_sigmas(result)).max() < 4
+    with pytest.raises(BagError, match="is there a --namespace"):
+        calibrate_lens([bag], BOARD, tmp_path / "camera.yaml")
+
+
+def test_nothing_is_written_where_no_lens_is_found(folder, tmp_path):
+    output = tmp_path / "camera.yaml"
+    with pytest.raises(CalibrationError, match="no picture of 1 can be used: 1 x no board"):
+        calibrate_lens([folder / "wall.png"], BOARD, output)
+    with pytest.raises(CalibrationError, match="2 usable views are left"):
+        calibrate_lens([folder / "view_1.png", folder / "view_2.png"], BOARD, output)
+    assert not output.exists()
+
+
+@pytest.mark.slow
+def test_pictures_of_another_size_are_refused(views, tmp_path):
+    images = {f"v{number}": view.image for number, view in enumerate(views[:5])}
+    images["wide"] = cv2.resize(views[5].image, None, fx=1.5, fy=1.5)
+    folder = write(tmp_path / "mixed", images)
+    result = calibrate_lens([folder], BOARD, tmp_path / "camera.yaml")
+    assert result["refused"]["wide.png"] == "another picture size: 960x768 pixels"
+    assert result["image_size"] == [640, 512]
+
+
+def test_files_come_in_the_order_of_their_numbers(tmp_path):
+    image = np.zeros((4, 4), np.uint8)
+    folder = write(tmp_path / "many", {f"view_{n}": image for n in (10, 2, 1)})
+    assert [path.stem for path in files_of([folder])] == ["view_1", "view_2", "view_10"]
+
+
+def test_what_is_not_there_is_told(tmp_path):
+    with pytest.raises(CalibrationError, match="there is no such file or folder"):
+        files_of([tmp_path / "none"])
+    with pytest.raises(CalibrationError, match="no pictures in it"):
+        files_of([tmp_path])
+    with pytest.raises(CalibrationError, match="give a bag by itself"):
+        calibrate_lens([tmp_path / "a.mcap", tmp_path], BOARD, tmp_path / "camera.yaml")
+
+
+def test_an_empty_video_has_no_sharpest_picture():
+    assert list(sharpest(iter([]), 1.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--every", "0"], "--every must be positive"),
+        (["--max-views", "3"], "--max-views must be 4 or more"),
+        (["--k3", "--model", "rational"], "--k3 is part of"),
+    ],
+)
+def test_wrong_use_is_2(folder, capsys, extra, message):
+    argv = ["calibrate", "lens", str(folder), "--board", "9x6", "--square", "0.1", "-o", "x.yaml"]
+    with pytest.raises(SystemExit) as left:
+        main([*argv, *extra])
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bad_pictures_do_no_harm(tmp_path):
+    """Five kinds of the twenty, each of which is refused by itself."""
+    good = board_views(XT2, BOARD, 25, 11)
+    images = {f"good_{number}": view.image for number, view in enumerate(good)}
+    bad = dict(list(bad_boards(XT2, BOARD).items())[::4])
+    images |= {f"bad_{name.replace(' ', '_')}": image for name, image in bad.items()}
+    result = calibrate_lens([write(tmp_path / "all", images)], BOARD, tmp_path / "camera.yaml")
+    assert len(bad) == 5
+    assert [name for name in result["view_rms_px"] if name.startswith("bad")] == []
+    assert result["views"] >= 23
+    assert np.abs(off_sigmas(result)).max() < 3
+    assert result["reprojection_rms_px"] < 0.6
+
+
+@pytest.mark.slow
+def test_sigmas_hold_over_many_boards(tmp_path):
+    look, z = BoardLook(noise=3.0, blur_px=1.4), []
+    for seed in range(20, 24):
+        images = {f"{n}": v.image for n, v in enumerate(board_views(XT2, BOARD, 20, seed, look))}
+        folder = write(tmp_path / f"{seed}", images)
+        z.append(off_sigmas(calibrate_lens([folder], BOARD, tmp_path / "camera.yaml")))
+    # Four times eight parameters, correlated as fx and fy are: 1 +- 0.5 of a root mean square.
+    rms = np.sqrt((np.array(z) ** 2).mean())
+    assert 0.5 < rms < 1.5
+    assert np.abs(z).max() < 3.9  # one in 10 000 of a normal distribution

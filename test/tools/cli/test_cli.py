@@ -1,0 +1,258 @@
+"""The command's frame: exit codes, one-line errors, JSON, quick start; with verbs made here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tirgeo_ros import __version__
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.cli._verb import UsageError
+
+MODULE = [sys.executable, "-m", "tirgeo_ros.tools.cli.main"]
+VERBS = command.verbs()
+
+
+def verb(run, **more):
+    def add_parser(subparsers):
+        return subparsers.add_parser("work", help="works", epilog="example:\n  tirgeo work")
+
+    return SimpleNamespace(add_parser=add_parser, run=run, **more)
+
+
+@pytest.fixture
+def run_verb(monkeypatch, capsys):
+    def run(work, *argv, **more):
+        monkeypatch.setattr(command, "verbs", lambda: [verb(work, **more)])
+        code = command.main(["work", *argv])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def raising(error):
+    def run(args):
+        raise error
+
+    return run
+
+
+def test_a_result_is_a_line_a_key(run_verb):
+    code, out, err = run_verb(lambda _: {"frames": 3, "rms": {"heading_deg": 0.25}, "no": None})
+    assert (code, err) == (0, "")
+    assert out == "frames           3\nrms.heading_deg  0.25\n"
+
+
+def test_a_verb_may_describe_its_result_itself(run_verb):
+    code, out, _ = run_verb(lambda _: {"n": 3}, describe=lambda result: f"{result['n']} frames")
+    assert (code, out) == (0, "3 frames\n")
+
+
+def test_json_is_one_object_with_null_for_nan(run_verb):
+    result = {
+        "nan": math.nan,
+        "array": np.array([1.0, -np.inf]),
+        "count": np.int64(7),
+        "path": Path("a") / "b",
+        "nested": {"pair": (1, True), "text": "Übersicht"},
+    }
+    code, out, _ = run_verb(lambda _: result, "--json")
+    assert code == 0
+    assert out.count("\n") == 1
+    assert json.loads(out) == {
+        "nan": None,
+        "array": [1.0, None],
+        "count": 7,
+        "path": "a/b",
+        "nested": {"pair": [1, True], "text": "Übersicht"},
+    }
+
+
+def test_a_result_with_an_error_is_printed_and_fails(run_verb):
+    result = {"frames": 3, "error": "a.mcap: cut off"}
+    code, out, err = run_verb(lambda _: result, "--json")
+    assert (code, json.loads(out)) == (1, result)
+    assert err == "tirgeo work: a.mcap: cut off\n"
+
+
+def test_an_integer_is_the_exit_code(run_verb):
+    assert run_verb(lambda _: 1) == (1, "", "")
+
+
+def test_our_errors_are_one_line_and_exit_1(run_verb):
+    code, out, err = run_verb(raising(BagError("a.mcap: not an\nMCAP file")))
+    assert (code, out, err) == (1, "", "tirgeo work: a.mcap: not an\\nMCAP file\n")
+
+
+def test_errors_of_the_machine_name_the_file(run_verb, tmp_path):
+    absent = tmp_path / "none"
+    code, _, err = run_verb(lambda _: absent.open())
+    assert (code, err) == (1, f"tirgeo work: {absent}: No such file or directory\n")
+
+
+def test_ctrl_c_is_130(run_verb):
+    assert run_verb(raising(KeyboardInterrupt())) == (130, "", "tirgeo work: interrupted\n")
+
+
+def test_a_bug_keeps_its_traceback(run_verb):
+    with pytest.raises(ZeroDivisionError):
+        run_verb(lambda _: 1 // 0)
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [([], "VERB"), (["fly"], "invalid choice: 'fly'"), (["work", "-x"], "unrecognized arguments")],
+)
+def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
+    monkeypatch.setattr(command, "verbs", lambda: [verb(lambda _: 0)])
+    with pytest.raises(SystemExit) as left:
+        command.main(argv)
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_verb_may_find_wrong_use_itself(run_verb, capsys):
+    with pytest.raises(SystemExit) as left:
+        run_verb(raising(UsageError("-o and --video name the same file")))
+    assert left.value.code == 2
+    assert capsys.readouterr().err.endswith(
+        "tirgeo work: error: -o and --video name the same file\n"
+    )
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as left:
+        command.main(["--version"])
+    assert left.value.code == 0
+    assert capsys.readouterr().out == f"{__version__}\n"
+
+
+def _parsers(parser, words="tirgeo"):
+    """Every verb, those within a verb too, with its words."""
+    groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not groups:
+        yield words, parser
+    for group in groups:
+        for name, inner in group.choices.items():
+            yield from _parsers(inner, f"{words} {name}")
+
+
+@pytest.mark.parametrize(("words", "parser"), list(_parsers(command.parser_of(VERBS))), ids=str)
+def test_each_verbs_help_has_an_example_and_json(words, parser):
+    text = parser.format_help()
+    assert f"\n  {words} " in f"{text.partition('example')[2]} "
+    assert "--json" in text
+    assert parser.prog == words  # which begins its errors
+
+
+def test_a_verb_within_a_verb_names_both_in_its_errors(capsys):
+    parser = dict(_parsers(command.parser_of(VERBS)))["tirgeo calibrate allan"]
+    with pytest.raises(SystemExit, match="2"):
+        parser.parse_args([])
+    assert "tirgeo calibrate allan: error: " in capsys.readouterr().err
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys, tirgeo_ros.tools.cli.main as m\n"
+        "m.parser_of(m.verbs()).format_help()\n"
+        "print(*sorted({'numpy', 'cv2', 'pyproj', 'rclpy', 'rosbags', 'yaml', 'mcap'} "
+        "& set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == []
+
+
+# The two below need a real process: a closed pipe and a signal. Their verb is made on the fly.
+ENDLESS = (
+    "import sys, time, types, tirgeo_ros.tools.cli.main as m\n"
+    "def add_parser(s): return s.add_parser('work')\n"
+    "def run(args):\n"
+    "    try:\n"
+    "        print('begun', flush=True)\n"
+    "        while True: {body}\n"
+    "    finally:\n"
+    "        print('tidied', file=sys.stderr)\n"
+    "m.verbs = lambda: [types.SimpleNamespace(add_parser=add_parser, run=run)]\n"
+    "sys.argv = ['tirgeo', 'work']\n"
+    "m.console()\n"
+)
+
+
+def start(body, *ignored):
+    def ignore():
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
+
+    return subprocess.Popen(
+        [sys.executable, "-c", ENDLESS.format(body=body)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=ignore,  # noqa: PLW1509
+    )
+
+
+def test_a_closed_pipe_is_silent():
+    with start("print('x' * 1000)") as process:
+        assert process.stdout.readline() == "begun\n"
+        process.stdout.close()
+        assert process.stderr.read() == "tidied\n"
+        assert process.wait(10) == command.BROKEN_PIPE
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "said"),
+    [
+        (signal.SIGTERM, command.TERMINATED, "tidied\n"),
+        (signal.SIGHUP, command.HUNG_UP, "tidied\n"),
+        (signal.SIGINT, command.INTERRUPTED, "tidied\ntirgeo work: interrupted\n"),
+    ],
+)
+def test_signals_unwind_the_stack(number, code, said):
+    # A shell without job control lets what it puts in the background ignore Ctrl-C.
+    with start("time.sleep(0.01)", signal.SIGINT) as process:
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(0.05)
+        process.send_signal(number)
+        assert process.stderr.read() == said
+        assert process.wait(10) == code
+
+
+def test_nohup_is_heard():
+    with start("time.sleep(0.01)", signal.SIGINT, signal.SIGHUP) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        assert process.stderr.read() == "tidied\n"
+        assert process.wait(10) == command.TERMINATED
+
+
+def test_a_lost_terminals_second_signal_does_not_cut_the_tidying():
+    tidying = (
+        "time.sleep(0.01)\n"
+        "    except SystemExit:\n"
+        "        print('tidying', flush=True)\n"
+        "        time.sleep(0.5)\n"
+        "        raise"
+    )
+    with start(tidying) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGHUP)
+        assert process.stdout.readline() == "tidying\n"
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGTERM)
+        assert process.stderr.read() == "tidied\n"
+        assert process.wait(10) == command.HUNG_UP

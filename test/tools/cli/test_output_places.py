@@ -1,0 +1,207 @@
+"""No command puts an output in the place of an input, of another output, or of no file."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+from pathlib import Path
+
+import pytest
+
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.tools.cli import main as command
+
+#: What each command writes: options, and of those that take a folder the files in it.
+OUTPUTS = {
+    "process": ["output", "video"],
+    "locate": ["output", "kml", "cot"],
+    "import": ["output"],
+    "calibrate allan": ["output", "plot", "csv"],
+    "calibrate aircraft": ["output", "plot"],
+    "calibrate boresight": ["output", "plot"],
+    "calibrate gimbal": ["output", "plot"],
+    "calibrate imu": ["output", "plot"],
+    "calibrate lens": ["output", "plot"],
+    "calibrate map": ["output", "residuals", "plot", "geotiff"],
+    "budget": [],
+    "check": [],
+    "evaluate": [],
+    "simulate": [],
+    "demo": [],
+    "dump": [],
+}
+IN_FOLDERS = {
+    "budget": ["budget.csv", "height.png"],
+    "evaluate": ["observations.csv", "result.json", "report.html", "params_calibrated.yaml"],
+    "simulate": ["flight.mcap", "map.geojson", "params.yaml"],
+    "demo": ["recording.mcap", "overlay.mp4", "still.png", "summary.json"],
+}
+REST = {"board": "9x6", "square": "0.1"}  # what is needed beside files
+PARAMETERS = {"params", "boresight"}  # are read first, for what they name
+
+
+def parsers(parser, words=()):
+    inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not inner:
+        return {" ".join(words): parser}
+    found = {}
+    for name, one in inner[0].choices.items():
+        found |= parsers(one, (*words, name))
+    return found
+
+
+VERBS = parsers(command.parser_of(command.verbs()))
+
+
+def inputs_of(verb):
+    return [
+        action
+        for action in VERBS[verb]._actions
+        if (action.type is Path or action.dest == "dem")
+        and action.dest not in OUTPUTS[verb]
+        and not (verb in IN_FOLDERS and action.dest == "output")
+    ]
+
+
+def words(verb, folder, **places):
+    """The command with every input that it can have, and with outputs where ``places`` says."""
+    argv = verb.split()
+    for action in inputs_of(verb):
+        path = Path(places.pop(action.dest, folder / f"{action.dest}.in"))
+        yaml = action.dest in PARAMETERS
+        path.write_bytes(b"{}\n" if yaml else b"\xaa" * 100)
+        argv += [*action.option_strings[:1], str(path)]
+    for action in VERBS[verb]._actions:
+        if action.dest in REST:
+            argv += [action.option_strings[0], REST[action.dest]]
+        if action.dest in places or (action.dest == "output" and action.required):
+            place = places.get(action.dest, folder / "first.out")
+            argv += [action.option_strings[0], str(place)]
+    return argv
+
+
+def refused(argv, capsys, *names):
+    assert command.main(argv) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    for name in names:
+        assert str(name) in told.err
+    return told.err
+
+
+def test_every_command_is_told_of_here():
+    assert OUTPUTS.keys() == VERBS.keys()
+    for verb, parser in VERBS.items():
+        known = {*OUTPUTS[verb], *(action.dest for action in inputs_of(verb)), "output"}
+        assert {action.dest for action in parser._actions if action.type is Path} <= known
+
+
+@pytest.mark.parametrize(
+    ("verb", "taken", "output"),
+    [
+        (verb, action.dest, output)
+        for verb in OUTPUTS
+        for action, output in itertools.product(inputs_of(verb), OUTPUTS[verb])
+    ],
+)
+def test_an_input_is_not_replaced(tmp_path, capsys, verb, taken, output):
+    path, other = tmp_path / "taken.mp4", tmp_path / "other.mp4"
+    argv = words(verb, tmp_path, **{taken: path, output: other})
+    other.symlink_to(path)
+    before = path.read_bytes()
+    assert "would take the place of the input" in refused(argv, capsys, path, other)
+    assert path.read_bytes() == before
+    assert other.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("verb", "name", "taken"),
+    [
+        (verb, name, action.dest)
+        for verb, names in IN_FOLDERS.items()
+        for name, action in itertools.product(names, inputs_of(verb))
+    ],
+)
+def test_an_input_in_the_folder_is_not_replaced(tmp_path, capsys, verb, name, taken):
+    (tmp_path / "results").mkdir()
+    path = tmp_path / "results" / name
+    argv = words(verb, tmp_path, **{taken: path, "output": tmp_path / "results"})
+    before = path.read_bytes()
+    assert "would take the place of the input" in refused(argv, capsys, path)
+    assert path.read_bytes() == before
+    assert [one.name for one in path.parent.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(
+    ("verb", "first", "second"),
+    [(verb, *pair) for verb in OUTPUTS for pair in itertools.combinations(OUTPUTS[verb], 2)],
+)
+def test_two_outputs_have_two_names(tmp_path, capsys, verb, first, second):
+    path = tmp_path / "out.mp4"
+    argv = words(verb, tmp_path, **{first: path, second: tmp_path / "." / "out.mp4"})
+    assert "would take the place of the output" in refused(argv, capsys, path)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("verb", "output"), [(verb, output) for verb in OUTPUTS for output in OUTPUTS[verb]]
+)
+def test_a_pipe_a_device_or_a_folder_is_no_place_for_a_file(tmp_path, capsys, verb, output):
+    """Root would replace them; what is done to the pipe here is done to a device."""
+    path = tmp_path / "pipe.mp4"
+    os.mkfifo(path)
+    argv = words(verb, tmp_path, **{output: path})
+    assert "pipe.mp4: not a file; give the output another name" in refused(argv, capsys, path)
+    assert path.is_fifo()
+
+
+def test_what_the_parameters_name_is_not_replaced(tmp_path, capsys):
+    """Maps, their companions, style sheets, elevation models, calibrations."""
+    names = {"map": "park.shp", "style": "s.yaml", "dem": "d.tif", "camera": "c.yaml"}
+    lines = [f"    {key}: {tmp_path / name}\n" for key, name in names.items()]
+    (tmp_path / "given.yaml").write_text("overlay_node:\n  ros__parameters:\n" + "".join(lines))
+    for name in (*names.values(), "park.dbf"):
+        (tmp_path / name).write_bytes(b"{}")
+        bag, params, out = tmp_path / "a.mcap", tmp_path / "given.yaml", tmp_path / name
+        argv = ["process", str(bag), "--params", str(params), "-o", str(out)]
+        assert "would take the place of the input" in refused(argv, capsys, out)
+        assert out.read_bytes() == b"{}"
+
+
+def test_other_names_of_one_file(tmp_path):
+    path, link, hard = (tmp_path / name for name in ("a", "b", "c"))
+    path.write_text("a")
+    link.symlink_to(path)
+    hard.hardlink_to(path)
+    for other in (path, link, hard, tmp_path / "x" / ".." / "a"):
+        with pytest.raises(CalibrationError, match="would take the place of the input"):
+            check_outputs([other], [path], CalibrationError)
+        with pytest.raises(CalibrationError, match="would take the place of the input"):
+            check_outputs([path], [other], CalibrationError)
+    check_outputs([path, None, ""], [tmp_path / "d", None, ""], CalibrationError)
+
+
+def test_the_commands_own_output_is_not_replaced(tmp_path):
+    """As in ``tirgeo locate ... -o points > points``, and for /dev/stdout there."""
+    path = tmp_path / "said"
+    with path.open("w") as file:
+        before = os.dup(1)
+        os.dup2(file.fileno(), 1)
+        try:
+            for name in (path, "/dev/stdout"):
+                with pytest.raises(CalibrationError, match="the place of standard output"):
+                    check_outputs([], [name], CalibrationError)
+        finally:
+            os.dup2(before, 1)
+            os.close(before)
+
+
+def test_no_device_is_written_over(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(CalibrationError, match="pipe: not a file"):
+        write_files({tmp_path / "pipe": "text"}, CalibrationError)
+    assert (tmp_path / "pipe").is_fifo()
+    assert [one.name for one in tmp_path.iterdir()] == ["pipe"]

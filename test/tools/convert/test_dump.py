@@ -1,0 +1,306 @@
+"""``tirgeo dump``: a record a frame, whatever stands between the frames."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.types.errors import ConfigError, DjiError
+from tirgeo_ros.dji.link.framing import encode_frame
+from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
+from tirgeo_ros.dji.protocol.broadcast_parts import Rtk, Velocity
+from tirgeo_ros.dji.protocol.commands import (
+    Activate,
+    GetVersion,
+    RemovePackage,
+    encode_request,
+    encode_version_ack,
+)
+from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
+from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.convert import dump as dump_module
+from tirgeo_ros.tools.convert.dump import CaptureDump
+
+KEY = "00112233445566778899aabbccddeeff" * 2
+
+
+def broadcast(**parts):
+    return encode_frame(b"\x02\x00" + encode_broadcast(Broadcast(**parts)), sequence=56)
+
+
+def push(package, **values):
+    value = encode_push(Push(package, 123856, 378900, values))
+    return encode_frame(b"\x02\x05" + value)
+
+
+@pytest.fixture
+def dump(tmp_path):
+    def read(*frames, **options):
+        path = tmp_path / "capture.bin"
+        path.write_bytes(b"".join(frames))
+        return list(CaptureDump(path, **options).records())
+
+    return read
+
+
+@pytest.fixture
+def tirgeo_dump(tmp_path, capsys):
+    """Exit code, lines of stdout read as JSON, and stderr of the command."""
+
+    def run(data, *options):
+        path = tmp_path / "capture.bin"
+        path.write_bytes(data)
+        code = command.main(["dump", str(path), *options])
+        out, err = capsys.readouterr()
+        return (
+            code,
+            [json.loads(line, parse_constant=pytest.fail) for line in out.splitlines()],
+            err,
+        )
+
+    return run
+
+
+def test_the_example_frames_print_as_told(shared, tirgeo_dump):
+    told = (shared / "dji" / "frames.jsonl").read_text().splitlines()
+    code, records, err = tirgeo_dump((shared / "dji" / "frames.bin").read_bytes())
+    assert records == [json.loads(line) for line in told]
+    assert [list(record) for record in records] == [list(json.loads(line)) for line in told]
+    assert (code, err) == (0, "tirgeo dump: 32 frames (26 broadcast, 6 subscription)\n")
+
+
+def test_a_broadcast_is_one_line(tirgeo_dump):
+    code, records, err = tirgeo_dump(broadcast(mag=(1, -2, 3)))
+    assert records == [
+        {
+            "i": 0,
+            "offset": 0,
+            "length": 26,
+            "cmd_set": 2,
+            "cmd_id": 0,
+            "seq": 56,
+            "session": 0,
+            "ack": 0,
+            "enc": 0,
+            "kind": "broadcast",
+            "layout": "a3_osdk33",
+            "mask": 0x100,
+            "fields": {"mag": [1, -2, 3]},
+        }
+    ]
+    assert (code, err) == (0, "tirgeo dump: 1 frame (1 broadcast)\n")
+
+
+def test_bytes_between_the_frames_are_counted(tirgeo_dump):
+    noise = random.Random(7).randbytes(100).replace(b"\xaa", b"\x55")
+    whole = broadcast(mag=(1, -2, 3))
+    damaged = bytearray(whole)
+    damaged[-6] ^= 1
+    cut = whole[:20]
+    code, records, err = tirgeo_dump(noise + whole + bytes(damaged) + whole + cut)
+    assert [record["offset"] for record in records] == [100, 152]
+    assert code == 0
+    assert err == ("tirgeo dump: 2 frames (2 broadcast); 146 bytes skipped; 2 damaged or cut\n")
+
+
+def test_nan_is_null(tirgeo_dump):
+    rtk = Rtk(20240611, 74439, math.nan, 52.0, math.inf, (1.0, -math.inf, 0.0), 90, 50, 50)
+    velocity = Velocity((math.nan, 0.5, 0.0), 1)
+    _, (record,), _ = tirgeo_dump(broadcast(rtk=rtk, velocity=velocity))
+    assert record["fields"]["velocity"] == {"xyz_mps": [None, 0.5, 0.0], "health": 1}
+    found = record["fields"]["rtk"]
+    assert (found["lon_deg"], found["lon_rad"], found["hfsl_m"]) == (None, None, None)
+    assert (found["vel_cmps"], found["vel_mps"]) == ([1.0, None, 0.0], [0.01, None, 0.0])
+    assert found["lat_deg"] == 52.0
+
+
+def test_json_lines_are_what_is_printed_either_way(tirgeo_dump):
+    frame = broadcast(mag=(1, -2, 3))
+    assert tirgeo_dump(frame, "--json") == tirgeo_dump(frame)
+
+
+def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):
+    frame = encode_frame(b"\x02\x00\x03\x00" + bytes(5))
+    (record,) = dump(frame)
+    assert (record["kind"], record["layout"], record["mask"]) == ("broadcast", None, 3)
+    assert record["fields"] == {}
+    (record,) = dump(encode_frame(b"\x02\x00\x03"))
+    assert record["mask"] is None
+    assert "; 1 unreadable\n" in tirgeo_dump(frame)[2]
+
+
+def test_a_push_of_no_package_has_its_id(dump):
+    for value in (b"\x07" + bytes(20), b"\x03" + bytes(20)):
+        (record,) = dump(encode_frame(b"\x02\x05" + value))
+        assert (record["kind"], record["pkg_id"]) == ("subscription", value[0])
+        assert (record["freq_hz"], record["with_timestamp"]) == (None, None)
+        assert (record["topics"], record["fields"]) == ([], {})
+    (record,) = dump(encode_frame(b"\x02\x05"))
+    assert record["pkg_id"] is None
+
+
+def test_packages_from_a_file(dump, tmp_path):
+    file = tmp_path / "packages.yaml"
+    file.write_text(
+        "packages: {1: {rate_hz: 20, with_timestamp: true, topics: [RTK_YAW, 0x1df9a6b6]}}"
+    )
+    package = Package.of(1, 20, with_timestamp=True, names=("RTK_YAW", "RTK_POSITION"))
+    frame = push(package, RTK_YAW=-90, RTK_POSITION=(7.5, 46.5, 540.25))
+    (record,) = dump(frame, packages=file)
+    assert (record["pkg_id"], record["freq_hz"], record["with_timestamp"]) == (1, 20, True)
+    assert record["topics"] == [
+        {"name": "RTK_YAW", "uid": "0xf45d73fd"},
+        {"name": "RTK_POSITION", "uid": "0x1df9a6b6"},
+    ]
+    assert record["fields"]["RTK_YAW"]["deg"] == -90
+    assert record["fields"]["RTK_POSITION"] == {"lon_deg": 7.5, "lat_deg": 46.5, "hfsl_m": 540.25}
+    assert dump(frame)[0]["topics"] == []  # not in the usual packages
+
+
+def test_a_push_of_a_wrong_table_is_told(tirgeo_dump):
+    wrong = Package.of(2, 100, True, ("ACCELERATION_GROUND", "QUATERNION", "ANGULAR_RATE_RAW"))
+    frame = push(
+        wrong,
+        ACCELERATION_GROUND=(0.5, 0.25, 9.75),
+        QUATERNION=(0.5, 0.5, 0.5, 0.5),
+        ANGULAR_RATE_RAW=(0.0, 0.0, 0.0),
+    )
+    _, (record,), err = tirgeo_dump(frame)
+    assert record["implausible"] == ["QUATERNION"]
+    assert "; 1 implausible\n" in err
+
+
+def test_both_directions(dump):
+    package = Package.of(1, 5, with_timestamp=True, names=("RTK_YAW",))
+    version = encode_version_ack(0, "M6-1")
+    records = dump(
+        encode_frame(encode_request(GetVersion()), session=2, sequence=1),
+        encode_frame(version, session=2, sequence=1, is_ack=True),
+        encode_frame(encode_request(package.request), session=2, sequence=2),
+        encode_frame(b"\x00", session=2, sequence=2, is_ack=True),
+        push(package, RTK_YAW=45),
+        encode_frame(encode_request(RemovePackage(1)), session=2, sequence=3),
+        encode_frame(b"\x23", session=2, sequence=3, is_ack=True),
+        push(package, RTK_YAW=46),
+    )
+    kinds = [record["kind"] for record in records]
+    assert kinds == [
+        *("get_version", "ack", "add_package", "ack", "subscription"),
+        *("remove_package", "ack", "subscription"),
+    ]
+    said = records[1]["fields"]
+    assert (said["of"], said["code"], said["serial"]) == ("get_version", 0, "M6-1")
+    assert (said["hardware"], said["firmware"]) == ("PM820V3PRO", (3, 2, 41, 13))
+    assert records[1]["cmd_set"] is None
+    assert records[2]["fields"] == {
+        "id": 1,
+        "rate_hz": 5,
+        "with_timestamp": True,
+        "topics": [{"name": "RTK_YAW", "uid": "0xf45d73fd"}],
+    }
+    assert records[3]["fields"] == {"of": "add_package", "code": 0, "meaning": "done"}
+    assert records[4]["fields"]["RTK_YAW"]["deg"] == 45
+    assert records[6]["fields"]["code"] == 0x23
+    assert records[7]["fields"]["RTK_YAW"]["deg"] == 46  # the removal was refused
+
+
+def test_what_is_not_known_is_printed_as_bytes(dump):
+    records = dump(
+        encode_frame(b"\x02\x02\x01\xff"),
+        encode_frame(b"\x01\x02", session=2, sequence=9, is_ack=True),
+        encode_frame(b"\x02\x01\x04"),
+        encode_frame(b""),
+        encode_frame(encode_request(Activate(7, (3, 2, 41, 13))), session=2, sequence=4),
+        encode_frame(b"\x03", session=2, sequence=4, is_ack=True),
+    )
+    assert [(record["kind"], record["fields"]) for record in records[:4]] == [
+        ("unknown", {"hex": "01ff"}),
+        ("ack", {"hex": "0102"}),
+        ("control_lost", {"hex": "04"}),
+        ("unknown", {}),
+    ]
+    assert (records[3]["length"], records[3]["cmd_set"]) == (12, None)
+    assert records[5]["fields"] == {"of": "activate", "hex": "03"}  # a code of two bytes
+
+
+def test_encrypted_frames_need_their_key(tirgeo_dump):
+    pytest.importorskip("cryptography")
+    data = b"\x02\x00" + encode_broadcast(Broadcast(mag=(1, -2, 3)))
+    frame = encode_frame(data, key=bytes.fromhex(KEY))
+    _, (record,), err = tirgeo_dump(frame)
+    assert (record["enc"], record["kind"], record["fields"]) == (1, "encrypted", {})
+    assert (record["cmd_set"], record["cmd_id"]) == (None, None)
+    assert err == "tirgeo dump: 1 frame (1 encrypted); 1 not decrypted\n"
+    _, (record,), err = tirgeo_dump(frame, "--key", KEY)
+    assert (record["enc"], record["kind"]) == (1, "broadcast")
+    assert record["fields"] == {"mag": [1, -2, 3]}
+    assert err == "tirgeo dump: 1 frame (1 broadcast)\n"
+
+
+def test_a_capture_is_read_piece_by_piece(tmp_path, monkeypatch):
+    monkeypatch.setattr(dump_module, "_CHUNK_BYTES", 1000)
+    frame = broadcast(mag=(1, -2, 3))
+    path = tmp_path / "capture.bin"
+    path.write_bytes(frame * 1000)
+    dump = CaptureDump(path)
+    records = dump.records()
+    next(records)
+    assert dump.counts["bytes"] == 1000
+    assert [record["i"] for record in records] == list(range(1, 1000))
+    assert dump.counts["skipped_bytes"] == 0
+
+
+COMMANDS = [b"\x02\x00", b"\x02\x05", b"\x02\x01", b"\x00\x00", b"\x00\x01", b"\x00\x10"]
+COMMANDS += [bytes((0x0B, number)) for number in range(8)]
+FRAMES = st.builds(
+    lambda command, value, session, is_ack: encode_frame(
+        value if is_ack else command + value, session=session, is_ack=is_ack
+    ),
+    st.sampled_from(COMMANDS) | st.binary(max_size=2),
+    st.binary(max_size=300) | st.sampled_from([bytes(64), b"\x03" + b"\xff" * 63, b"\xff" * 37]),
+    st.integers(0, 2),  # few, so that answers meet requests
+    st.booleans(),
+)
+
+
+@given(st.lists(FRAMES, min_size=1, max_size=20))
+def test_any_frames_print_as_json(tmp_path_factory, frames):
+    path = tmp_path_factory.getbasetemp() / "any.bin"
+    path.write_bytes(b"".join(frames))
+    records = list(CaptureDump(path).records())
+    assert len(records) == len(frames)
+    for record in records:
+        json.dumps(command.plain(record), allow_nan=False)
+
+
+@pytest.mark.parametrize("text", [b"", b"no frame in here", bytes(range(256)) * 10])
+def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
+    code, records, err = tirgeo_dump(text)
+    what = f"no frame in {len(text)} bytes" if text else "empty"
+    assert (code, records) == (1, [])
+    assert err.startswith(f"tirgeo dump: {tmp_path}/capture.bin: {what}")
+    assert err.count("\n") == 1
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path, capsys):
+    assert command.main(["dump", str(tmp_path / "absent.bin")]) == 1
+    assert capsys.readouterr().err.endswith("absent.bin: No such file or directory\n")
+    assert command.main(["dump", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == f"tirgeo dump: {tmp_path}: Is a directory\n"
+
+
+def test_a_bad_table_or_key_is_told_before_reading(tmp_path):
+    capture = tmp_path / "absent.bin"
+    table = tmp_path / "packages.yaml"
+    table.write_text("packages: {1: {}}")
+    with pytest.raises(DjiError, match=r"packages\.yaml: packages\.1: rate_hz is missing"):
+        CaptureDump(capture, table)
+    with pytest.raises(ConfigError, match=r"absent\.yaml: cannot be read: No such file"):
+        CaptureDump(capture, tmp_path / "absent.yaml")
+    with pytest.raises(DjiError, match="64 hexadecimal digits"):
+        CaptureDump(capture, key="12")

@@ -1,0 +1,368 @@
+"""tirgeo import of serial captures: what the aircraft says of the sample flight, back to a bag."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+
+import numpy as np
+import pytest
+from project import PROJECT
+
+from tirgeo_ros.core.config import BagPlayerConfig
+from tirgeo_ros.core.types.errors import ConfigError, DjiError
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.protocol.broadcast import decode_broadcast, encode_broadcast
+from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import SENSED_SAMPLES, SENSED_TOPICS
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.convert.import_capture import CaptureOptions
+from tirgeo_ros.tools.convert.import_flight import import_flight
+from tirgeo_ros.tools.convert.import_ros1 import Pictures
+
+CDR = Cdr()
+CUT_S = 6.0
+HOUR_NS = 3_600_000_000_000
+KEY = "00112233445566778899aabbccddeeff" * 2
+#: A second begins with an epoch of RTK's 5 Hz; the receiver's own latency is a parameter and
+#: jitters by some milliseconds, and the next broadcast at 100 Hz says it.
+DATE_NS = 20_000_000
+
+
+def messages(path, topic):
+    return [CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages([topic])]
+
+
+def stamps(path, topic):
+    return np.array([convert.stamp_ns(m) for m in messages(path, topic)])
+
+
+@pytest.fixture(scope="module")
+def flight(sample):
+    """The sample's first seconds: arrival and sample."""
+    reader = BagReader(sample / "flight.mcap")
+    until_ns = reader.span_ns[0] + CUT_S * 1e9
+    return [
+        (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
+        for m in reader.messages([f"/{topic}" for topic in SENSED_TOPICS])
+        if m.log_time_ns < until_ns
+    ]
+
+
+@pytest.fixture(scope="module")
+def player(sample):
+    return ParameterFile(sample / "params.yaml").config("bag_player", BagPlayerConfig)
+
+
+def said(flight, player=None) -> bytes:
+    player = player or BagPlayerConfig()
+    aircraft = Aircraft(player.simulated_aircraft, places=player.aircraft)
+    return b"".join(frame.data for frame in frames_of(aircraft, flight))
+
+
+@pytest.fixture(scope="module")
+def capture(flight, player, tmp_path_factory):
+    """A capture whose file is as old as the flight, so that its time zone can be told."""
+    path = tmp_path_factory.mktemp("capture") / "capture.bin"
+    path.write_bytes(said(flight, player))
+    os.utime(path, ns=(flight[-1][0], flight[-1][0]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def imported(capture, sample):
+    target = capture.with_suffix(".mcap")
+    return target, import_flight(capture, target, params=sample / "params.yaml")
+
+
+def nearest(times_ns, at_ns):
+    """Index of the time nearest to each of others."""
+    after = np.searchsorted(times_ns, at_ns).clip(1, len(times_ns) - 1)
+    return after - (at_ns - times_ns[after - 1] < times_ns[after] - at_ns)
+
+
+def test_every_topic_with_its_type(imported):
+    path, summary = imported
+    found = BagReader(path).topics()
+    assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in SENSED_TOPICS}
+    assert summary["error"] is None
+    assert summary["frames"]["skipped_bytes"] == 0
+    assert "GMT+8" in summary["time"]
+
+
+def test_the_time_is_that_of_the_receivers(imported, flight):
+    """Stamps lie a constant from the recorded ones, within what a whole second can tell."""
+    path, _ = imported
+    true = np.array([s.stamp_ns for _, s in flight if type(s).__name__ == "ImuSample"])
+    found = stamps(path, "/imu/data")
+    off_ns = found - true[-len(found) :]  # the first are held back till the unit is known
+    assert len(true) - len(found) <= 1
+    assert np.ptp(off_ns) <= 1_000_000  # the aircraft counts milliseconds
+    assert abs(np.median(off_ns)) <= DATE_NS
+
+
+def test_positions_are_those_of_the_flight(imported, sample):
+    path, _ = imported
+    recorded = messages(sample / "flight.mcap", "/rtk/fix")
+    places = {(round(m.latitude, 9), round(m.longitude, 9)): m for m in recorded}
+    found = messages(path, "/rtk/fix")
+    assert len(found) >= 5 * CUT_S - 3
+    for message in found:
+        true = places[round(message.latitude, 9), round(message.longitude, 9)]
+        assert message.altitude == pytest.approx(true.altitude, abs=1e-4)  # float32 of 1000 m
+        assert message.status.status == 2
+
+
+def test_log_times_are_when_it_was_sent(imported):
+    path, _ = imported
+    times = {}
+    for m in BagReader(path).messages():
+        stamp_ns = convert.stamp_ns(CDR.deserialize(m.data, m.typename))
+        assert m.log_time_ns >= stamp_ns
+        times.setdefault(m.topic, []).append(m.log_time_ns)
+    assert all(found == sorted(found) for found in times.values())
+
+
+def test_the_same_capture_gives_the_same_bytes(imported, capture, sample, tmp_path):
+    import_flight(capture, tmp_path / "again.mcap", params=sample / "params.yaml")
+    assert (tmp_path / "again.mcap").read_bytes() == imported[0].read_bytes()
+
+
+def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
+    """Heading against the truth: within the aircraft's whole degrees."""
+    out = tmp_path / "out.mcap"
+    params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
+    assert main(["process", str(imported[0]), "-o", str(out), *params]) == 0
+    assert json.loads(capsys.readouterr().out)["state"] == "running"
+    truth = {convert.stamp_ns(m): m for m in messages(sample / "truth.mcap", "/tirgeo/odometry")}
+    times = np.array(sorted(truth))
+    last = messages(out, "/tirgeo/odometry")[-1]
+    true = truth[times[nearest(times, np.array([convert.stamp_ns(last)]))[0]]]
+    apart_deg = heading_deg(last) - heading_deg(true)
+    assert abs(math.remainder(apart_deg, 360)) < 1.0
+
+
+@pytest.mark.slow
+def test_an_aircraft_without_rtk_flies_on_its_gps(sample, player, tmp_path, capsys):
+    """The whole sample, said by an aircraft without RTK: it starts after its wait and stays."""
+    reader = BagReader(sample / "flight.mcap")
+    topics = [f"/{topic}" for topic in SENSED_TOPICS if not topic.startswith("rtk/")]
+    flown = [
+        (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
+        for m in reader.messages(topics)
+    ]
+    capture, bag, out = (tmp_path / name for name in ("a.bin", "in.mcap", "out.mcap"))
+    capture.write_bytes(said(flown, player))
+    os.utime(capture, ns=(flown[-1][0], flown[-1][0]))
+    import_flight(capture, bag, params=sample / "params.yaml")
+    params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
+    assert main(["process", str(bag), "-o", str(out), *params]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["method"], result["state"]) == ("ekf", "degraded")
+    assert "it flies on ordinary GPS" in result["notes"][0]
+    # Said once a second: the wait of 5 s, and all the rest.
+    assert set(result["states_s"]) == {"aligning", "degraded"}
+    assert result["states_s"]["aligning"] <= 7
+
+
+def heading_deg(message):
+    q = message.pose.pose.orientation
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    return 90 - math.degrees(yaw)
+
+
+def test_a_start_that_is_given_counts(capture, tmp_path, capsys):
+    target = tmp_path / "out.mcap"
+    given = ["--start-time", "2024-06-11T07:44:39Z", "--json"]
+    assert main(["import", str(capture), "-o", str(target), *given]) == 0
+    assert json.loads(capsys.readouterr().out)["time"] == "of --start-time"
+    first_ns = min(m.log_time_ns for m in BagReader(target).messages())
+    assert first_ns == 1_718_091_879_000_000_000
+
+
+@pytest.mark.parametrize("text", ["yesterday", "2024-13-01", "99"])
+def test_a_start_that_is_no_time(capture, tmp_path, capsys, text):
+    with pytest.raises(SystemExit) as left:
+        main(["import", str(capture), "-o", str(tmp_path / "o.mcap"), "--start-time", text])
+    assert left.value.code == 2
+    assert f"--start-time {text}: not a time" in capsys.readouterr().err
+
+
+def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sample, tmp_path):
+    copy = tmp_path / "copy.bin"
+    copy.write_bytes(capture.read_bytes())
+    summary = import_flight(copy, tmp_path / "out.mcap", params=sample / "params.yaml")
+    assert "give --start-time if that is wrong by hours" in summary["warning"]
+    made, expected = (stamps(p, "/imu/data") for p in (tmp_path / "out.mcap", imported[0]))
+    assert made.tolist() == expected.tolist()
+
+
+def test_words_of_utc_are_told_by_the_files_time(capture, imported, flight, sample, tmp_path):
+    """Words eight hours ahead of a file's time are GMT+8; those that are at it are UTC."""
+    copy = tmp_path / "copy.bin"
+    copy.write_bytes(capture.read_bytes())
+    later_ns = flight[-1][0] + 8 * HOUR_NS
+    os.utime(copy, ns=(later_ns, later_ns))
+    summary = import_flight(copy, tmp_path / "out.mcap", params=sample / "params.yaml")
+    assert summary["time"].endswith("GMT+0")
+    apart = stamps(tmp_path / "out.mcap", "/imu/data") - stamps(imported[0], "/imu/data")
+    assert set(apart.tolist()) == {8 * HOUR_NS}
+
+
+def test_without_a_date_times_count_from_power_up(flight, tmp_path):
+    path = tmp_path / "undated.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(said(flight)))
+    dateless = (encode_broadcast(parts._replace(gps=None, rtk=None)) for parts in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + value) for value in dateless))
+    summary = import_flight(path, tmp_path / "out.mcap")
+    assert "the capture has no date" in summary["warning"]
+    assert stamps(tmp_path / "out.mcap", "/imu/data")[0] == 60_000_000_000  # what its clock shows
+
+
+def test_garbage_and_cuts_cost_what_they_hit(capture, imported, sample, tmp_path):
+    """Bytes between frames, a bit, and the rest of the last frame."""
+    data = capture.read_bytes()
+    frames = FrameReader().feed(data)
+    middle, hit = frames[len(frames) // 2], frames[len(frames) // 3]
+    noisy = bytearray(data[: frames[-1].offset + 40])
+    noisy[hit.offset + 20] ^= 1
+    noisy[middle.offset : middle.offset] = b"\xaa\x55garbage"
+    path = tmp_path / "noisy.bin"
+    path.write_bytes(noisy)
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    summary = import_flight(path, tmp_path / "out.mcap", params=sample / "params.yaml")
+    assert summary["frames"]["frames"] == len(frames) - 2
+    assert summary["error"] is None
+    lost = hit.length + 40 + len(b"\xaa\x55garbage")
+    assert f"{lost} bytes are in no frame" in summary["warning"]
+    found, whole = stamps(tmp_path / "out.mcap", "/imu/data"), stamps(imported[0], "/imu/data")
+    assert set(found) <= set(whole)
+    assert len(found) >= len(whole) - 2
+
+
+def test_encrypted_frames_need_the_key(capture, imported, tmp_path, sample):
+    pytest.importorskip("cryptography")
+    plain = FrameReader().feed(capture.read_bytes())
+    path = tmp_path / "encrypted.bin"
+    key = bytes.fromhex(KEY)
+    path.write_bytes(b"".join(encode_frame(f.data, sequence=f.sequence, key=key) for f in plain))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    params = sample / "params.yaml"
+    import_flight(path, tmp_path / "o.mcap", params=params, capture=CaptureOptions(key=KEY))
+    assert (tmp_path / "o.mcap").read_bytes() == imported[0].read_bytes()
+    assert main(["import", str(path), "-o", str(tmp_path / "none.mcap")]) == 1
+    assert not (tmp_path / "none.mcap").exists()
+
+
+def test_encrypted_frames_among_others_are_told(capture, tmp_path):
+    pytest.importorskip("cryptography")
+    path = tmp_path / "some.bin"
+    extra = encode_frame(b"\x02\x00\x00\x00", key=bytes.fromhex(KEY))
+    path.write_bytes(capture.read_bytes() + extra)
+    summary = import_flight(path, tmp_path / "o.mcap")
+    assert "1 frames are encrypted: give --key" in summary["warning"]
+
+
+@pytest.mark.parametrize("options", [CaptureOptions(key="12"), CaptureOptions(packages="x.yaml")])
+def test_wrong_options(capture, tmp_path, options):
+    with pytest.raises((DjiError, ConfigError), match=r"64 hex|x\.yaml: cannot be read"):
+        import_flight(capture, tmp_path / "o.mcap", capture=options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_capture_without_any_time_is_refused(capture, tmp_path):
+    path = tmp_path / "untimed.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
+    timeless = (encode_broadcast(parts._replace(time=None)) for parts in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + value) for value in timeless))
+    with pytest.raises(DjiError, match=r"untimed\.bin: nothing in it tells the aircraft's time"):
+        import_flight(path, tmp_path / "o.mcap")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("given", [None, 1_718_091_879_000_000_000])
+def test_a_counter_of_long_ticks_is_told_by_the_seconds(
+    capture, imported, sample, tmp_path, given
+):
+    """Firmware of before 3.3 counts 2.5 ms; 100 Hz are four of them."""
+    path = tmp_path / "ticks.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
+    ticking = (p._replace(time=p.time._replace(time_ms=p.time.time_ms * 2 // 5)) for p in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + encode_broadcast(p)) for p in ticking))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    options = CaptureOptions(start_ns=given)
+    params = sample / "params.yaml"
+    import_flight(path, tmp_path / "o.mcap", params=params, capture=options)
+    found, whole = (stamps(p, "/imu/data") for p in (tmp_path / "o.mcap", imported[0]))
+    assert len(found) == len(whole)
+    apart = found - whole
+    assert np.ptp(apart) <= 2_500_000  # a tick
+    assert given is not None or abs(np.median(apart)) <= 2_500_000
+
+
+def test_a_capture_of_unknown_packages_says_what_is_missing(tmp_path):
+    path = tmp_path / "pushes.bin"
+    path.write_bytes(encode_frame(b"\x02\x05\x07" + bytes(30)))
+    said = r"pushes\.bin: its frames hold nothing for a flight; 1 pushes are .* give --packages"
+    with pytest.raises(DjiError, match=said):
+        import_flight(path, tmp_path / "o.mcap")
+
+
+def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, tmp_path):
+    """The time of what stands before is not moved by the seconds that are said after it."""
+    frames = [f.data for f in FrameReader().feed(capture.read_bytes())]
+    half = len(frames) // 2
+    again = [decode_broadcast(data[2:]) for data in frames[half:]]
+    begun_ms = again[0].time.time_ms
+    words = {"time": (again[0].rtk or again[0].gps or again[1].rtk).time}
+    later = [
+        parts._replace(
+            time=parts.time._replace(time_ms=parts.time.time_ms - begun_ms + 300),
+            gps=parts.gps and parts.gps._replace(time=words["time"] + 100),
+            rtk=parts.rtk and parts.rtk._replace(time=words["time"] + 100 + (number > 100)),
+        )
+        for number, parts in enumerate(again)
+    ]
+    path = tmp_path / "swapped.bin"
+    data = [*frames[:half], *(b"\x02\x00" + encode_broadcast(parts) for parts in later)]
+    path.write_bytes(b"".join(encode_frame(value) for value in data))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    summary = import_flight(path, tmp_path / "o.mcap", params=sample / "params.yaml")
+    assert "the aircraft's clock started again 1 times" in summary["warning"]
+    first, whole = (stamps(p, "/imu/data")[0] for p in (tmp_path / "o.mcap", imported[0]))
+    assert abs(first - whole) <= DATE_NS
+
+
+def test_pictures_are_of_ros_1_bags(capture, tmp_path):
+    with pytest.raises(ConfigError, match="no ROS 1 bag; --image-topic and"):
+        import_flight(capture, tmp_path / "o.mcap", pictures=Pictures("/image"))
+
+
+def test_bytes_without_a_frame(tmp_path):
+    path = tmp_path / "noise.bin"
+    path.write_bytes(np.random.default_rng(1).bytes(20_000))
+    with pytest.raises(
+        DjiError, match=r"noise\.bin: no frame in 20000 bytes: neither a ROS 1 bag"
+    ):
+        import_flight(path, tmp_path / "o.mcap")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_frames_of_djis_own_encoder(tmp_path):
+    path = PROJECT.parent / "shared" / "dji" / "frames.bin"
+    if not path.exists():
+        pytest.skip("no ../shared/dji/frames.bin beside the project")
+    summary = import_flight(path, tmp_path / "out.mcap")
+    assert (summary["frames"]["frames"], summary["frames"]["skipped_bytes"]) == (32, 0)
+    lines = path.with_name("frames.jsonl").read_text().splitlines()
+    told = [
+        block["rtk"] for block in (json.loads(line)["fields"] for line in lines) if "rtk" in block
+    ]
+    places = {(round(rtk["lat_deg"], 9), round(rtk["lon_deg"], 9)) for rtk in told}
+    found = messages(tmp_path / "out.mcap", "/rtk/fix")
+    assert found
+    assert {(round(m.latitude, 9), round(m.longitude, 9)) for m in found} & places

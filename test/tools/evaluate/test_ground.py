@@ -1,0 +1,180 @@
+"""Observations of surveyed points to errors on the ground: geometry, axes, refusals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.types.errors import SurveyError
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, save_observations, save_survey
+from tirgeo_ros.tools.evaluate.ground import (
+    Experiment,
+    control_points,
+    load_experiment,
+    locate_observations,
+)
+from tirgeo_ros.tools.evaluate.projection import projection_of
+from tirgeo_ros.tools.evaluate.result import ground_errors
+
+PLANE = TangentPlane(0.6955, 2.0368, 30.0)
+GROUND_M = 11.5
+SPEED_M_S = 3.0
+LATENCY_S = 0.05
+VARIANCES = [1e-4] * 3 + [1e-6] * 3
+#: Depression 30 deg, looking north.
+Q_NC = quat_from_matrix(rotation_y(math.radians(-30)) @ BODY_OPTICAL)
+# the plane's curvature over the 70 m of these points is 70^2 / (2 R) = 0.4 mm, seen at 17 deg
+# and more above the ground's plane: 1.3 mm
+CURVATURE_M = 2e-3
+
+
+def pose_at(t_s, shift_n=(0.0, 0.0)):
+    position_n = np.array([SPEED_M_S * t_s + shift_n[0], shift_n[1], -1.5])
+    return CameraPose(round(t_s * 1e9), position_n, Q_NC, np.diag(VARIANCES))
+
+
+def history(shift_n=(0.0, 0.0)):
+    poses: PoseHistory[CameraPose] = PoseHistory(1e6)
+    for k in range(101):
+        poses.add(pose_at(0.1 * k, shift_n))
+    return poses
+
+
+def flown(points_n, exposures_s):
+    """Survey and observations of points (N, 3), each seen at its exposure."""
+    survey, seen = [], []
+    for k, (point_n, t_s) in enumerate(zip(points_n, exposures_s, strict=True)):
+        lat, lon, height = (float(x) for x in PLANE.geodetic_from_ned(point_n))
+        survey.append(SurveyPoint(f"P{k}", lat, lon, height))
+        pose = pose_at(t_s)
+        from_camera_n = (point_n - pose.position_n)[None]
+        uv, valid = XT2.project(from_camera_n @ (rotation_y(math.radians(-30)) @ BODY_OPTICAL))
+        assert valid[0]
+        seen.append(Observation(f"P{k}", round((t_s + LATENCY_S) * 1e9), *uv[0]))
+    return survey, seen
+
+
+def some_points(count=9):
+    rng = np.random.default_rng(5)
+    exposures_s = rng.uniform(0.5, 9.5, count)
+    ahead = rng.uniform(25, 60, count) + SPEED_M_S * exposures_s
+    across = rng.uniform(-8, 8, count)
+    lat, lon, _ = PLANE.geodetic_from_ned(np.stack([ahead, across, np.full(count, 18.5)], -1))
+    return PLANE.ned_from_geodetic(lat, lon, GROUND_M), exposures_s
+
+
+PROJECTION = projection_of(
+    "gauss-krueger", np.array([PLANE.latitude_rad]), np.array([PLANE.longitude_rad])
+)
+#: From errors along north and east to those in the projected plane; turned by 0.2 deg there.
+AXES = PROJECTION.local_axes(PLANE.latitude_rad, PLANE.longitude_rad)
+
+
+def experiment(survey, seen):
+    return Experiment(PROJECTION, control_points(survey, PROJECTION), seen)
+
+
+def located(survey, seen, poses=None, ground_m=GROUND_M, latency_s=LATENCY_S):
+    overlay = config_from(OverlayConfig, {"video_latency_s": latency_s})
+    given = experiment(survey, seen)
+    return locate_observations(poses or history(), PLANE, XT2, given, ground_m, overlay)
+
+
+def test_points_come_back_where_they_are():
+    survey, seen = flown(*some_points())
+    found, refused = located(survey, seen)
+    assert [one.id for one in found] == [one.id for one in seen]
+    assert not refused
+    assert max(one.distance_m for one in found) < CURVATURE_M
+    assert all(one.is_inside for one in found)
+
+
+def test_camera_shift_is_the_ground_error():
+    survey, seen = flown(*some_points())
+    found, _ = located(survey, seen, history((0.7, -0.4)))
+    expected = AXES @ [0.7, -0.4]
+    assert expected[0] == pytest.approx(-0.4, abs=0.01)  # east comes first
+    for one in found:
+        np.testing.assert_allclose(one.error_en, expected, atol=CURVATURE_M)
+        point = control_points(survey, PROJECTION)[one.id]
+        np.testing.assert_allclose(
+            [one.east_m - point.east_m, one.north_m - point.north_m], one.error_en, atol=1e-9
+        )
+    assert ground_errors(found).rmse_m == pytest.approx(math.hypot(0.7, 0.4), abs=CURVATURE_M)
+    assert not any(one.is_inside for one in found)  # of centimetres
+
+
+def test_latency_left_out_shows_as_distance_flown():
+    survey, seen = flown(*some_points())
+    found, _ = located(survey, seen, latency_s=0.0)
+    expected = AXES @ [SPEED_M_S * LATENCY_S, 0]
+    for one in found:
+        np.testing.assert_allclose(one.error_en, expected, atol=CURVATURE_M)
+
+
+def test_ground_height_moves_points_along_their_rays():
+    survey, seen = flown(*some_points())
+    raised, _ = located(survey, seen, ground_m=GROUND_M + 1.0)
+    assert all(one.error_en[1] < -1.0 for one in raised)  # rays flatter than 45 deg
+    assert all(one.height_m == pytest.approx(GROUND_M + 1, abs=1e-6) for one in raised)
+
+
+def test_the_predicted_error_is_along_the_line_of_sight():
+    """Looking north, height and pitch move a point north: the ellipse's major axis is there."""
+    survey, seen = flown(*some_points())
+    for one in located(survey, seen)[0]:
+        east, north = one.covariance_en.diagonal()
+        assert north > 2 * east
+        assert one.ellipse.major_m == pytest.approx(math.sqrt(5.991 * north), rel=0.05)
+        off_north = (one.ellipse.azimuth_rad + math.pi / 2) % math.pi - math.pi / 2
+        assert abs(off_north) < math.radians(20)
+
+
+def test_what_cannot_be_located_is_told_and_the_unsurveyed_left_out():
+    survey, seen = flown(*some_points(3))
+    unknown = Observation("nobody", seen[0].stamp_ns, 320.0, 256.0)
+    too_late = Observation("P0", 60_000_000_000, 320.0, 256.0)
+    beside = Observation("P0", seen[0].stamp_ns, -4000.0, 256.0)
+    found, refused = located(survey, [*seen, unknown, too_late, beside])
+    assert len(found) == 3
+    assert [(one.id, one.reason) for one in refused] == [
+        ("P0", "no trusted pose at that picture"),
+        ("P0", "the pixel is outside the picture"),
+    ]
+
+
+def test_a_survey_of_other_points_is_told(tmp_path):
+    survey, seen = flown(*some_points(2))
+    save_survey(tmp_path / "survey.csv", survey)
+    renamed = [Observation(f"X{one.id}", one.stamp_ns, one.u, one.v) for one in seen]
+    save_observations(tmp_path / "seen.csv", renamed)
+    said = r"seen\.csv: none of its 2 observations is of a point of .*survey\.csv"
+    with pytest.raises(SurveyError, match=said):
+        load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
+
+
+def test_a_list_without_observations_is_told(tmp_path):
+    survey, _ = flown(*some_points(2))
+    save_survey(tmp_path / "survey.csv", survey)
+    save_observations(tmp_path / "seen.csv", [])
+    with pytest.raises(SurveyError, match=r"seen\.csv: has no observations$"):
+        load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
+
+
+def test_the_heights_are_those_of_observed_points_each_once():
+    survey = [
+        SurveyPoint(name, 0.7, 2.0, height)
+        for name, height in {"A": 1.0, "B": 2.0, "C": 9.0}.items()
+    ]
+    seen = [Observation(name, 1, 1.0, 1.0) for name in ("A", "A", "B", "nobody")]
+    assert experiment(survey, seen).heights_m == [1.0, 2.0]

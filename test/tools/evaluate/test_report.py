@@ -1,0 +1,148 @@
+"""The page of an evaluation: whole in itself, readable by machine, the same each time."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree as ET
+
+import cv2
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.tools.evaluate.evaluate import evaluate
+from tirgeo_ros.tools.evaluate.report import report_html
+
+pytestmark = pytest.mark.slow
+
+_VOID = {"meta", "img", "link", "br", "hr", "input", "wbr"}
+FIGURES = [
+    "Errors of the control points",
+    "How often an error is how large",
+    "Sigma against error",
+    "Track",
+    "Attitude before and after",
+    "Corrections of the attitude",
+    "Heading of the camera before and after",
+    "What the filter believes of the camera's pose",
+    "Innovations and test ratios",
+]
+
+
+class Page(HTMLParser):
+    """Tags that are closed in their order, pictures, headings, text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.sources, self.text = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in _VOID:
+            self.open.append(tag)
+        self.sources += [value for name, value in attrs if name in {"src", "href"}]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def text(found):
+    return report_html(found)
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return Page(text)
+
+
+def embedded(page, kind):
+    lead = f"data:{kind};base64,"
+    return [base64.b64decode(s.removeprefix(lead)) for s in page.sources if s.startswith(lead)]
+
+
+def test_nothing_lies_outside_the_file(text, page):
+    assert all(source.startswith("data:image/") for source in page.sources)
+    assert not re.findall(r"url[(]|@import|<script|<link", text)
+
+
+def test_all_figures_are_there_and_are_svg(found, page):
+    assert [text for text in page.text if text in FIGURES] == FIGURES
+    figures = embedded(page, "image/svg+xml")
+    of_methods, of_sources = len(found.methods), len(found.methods[-1].innovations)
+    assert len(figures) == len(FIGURES) - 2 + of_methods + of_sources
+    for figure in figures:
+        assert ET.fromstring(figure).tag == "{http://www.w3.org/2000/svg}svg"
+
+
+def test_the_tables_hold_the_numbers(found, page):
+    for method in found.methods:
+        assert f"{method.errors.mean_point_rmse_m:.3f}" in page.text
+        assert f"{method.errors.ce90_m:.3f}" in page.text
+        for error in method.errors.point_rmse_m.values():
+            assert f"{error:.3f}" in page.text
+    assert set(found.control) <= set(page.text)
+
+
+def test_points_that_nobody_clicked_are_not_counted_as_observed(found, page):
+    seen = {one.id for one in found.method("raw").located}
+    assert 0 < len(seen) < len(found.control)
+    assert f"; {len(seen)} of {len(found.control)} surveyed points observed; " in "".join(
+        page.text
+    )
+
+
+def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
+    stills = [
+        cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for jpeg in embedded(page, "image/jpeg")
+    ]
+    assert 3 <= len(stills) <= 4  # one of four has no pose: the flight begins there
+    for still, told in zip(stills, found.stills, strict=True):
+        assert still.shape == (512, 640, 3)
+        blue, green, red = np.moveaxis(still, -1, 0)
+        assert (np.minimum(red, green) - blue > 100).sum() > 2000  # yellow lines of the map
+        assert ((red - blue > 150) & (np.abs(green - 140) < 40)).sum() >= 10  # orange crosses
+        clicked, _, words = told.caption.partition(" at ")
+        assert set(clicked.split(", ")) <= set(found.control)
+        for colour in ("Orange crosses", "Green diamonds", "Yellow"):
+            assert colour in words
+        assert words.endswith("the map by calibrated")
+
+
+def test_the_same_evaluation_makes_the_same_bytes(found, text):
+    assert report_html(found) == text
+
+
+def test_names_are_text_and_no_tags(found):
+    point = next(iter(found.control.values()))
+    odd = dataclasses.replace(point, id="<b>&'\"")
+    changed = dataclasses.replace(
+        found, control={odd.id: odd}, notes=["<i>"], faults={"ekf": "<script>"}, error="<u>"
+    )
+    text = report_html(changed)
+    assert not re.findall(r"<[biu]>|<script", text)
+    page = Page(text)
+    assert {odd.id, "<i>", "ekf could not be run: <script>", "<u>"} <= set(page.text)
+
+
+def test_without_any_method_that_located(found):
+    nothing = [dataclasses.replace(one, located=(), innovations=()) for one in found.methods]
+    page = Page(report_html(dataclasses.replace(found, methods=nothing, stills=())))
+    assert "Track" in page.text
+    assert "Errors of the control points" not in page.text
+    assert embedded(page, "image/jpeg") == []
+
+
+def test_a_map_that_is_not_there_is_told_before_the_work(sample, tmp_path):
+    names = ("flight.mcap", "survey.geojson", "observations.csv")
+    with pytest.raises(MapError, match=r"absent\.geojson"):
+        evaluate(*[sample / name for name in names], map_path=tmp_path / "absent.geojson")

@@ -1,0 +1,276 @@
+"""The demonstration's parts that need no node."""
+
+from __future__ import annotations
+
+import argparse
+import xml.etree.ElementTree as ET
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from domain_ports import taken_port
+
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.types.errors import BagError, GraphError
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
+from tirgeo_ros.tools.cli import demo
+from tirgeo_ros.tools.cli._verb import UsageError
+from tirgeo_ros.tools.graph import resources
+from tirgeo_ros.tools.graph.demo import (
+    against_targets,
+    against_truth,
+    demonstrate,
+    make_pictures,
+    summary,
+    with_sample,
+)
+from tirgeo_ros.tools.graph.localhost import PROFILES
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.replay.found_targets import FoundTarget
+from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
+
+MS = 1_000_000
+PLANE = TangentPlane(0.7, 2.0, 11.0)
+MESSAGES = Messages(Cdr().types)
+
+
+def write(path: Path, topics: list[tuple[str, object, int]]) -> Path:
+    with BagWriter(path) as writer:
+        for topic, message, log_ns in topics:
+            name = topic if topic.startswith("/") else f"/{topic}"
+            writer.write(name, TOPIC_TYPES[topic], message, log_ns)
+    return path
+
+
+def pose(stamp_ns: int, east_m: float = 0.0) -> CameraPose:
+    q = np.array([0.5, 0.5, 0.5, 0.5])
+    return CameraPose(stamp_ns, np.array([0.0, east_m, -20.0]), q, np.zeros((6, 6)))
+
+
+def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
+    status = NavigationStatus(
+        "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
+    )
+    item = MESSAGES.navigation_diagnostic("/ekf_node: navigation", status)
+    return "/diagnostics", MESSAGES.diagnostics(stamp_ns, [item]), stamp_ns
+
+
+def test_the_summary_tells_what_the_nodes_said(tmp_path):
+    grey = np.full((8, 8, 3), 90, np.uint8)
+    jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
+    pictures = [
+        ("tirgeo/overlay/image/compressed", MESSAGES.compressed(t * 100 * MS, jpeg), t * 100 * MS)
+        for t in range(1, 11)
+    ]
+    poses = [
+        ("tirgeo/camera_pose", MESSAGES.camera_pose(pose(t * 20 * MS)), t * 20 * MS)
+        for t in range(22, 50)
+    ]
+    statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
+    told = {"drawn": "7", "notices": "3", "frame rate [Hz]": "9.0", "located": ""}
+    item = DiagnosticItem("/overlay_node: overlay", 0, "ok", told)
+    statuses.append(("/diagnostics", MESSAGES.diagnostics(700 * MS, [item]), 700 * MS))
+    path = write(tmp_path / "run.mcap", pictures + poses + statuses)
+    found = summary(read_outputs(path), begin_ns=0)
+    assert found["method"] == "ekf_heading"
+    assert found["overlay"] == {"drawn": 7, "notices": 3}  # what is counted
+    assert found["heading_sigma_deg"] == pytest.approx(0.15)
+    assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
+    made = make_pictures(path, tmp_path, 10)
+    assert Path(str(made["video"])).stat().st_size > 0
+    assert Path(str(made["still"])).stat().st_size > 0
+
+
+def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
+    def bag(name: str, early_m: float, late_m: float) -> Path:
+        origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
+        cameras = []
+        for k in range(0, 20_000, 20):
+            off_m = early_m if k < 10_000 else late_m
+            message = MESSAGES.camera_pose(pose(k * MS, off_m))
+            cameras.append(("tirgeo/camera_pose", message, k * MS))
+        return write(tmp_path / name, [origin, *cameras])
+
+    judged = against_truth(read_outputs(bag("run.mcap", 9.0, 0.03)), bag("truth.mcap", 0.0, 0.0))
+    assert judged is not None
+    assert judged["poses"] == 500
+    # Latitude and longitude go through degrees in the origin: 1e-9 m.
+    assert judged["position_rms_m"] == pytest.approx(0.03, abs=1e-6)
+    assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_click_is_held_against_the_nearest_target(tmp_path):
+    there = [[30.0, 40.0, 0.0], [60.0, 40.0, 0.5]]
+    lat, lon, height = PLANE.geodetic_from_ned(np.array(there))
+    names = ("person 1", "fire 1")
+    points = [SurveyPoint(*one) for one in zip(names, lat, lon, height, strict=True)]
+    targets = tmp_path / "targets.geojson"
+    save_survey(targets, points)
+    clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
+    covariance_n = np.diag([0.04, 0.01, 0.01])
+    located = Located(5 * MS, (1.0, 2.0), clicked_n, covariance_n, 0.0, 0.0, 0.0)
+    origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
+    point = LocatedMessages(Cdr().types).point(located)
+    path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])
+    (found,) = against_targets(read_outputs(path), targets)
+    where = [np.degrees(x) for x in PLANE.geodetic_from_ned(clicked_n)[:2]]
+    # The origin's latitude and longitude go through degrees: 1e-9 m.
+    assert [found["latitude_deg"], found["longitude_deg"]] == pytest.approx(where, abs=1e-9)
+    assert found["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
+    assert found["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
+    assert found["target"] == "person 1"
+    assert against_targets(read_outputs(path), tmp_path / "none.geojson") == []
+
+
+def test_no_picture_is_an_error(tmp_path):
+    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
+        make_pictures(tmp_path / "run.mcap", tmp_path, 0)
+
+
+def test_a_bag_without_a_needed_topic_is_refused(tmp_path):
+    path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
+    with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):
+        demonstrate(GraphSetup(path, tmp_path / "out"))
+
+
+def test_what_lies_beside_the_bag_is_taken(tmp_path):
+    bag = tmp_path / "flight.mcap"
+    assert with_sample(GraphSetup(bag, tmp_path)).map is None
+    (tmp_path / "map.geojson").touch()
+    (tmp_path / "params.yaml").touch()
+    found = with_sample(GraphSetup(bag, tmp_path, params=Path("own.yaml")))
+    assert (found.params, found.map) == (Path("own.yaml"), tmp_path / "map.geojson")
+
+
+def test_the_nodes_have_a_domain_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert 1 <= int(graph_environment(GraphSetup(tmp_path, tmp_path))["ROS_DOMAIN_ID"]) <= 100
+    given = graph_environment(GraphSetup(tmp_path, tmp_path, environment={"ROS_DOMAIN_ID": "9"}))
+    assert given["ROS_DOMAIN_ID"] == "9"
+
+
+def test_the_nodes_are_for_this_machine_alone(tmp_path, monkeypatch):
+    wider = {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}
+    for name in wider:
+        monkeypatch.setenv(name, "1")
+    for name in PROFILES:
+        monkeypatch.delenv(name, raising=False)
+    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
+    assert not {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"} & set(
+        environment
+    )
+    assert environment[PROFILES[0]].endswith("fastdds_localhost.xml")
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
+    given = GraphSetup(tmp_path, tmp_path, environment=environment)
+    assert graph_environment(given) == environment
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [*((name, "own.xml") for name in PROFILES), ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")],
+)
+def test_a_users_own_dds_is_kept_to_this_machine_by_ros(tmp_path, monkeypatch, name, value):
+    for profile in PROFILES:
+        monkeypatch.delenv(profile, raising=False)
+    monkeypatch.setenv(name, value)
+    environment = graph_environment(GraphSetup(tmp_path, tmp_path))
+    assert environment[name] == value
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+
+
+def test_the_profile_of_one_machine_is_the_other_with_less_reach():
+    """Fast DDS's XML has no way to include one file in another."""
+    wide, narrow = (
+        ET.parse(find_resource(f"config/{name}.xml")).getroot()
+        for name in ("fastdds", "fastdds_localhost")
+    )
+    reach = {}
+    for parent in list(narrow.iter()):
+        for child in list(parent):
+            name = child.tag.rpartition("}")[2]
+            if name in {"interfaceWhiteList", "builtin"}:
+                reach[name] = "".join(child.itertext()).split()
+                parent.remove(child)
+    assert reach == {"interfaceWhiteList": ["127.0.0.1"], "builtin": ["127.0.0.1"] * 2}
+    assert told(narrow) == told(wide)
+
+
+def told(element):
+    """Tags and texts below an element, without the layout."""
+    return [(item.tag, (item.text or "").strip()) for item in element.iter()]
+
+
+def test_a_domain_that_is_taken_is_passed_over(monkeypatch):
+    first = free_domain()
+    with taken_port(first):
+        assert free_domain() != first
+
+
+def test_resources_are_found_in_a_prefix(tmp_path, monkeypatch):
+    installed = tmp_path / "share" / "tirgeo" / "bags" / "x.mcap"
+    installed.parent.mkdir(parents=True)
+    installed.touch()
+    assert resources.find_resource("bags/x.mcap") is None
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    assert resources.find_resource("bags/x.mcap") == installed
+
+
+def test_a_flight_that_was_played_live_is_judged_in_its_own_time():
+    found = Outputs(PLANE, [pose(7_000 * MS)], [7_050 * MS], {"item": {"key": ["1"]}})
+    earlier = found.earlier(5_000 * MS)
+    assert [made.stamp_ns for made in earlier.cameras] == [2_000 * MS]
+    assert earlier.frame_stamps_ns == [2_050 * MS]
+    assert (earlier.plane, earlier.diagnostics) == (PLANE, found.diagnostics)
+    assert found.cameras[0].stamp_ns == 7_000 * MS
+
+
+def test_the_serial_link_runs_in_real_time(tmp_path):
+    parser = argparse.ArgumentParser()
+    demo.add_parser(parser.add_subparsers())
+    given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
+    with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
+        demo.run(parser.parse_args(given))
+
+
+def test_the_command_ends_with_where_to_look():
+    result = {
+        "video": "/tmp/demo/overlay.mp4",
+        "still": "/tmp/demo/still.png",
+        "method": "ekf_heading",
+        "state": "running",
+        "frames_in": 270,
+        "frames_out": 269,
+        "first_map_after_s": 1.57,
+        "heading_sigma_deg": 0.1244,
+        "frame_latency_ms": 13.28,
+        "overlay": {"drawn": 255, "notices": 14},
+        "cores": {"ekf_node": 0.2, "total": 0.4567},
+        "camera_against_truth": {"position_rms_m": 0.0312, "attitude_rms_deg": 0.151},
+        "found": [asdict(FoundTarget("person 1", 39.8501234, 116.7, 0.1512, 0.52))],
+    }
+    *lines, seen = demo.describe(result).splitlines()
+    assert lines == [
+        "270 frames in, 269 out, 13.3 ms later; 0.46 cores",
+        "running by ekf_heading, heading to 0.12 deg; the camera is 0.03 m and 0.15 deg off (rms)",
+        "person 1: 39.850123, 116.700000, 0.2 m from where it is (ellipse of 95 % 0.5 m)",
+        "all numbers: /tmp/demo/summary.json",
+        "",
+        "look at  /tmp/demo/overlay.mp4",
+        "    and  /tmp/demo/still.png",
+    ]
+    assert seen.startswith("There the map lies on what the camera sees: ")
+    assert seen.endswith(" in 255 frames from 1.57 s on.")
+    unknown = {"camera_against_truth": None, "first_map_after_s": None, "overlay": {}}
+    told = demo.describe(result | unknown)
+    assert "rms" not in told
+    assert told.splitlines()[-1].endswith("no frame has the map: the reason is in each of them")

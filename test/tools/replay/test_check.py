@@ -1,0 +1,247 @@
+"""tirgeo check, and the findings of process, locate and evaluate."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import pytest
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.replay import check_groups as groups
+from tirgeo_ros.tools.replay.check import check
+from tirgeo_ros.tools.replay.process import process
+
+STOP = Finding("gravity", Severity.STOP, "gravity is 1.0", "imu/data", "give m/s2")
+CAUTION = Finding("late", Severity.CAUTION, "0.6 s late", "rtk.delay_s", "set it to 0.6")
+NOTE = Finding("vibration", Severity.NOTE, "it shakes", "imu/data", "dampen it")
+
+
+class Group:
+    """Stands in for a group of checks: counts its calls and finds what it is told to."""
+
+    def __init__(self, found=()):
+        self.calls = Counter()
+        self.stamps_ns = []
+        self.found = list(found)
+
+    def __getattr__(self, name):
+        def call(*arguments):
+            self.calls[name] += 1
+            if name == "frame":
+                self.stamps_ns.append(arguments[0])
+
+        return call
+
+    def findings(self):
+        return self.found
+
+
+@pytest.fixture
+def stand_ins(monkeypatch):
+    """The three groups, by module."""
+    made = {name: Group() for name in ("Navigation", "Gimbal", "Picture")}
+    for name, group in made.items():
+        monkeypatch.setattr(groups, f"{name}Checks", lambda *_, it=group: it)
+    return made
+
+
+@pytest.fixture(scope="module")
+def short(sample, tmp_path_factory):
+    """Six seconds of the sample flight."""
+    return cut(sample, tmp_path_factory.mktemp("short") / "flight.mcap")
+
+
+def cut(sample, path, seconds=6, renamed=lambda topic: topic):
+    reader = BagReader(sample / "flight.mcap")
+    end_ns = reader.span_ns[0] + seconds * 10**9
+    with BagWriter(path) as writer:
+        for item in reader.messages():
+            if item.log_time_ns < end_ns and renamed(item.topic):
+                writer.write(renamed(item.topic), item.typename, item.data, item.log_time_ns)
+    return path
+
+
+def given(sample, *more):
+    return [*("--params", str(sample / "params.yaml")), *map(str, more)]
+
+
+def test_a_good_flight_goes(sample, capsys):
+    files = given(sample, "--map", sample / "map.geojson")
+    assert main(["check", str(sample / "flight.mcap"), *files]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    told = "checked over 30.0 s: 10 topics, filter ekf_heading running; -v has each"
+    assert out == f"GO\n\n{told}\n"
+    assert main(["check", str(sample / "flight.mcap"), *files, "-v"]) == 0
+    out, _ = capsys.readouterr()
+    assert out.startswith("GO\n")
+    lines = [line.split(maxsplit=1) for line in out.splitlines()]
+    said = {line[0]: line[1] for line in lines if len(line) > 1}
+    assert said["imu/data"] == "100.0 Hz, longest gap 0.01 s"
+    assert said["pictures"] == "640x512 pixels"
+    assert said["height"].startswith("above ground")
+
+
+def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, stand_ins, capsys):
+    stand_ins["Navigation"].found = [NOTE, CAUTION]
+    stand_ins["Picture"].found = [STOP]
+    assert main(["check", str(short), *given(sample)]) == 1
+    out, err = capsys.readouterr()
+    assert out.split("checked over")[0] == (
+        "NO GO: 1 fault, 1 caution, 1 note\n\n"
+        "STOP     gravity is 1.0\n         look at  imu/data\n         to mend  give m/s2\n\n"
+        "CAUTION  0.6 s late\n         look at  rtk.delay_s\n         to mend  set it to 0.6\n\n"
+        "NOTE     it shakes\n         look at  imu/data\n         to mend  dampen it\n\n"
+    )
+    assert err == "tirgeo check: NO GO: gravity is 1.0: imu/data (and 1 more)\n"
+
+
+def test_a_caution_alone_may_fly(short, sample, stand_ins, capsys):
+    stand_ins["Gimbal"].found = [CAUTION]
+    assert main(["check", str(short), *given(sample), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["verdict"] == "GO: 1 caution"
+    assert result["findings"] == [
+        {
+            "check": "late",
+            "severity": "caution",
+            "evidence": "0.6 s late",
+            "parameter": "rtk.delay_s",
+            "mend": "set it to 0.6",
+        }
+    ]
+    assert result["error"] is None
+
+
+def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
+    numbers = check(short, params=sample / "params.yaml")["checked"]["topics"]
+    navigation, gimbal, pictures = stand_ins.values()
+    sensed = sum(
+        n["messages"] for topic, n in numbers.items() if topic[:3] in ("imu", "rtk", "gps")
+    )
+    assert navigation.calls["take"] == sensed
+    assert gimbal.calls["joints"] == numbers["gimbal/joint_states"]["messages"]
+    assert gimbal.calls["reported"] == numbers["gimbal/attitude"]["messages"]
+    assert gimbal.calls["autopilot"] == numbers["imu/data"]["messages"]
+    assert pictures.calls["frame"] == numbers["thermal/image_raw/compressed"]["messages"]
+    assert pictures.calls["camera"] == pictures.calls["plane"] == 1
+    assert 0 < navigation.calls["solution"] == gimbal.calls["body"] == pictures.calls["body"]
+    assert pictures.calls["pose"] > 0
+
+
+def test_another_namespace(sample, tmp_path, capsys):
+    path = cut(sample, tmp_path / "uav1.mcap", 2, lambda topic: f"/uav1{topic}")
+    assert main(["check", str(path)]) == 1
+    out, err = capsys.readouterr()
+    assert "did you mean --namespace uav1?" in out
+    assert "no pose" not in out  # that follows from it
+    assert err.startswith("tirgeo check: NO GO: no input topic under /; under /uav1 are 10 of")
+
+
+def test_a_flight_without_a_pose_says_why(sample, tmp_path):
+    keep = ("/imu/data", "/rtk/fix")
+    path = cut(sample, tmp_path / "short.mcap", 1, lambda topic: topic in keep and topic)
+    found = {one["check"]: one for one in check(path)["findings"]}
+    assert found["no_pose"]["severity"] == "stop"
+    assert "filter made no pose: " in found["no_pose"]["evidence"]
+
+
+def test_a_damaged_bag_is_checked_as_far_as_it_goes(short, tmp_path):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(short.read_bytes()[: short.stat().st_size // 2])
+    result = check(path)
+    assert "damaged_bag" in [one["check"] for one in result["findings"]]
+    assert result["checked"]["topics"]["imu/data"]["messages"] > 0
+
+
+def test_two_grounds_are_wrong_use(short):
+    with pytest.raises(SystemExit, match="2"):
+        main(["check", str(short), "--dem", "a.tif", "--ground-height", "3"])
+
+
+def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp_path, capsys):
+    outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    said = []
+    for out, found in zip(outs, ([], [STOP, CAUTION, NOTE]), strict=True):
+        stand_ins["Navigation"].found = found
+        assert main(["process", str(short), "-o", str(out), *given(sample), "--no-images"]) == 0
+        said.append(capsys.readouterr())
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    assert said[0].err == ""
+    assert said[1].err == (
+        "tirgeo process: STOP: gravity is 1.0: imu/data: give m/s2\n"
+        "tirgeo process: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n"
+    )
+    assert "findings" not in said[1].out
+
+
+def test_process_gives_the_groups_all_that_it_reads(short, sample, stand_ins, tmp_path):
+    files = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    summary = process(short, tmp_path / "out.mcap", **files)
+    navigation, gimbal, pictures = stand_ins.values()
+    read = summary["read"]
+    sensed = sum(n for topic, n in read.items() if topic[1:4] in ("imu", "rtk", "gps"))
+    assert navigation.calls["take"] == sensed
+    assert gimbal.calls["joints"] == read["/gimbal/joint_states"]
+    assert pictures.calls["frame"] == read["/thermal/image_raw/compressed"]
+    assert navigation.calls["solution"] == summary["written"]["/tirgeo/odometry"]
+    assert pictures.calls["pose"] == summary["written"]["/tirgeo/camera_pose"]
+
+
+def test_process_shows_the_gimbals_checks_some_of_what_the_overlay_does_not_want(
+    short, sample, stand_ins, tmp_path
+):
+    """Of 50 reported attitudes a second a few, once the joints are trusted."""
+    params = tmp_path / "more.yaml"
+    params.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
+    process(short, tmp_path / "a.mcap", params=[sample / "params.yaml", params], images=False)
+    assert "reported" not in stand_ins["Gimbal"].calls  # encoders alone are read
+    process(short, tmp_path / "b.mcap", params=sample / "params.yaml", images=False)
+    assert stand_ins["Gimbal"].calls["reported"] >= 20
+
+
+def test_a_fault_of_a_check_is_told_and_changes_nothing(
+    short, sample, stand_ins, tmp_path, monkeypatch
+):
+    files = {"params": sample / "params.yaml", "images": False}
+    outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    assert process(short, outs[0], **files)["findings"] == []
+
+    def broken(*_):
+        raise BagError("no plane")  # an error of ours would count the sample as unreadable
+
+    monkeypatch.setattr(stand_ins["Navigation"], "take", broken, raising=False)
+    summary = process(short, outs[1], **files)
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    assert summary["unreadable"] == {}
+    (finding,) = summary["findings"]
+    assert (finding["check"], finding["severity"]) == ("check_failed", "caution")
+    assert "times: BagError: no plane (test_check.py:" in finding["evidence"]
+
+
+@pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
+def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
+    stand_ins["Gimbal"].found = [CAUTION, NOTE]
+    seen = sample / "observations.csv"
+    more = {
+        "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],
+        "evaluate": [
+            *("--survey", sample / "survey.geojson", "--observations", seen),
+            *("-o", tmp_path / "evaluation"),
+        ],
+    }
+    arguments = [verb, str(sample / "flight.mcap"), *given(sample, *more[verb]), "--json"]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert [one["check"] for one in json.loads(out)["findings"]] == ["late", "vibration"]
+    assert f"tirgeo {verb}: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n" in err
+    assert "it shakes" not in err
+    navigation, gimbal, pictures = stand_ins.values()
+    assert 0 < navigation.calls["solution"] == gimbal.calls["body"]
+    # The stand-in follows none.
+    assert pictures.calls["passed"] == (270 if verb == "evaluate" else 0)
+    assert pictures.calls["frame"] == 0

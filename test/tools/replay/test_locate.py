@@ -1,0 +1,292 @@
+"""tirgeo locate over the sample flight: as evaluate finds, as the survey says, or refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.errors import BagError, ConfigError, SurveyError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.surveys.survey import (
+    Observation,
+    load_observations,
+    load_survey,
+    save_observations,
+)
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.evaluate.evaluate import evaluate
+from tirgeo_ros.tools.replay.locate import locate_pixels
+
+
+@pytest.fixture(scope="module")
+def inputs(sample):
+    return [sample / "flight.mcap", "--pixels", sample / "observations.csv"]
+
+
+@pytest.fixture(scope="module")
+def located(sample, tmp_path_factory):
+    """The folder with all three forms, and the summary."""
+    folder = tmp_path_factory.mktemp("located")
+    summary = locate_pixels(
+        sample / "flight.mcap",
+        sample / "observations.csv",
+        folder / "points.geojson",
+        params=sample / "params.yaml",
+        kml_out=folder / "points.kml",
+        cot_out=folder / "points.xml",
+    )
+    return folder, summary
+
+
+def points_of(path):
+    features = json.loads(path.read_text())["features"]
+    return [f for f in features if f["properties"]["kind"] == "point"]
+
+
+def errors_of(path, sample):
+    """(id, (north, east) in m, properties) of the located points against the survey."""
+    truth = {point.id: point for point in load_survey(sample / "survey.geojson")}
+    for feature in points_of(path):
+        if feature["geometry"] is None:
+            continue
+        name = feature["properties"]["id"]
+        longitude, latitude, _ = feature["geometry"]["coordinates"]
+        point = truth[name]
+        around = TangentPlane(point.latitude_rad, point.longitude_rad, point.height_m)
+        error_n = around.ned_from_geodetic(*np.radians([latitude, longitude]), point.height_m)
+        yield name, error_n[:2], feature["properties"]
+
+
+def edited_params(sample, path, old, new):
+    text = (sample / "params.yaml").read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.slow
+def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
+    # by itself the composition begins with the reported attitude, until it trusts the joints
+    chosen = tmp_path / "chosen.yaml"
+    chosen.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
+    params = [sample / "params.yaml", chosen]
+    files = (sample / "flight.mcap", sample / "observations.csv", tmp_path / "points.geojson")
+    summary = locate_pixels(*files, params=params)
+    evaluation = evaluate(
+        sample / "flight.mcap",
+        sample / "survey.geojson",
+        sample / "observations.csv",
+        params=params,
+    )
+    expected = evaluation.method("ekf_heading")
+    found = list(errors_of(tmp_path / "points.geojson", sample))
+    assert len(found) == len(expected.located) == summary["located"] == 24
+    assert summary["refused"] == {expected.refused[0].reason: len(expected.refused)}
+    turn = evaluation.projection.local_axes(*np.radians([39.85, 116.7]))
+    for (name, error_n, _), other in zip(found, expected.located, strict=True):
+        assert name == other.id
+        # nine decimals of a degree are 0.1 mm
+        np.testing.assert_allclose(turn @ error_n, other.error_en, atol=2e-4)
+    rms_m = math.sqrt(np.mean([np.sum(error_n**2) for _, error_n, _ in found]))
+    assert rms_m == pytest.approx(expected.errors.rmse_m, abs=2e-4)
+
+
+def test_the_survey_lies_within_the_ellipses(sample, located):
+    """The filter's covariance, carried to the ground: 24 points, few of them outside of 95 %."""
+    inside = []
+    for _, (north, east), said in errors_of(located[0] / "points.geojson", sample):
+        azimuth = math.radians(said["ellipse_azimuth_deg"])
+        along = (north * math.cos(azimuth) + east * math.sin(azimuth)) / said["ellipse_major_m"]
+        across = (east * math.cos(azimuth) - north * math.sin(azimuth)) / said["ellipse_minor_m"]
+        inside.append(math.hypot(along, across) <= 1)
+    # of 24 draws at 95 %, fewer than 20 happen once in a hundred times
+    assert sum(inside) >= 20
+
+
+def test_kml_and_cursor_on_target_hold_the_same_points(located):
+    folder, summary = located
+    found = [f for f in points_of(folder / "points.geojson") if f["geometry"]]
+    events = list(ET.parse(folder / "points.xml").iter("event"))
+    assert len(events) == len(found) == summary["located"]
+    for event, feature in zip(events, found, strict=True):
+        point = event.find("point").attrib
+        longitude, latitude, height_m = feature["geometry"]["coordinates"]
+        assert (float(point["lon"]), float(point["lat"])) == (longitude, latitude)
+        assert float(point["hae"]) == pytest.approx(height_m, abs=1e-3)
+        major_m = feature["properties"]["ellipse_major_m"]
+        assert float(point["ce"]) == pytest.approx(major_m / math.sqrt(CHI2_95), abs=1e-3)
+    marks = ET.parse(folder / "points.kml").iter("{http://www.opengis.net/kml/2.2}Placemark")
+    assert len(list(marks)) == summary["pixels"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "points.geojson",
+        "points.kml",
+        "points.xml",
+    ]
+
+
+def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):
+    out = tmp_path / "p.geojson"
+    argv = ["locate", *inputs, "-o", out, "--params", sample / "params.yaml", "--json"]
+    assert main([str(word) for word in argv]) == 0
+    said, complaint = capsys.readouterr()
+    summary = json.loads(said)
+    assert (summary["pixels"], summary["located"], summary["error"]) == (25, 24, None)
+    assert summary["output"] == [str(out)]
+    assert "1 of 25 pixels refused: 1 x no trusted pose" in complaint
+    assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.slow
+def test_each_refusal_is_written_with_its_reason(sample, tmp_path):
+    seen = load_observations(sample / "observations.csv")[-1]
+    asked = [
+        dataclasses.replace(seen, id="there"),
+        dataclasses.replace(seen, id="beside", u=640.2),
+        dataclasses.replace(seen, id="early", stamp_ns=seen.stamp_ns - 10**12),
+        Observation("negative", -1, 3.0, 4.0),
+    ]
+    save_observations(tmp_path / "asked.csv", asked)
+    summary = locate_pixels(
+        sample / "flight.mcap",
+        tmp_path / "asked.csv",
+        tmp_path / "out.geojson",
+        params=sample / "params.yaml",
+    )
+    reasons = [f["properties"]["reason"] for f in points_of(tmp_path / "out.geojson")]
+    nothing = "no trusted pose at that picture"
+    assert reasons == [None, "the pixel is outside the picture", nothing, nothing]
+    assert summary["error"] is None
+    assert (summary["located"], summary["pixels"]) == (1, 4)
+
+
+@pytest.mark.slow
+def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
+    save_observations(tmp_path / "asked.csv", [Observation("x", 5, 3.0, 4.0)])
+    words = ["locate", sample / "flight.mcap", "--pixels", tmp_path / "asked.csv"]
+    words += ["-o", tmp_path / "o.geojson", "--ground-height", "11.5"]
+    assert main([str(word) for word in words]) == 1
+    said = capsys.readouterr().err
+    assert "none of 1 pixels could be located: no trusted pose" in said
+    first_ns, last_ns = BagReader(sample / "flight.mcap").span_ns
+    assert f"stamps are 5 to 5 ns, and the bag was recorded from {first_ns} to {last_ns}" in said
+    assert points_of(tmp_path / "o.geojson")[0]["geometry"] is None
+
+
+@pytest.mark.slow
+def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
+    def north_m(name, **options):
+        out = tmp_path / f"{name}.geojson"
+        files = (sample / "flight.mcap", sample / "observations.csv", out)
+        summary = locate_pixels(*files, params=sample / "params.yaml", **options)
+        return np.array([e for _, e, _ in errors_of(out, sample)]), summary
+
+    level, _ = north_m("level")
+    raised, _ = north_m("raised", ground_height=14.5)
+    assert np.median(np.hypot(*(raised - level).T)) > 2  # 3 m seen at 30 to 45 deg
+    raw, summary = north_m("raw", method="raw")
+    assert summary["method"] == "raw"
+    assert np.hypot(*raw.T).mean() > 2 * np.hypot(*level.T).mean()
+
+
+def test_on_an_elevation_model(sample, tmp_path, located):
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    transform = rasterio.transform.from_origin(116.695, 39.855, 1e-4, 1e-4)
+    path = tmp_path / "dem.tif"
+    shape = {"height": 100, "width": 100, "count": 1, "dtype": "float32"}
+    with rasterio.open(
+        path, "w", driver="GTiff", crs="EPSG:4326", transform=transform, **shape
+    ) as out:
+        out.write(np.full((1, 100, 100), 20.5, np.float32))
+    params = edited_params(
+        sample, tmp_path / "p.yaml", "{ground_height_m: 11.5,", "{dem_undulation_m: -9.0,"
+    )
+    locate_pixels(
+        sample / "flight.mcap",
+        sample / "observations.csv",
+        tmp_path / "out.geojson",
+        params=params,
+        dem=path,
+    )
+    level = points_of(located[0] / "points.geojson")
+    for ours, theirs in zip(points_of(tmp_path / "out.geojson"), level, strict=True):
+        assert ours["properties"]["reason"] == theirs["properties"]["reason"]
+        if theirs["geometry"]:
+            expected = theirs["geometry"]["coordinates"]
+            # the last digit of nine; parabolas along the ray are true to 0.1 mm
+            np.testing.assert_allclose(
+                ours["geometry"]["coordinates"], expected, atol=2e-4, rtol=0
+            )
+            np.testing.assert_allclose(
+                ours["geometry"]["coordinates"][:2], expected[:2], atol=3e-9, rtol=0
+            )
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "said"),
+    [
+        ({"params": None}, ConfigError, "give --ground-height or --dem"),
+        (
+            {"kml_out": "out.geojson"},
+            SurveyError,
+            "out.geojson: would take the place of",
+        ),
+        ({"namespace": "uav7"}, BagError, "needed topic absent: /uav7/imu/data"),
+    ],
+)
+def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, options, error, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=said):
+        locate_pixels(
+            sample / "flight.mcap",
+            sample / "observations.csv",
+            "out.geojson",
+            **{"params": sample / "params.yaml"} | options,
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_output_may_not_be_the_list_of_pixels(sample, tmp_path):
+    pixels = tmp_path / "pixels.csv"
+    pixels.write_bytes((sample / "observations.csv").read_bytes())
+    with pytest.raises(SurveyError, match=r"pixels\.csv: would take the place of the input"):
+        locate_pixels(sample / "flight.mcap", pixels, pixels, ground_height=11.5)
+
+
+def test_a_bag_without_a_camera_is_named(sample, tmp_path):
+    bag = tmp_path / "blind.mcap"
+    with BagWriter(bag) as writer:
+        for item in BagReader(sample / "flight.mcap").messages(
+            ["/imu/data", "/rtk/fix", "/gimbal/joint_states"]
+        ):
+            writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    with pytest.raises(BagError, match=r"blind\.mcap: needed topic absent: /thermal/camera_info"):
+        locate_pixels(bag, sample / "observations.csv", tmp_path / "o.geojson", ground_height=11.5)
+
+
+def test_two_grounds_are_wrong_use(inputs, tmp_path, capsys):
+    words = ["locate", *inputs, "-o", tmp_path / "o", "--dem", "d.tif", "--ground-height", "3"]
+    with pytest.raises(SystemExit) as caught:
+        main([str(word) for word in words])
+    assert caught.value.code == 2
+    assert "give one" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_without_headings_the_method_is_ekf_and_said(sample, tmp_path):
+    bag = tmp_path / "in.mcap"
+    with BagWriter(bag) as writer:
+        for item in BagReader(sample / "flight.mcap").messages():
+            if not item.topic.startswith(("/rtk/heading", "/thermal/image")):
+                writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    pixels, params = sample / "observations.csv", sample / "params.yaml"
+    summary = locate_pixels(bag, pixels, tmp_path / "points.geojson", params=params)
+    assert summary["method"] == "ekf"
+    assert summary["notes"] == ["method ekf: the bag has no /rtk/heading"]
+    assert summary["located"] > 0

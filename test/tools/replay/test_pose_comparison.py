@@ -1,0 +1,85 @@
+"""Poses of one flight against each other."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.frames.rotations import canonical, quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
+
+MS = 1_000_000
+HERE = TangentPlane(math.radians(39.85), math.radians(116.7), 11.5)
+NEAR = TangentPlane(math.radians(39.86), math.radians(116.72), 25.0)
+
+
+def poses(count: int) -> list[CameraPose]:
+    rng = np.random.default_rng(5)
+    q = canonical(rng.normal(size=4))
+    return [
+        CameraPose(k * 20 * MS, np.array([0.06 * k, 1.0, -20.0]), q, np.eye(6) * 1e-4)
+        for k in range(count)
+    ]
+
+
+def test_the_same_poses_do_not_differ():
+    apart = differences(poses(5), poses(5))
+    assert apart.stamp_ns == [k * 20 * MS for k in range(5)]
+    assert np.all(apart.distance_m == 0)
+    assert np.allclose(apart.angle_rad, 0, atol=1e-15)
+
+
+def test_a_shift_and_a_turn_are_found_with_their_axes():
+    turn, shift = np.array([0.0, 0.0, math.radians(2)]), np.array([0.0, 0.3, 0.4])
+    moved = [
+        dataclasses.replace(
+            pose,
+            position_n=pose.position_n + shift,
+            q_nc=quat_multiply(quat_from_rotvec(turn), pose.q_nc),
+        )
+        for pose in poses(4)
+    ]
+    apart = differences(moved, poses(4))
+    assert np.allclose(apart.position_n, shift)
+    assert np.allclose(apart.rotation_n, turn)
+    assert apart.distance_m == pytest.approx([0.5] * 4)
+    assert apart.angle_rad == pytest.approx([math.radians(2)] * 4)
+
+
+def test_instants_between_are_interpolated_and_beyond_left_out():
+    late = [dataclasses.replace(p, stamp_ns=p.stamp_ns + 10 * MS) for p in poses(4)]
+    apart = differences(late, poses(4))
+    assert len(apart.stamp_ns) == 3
+    assert apart.position_n[:, 0] == pytest.approx([-0.03] * 3)
+
+
+def test_nothing_in_common_is_empty():
+    apart = differences(poses(3), [])
+    assert apart.stamp_ns == []
+    assert apart.distance_m.shape == (0,)
+    assert apart.angle_rad.shape == (0,)
+
+
+def test_another_plane_is_the_same_place_and_back_again():
+    for pose in poses(3):
+        there = in_plane(pose, HERE, NEAR)
+        # Same point of the earth: arithmetic of doubles at the earth's radius, 1e-9 m.
+        expected = NEAR.ned_from_geodetic(*HERE.geodetic_from_ned(pose.position_n))
+        assert there.position_n == pytest.approx(expected, abs=1e-8)
+        back = in_plane(there, NEAR, HERE)
+        assert back.position_n == pytest.approx(pose.position_n, abs=1e-7)
+        assert differences([back], [pose]).angle_rad[0] < 1e-9
+        assert back.covariance == pytest.approx(pose.covariance)
+
+
+def test_planes_a_kilometre_apart_are_turned_by_the_convergence():
+    pose = poses(1)[0]
+    turned = differences([in_plane(pose, HERE, NEAR)], [pose]).rotation_n[0]
+    # About the vertical by the meridians' convergence, d(longitude) sin(latitude), to 1e-3 of it.
+    convergence = (NEAR.longitude_rad - HERE.longitude_rad) * math.sin(HERE.latitude_rad)
+    assert abs(turned[2]) == pytest.approx(convergence, rel=1e-3)

@@ -1,0 +1,172 @@
+"""tirgeo process on the ground: clicks that a bag holds, and an elevation model under the map."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.config import EkfConfig, OverlayConfig
+from tirgeo_ros.core.types.errors import ElevationError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, ground_point
+from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.replay.process import process
+
+CDR = Cdr()
+CUT_S = 4.0  # alignment takes one second of it
+IMAGES, PIXEL = "/thermal/image_raw/compressed", "/tirgeo/locate/pixel"
+UV = (320.0, 300.0)
+
+
+def click(stamp_ns):
+    kind, header = CDR.types(TOPIC_TYPES["tirgeo/locate/pixel"]), CDR.types("std_msgs/msg/Header")
+    time, point = (
+        CDR.types("builtin_interfaces/msg/Time"),
+        CDR.types("geometry_msgs/msg/Point"),
+    )
+    stamp = time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    return kind(header=header(stamp=stamp, frame_id=""), point=point(x=UV[0], y=UV[1], z=0.0))
+
+
+@pytest.fixture(scope="module")
+def clicked(sample, tmp_path_factory):
+    """The sample's first seconds with a click on its 20th picture, and that picture's stamp."""
+    path = tmp_path_factory.mktemp("clicked") / "flight.mcap"
+    reader = BagReader(sample / "flight.mcap")
+    start_ns, stamps = reader.span_ns[0], []
+    with BagWriter(path) as writer:
+        for item in reader.messages():
+            if item.log_time_ns > start_ns + CUT_S * 1e9:
+                break
+            writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+            if item.topic == IMAGES:
+                stamps.append(convert.stamp_ns(CDR.deserialize(item.data, item.typename)))
+        message = click(stamps[19])
+        end_ns = start_ns + round(CUT_S * 1e9)
+        writer.write(PIXEL, TOPIC_TYPES["tirgeo/locate/pixel"], message, end_ns)
+    return path, stamps[19]
+
+
+def located(path):
+    """Stamp, point and covariance of the one point in a bag of outputs."""
+    items = list(BagReader(path).messages(["/tirgeo/locate/point"]))
+    assert len(items) == 1
+    return ground_point(CDR.deserialize(items[0].data, items[0].typename))
+
+
+def test_a_click_in_the_bag_becomes_a_point(clicked, sample, tmp_path):
+    bag, stamp_ns = clicked
+    output = tmp_path / "out.mcap"
+    options = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    summary = process(bag, output, **options)
+    stamp, point_n, covariance_n = located(output)
+    assert stamp == stamp_ns
+    # The ground is the plane's own height there: the Earth's bend over 100 m is below 1 mm.
+    assert point_n[2] == pytest.approx(0.0, abs=0.001)
+    assert 10 < np.linalg.norm(point_n[:2]) < 300
+    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    assert summary["overlay"]["drawn"] > 10
+    assert summary["written"]["/tirgeo/locate/fix"] == 1
+
+
+def model(path, sample, height_m):
+    """A level elevation model, ellipsoidal, around the sample flight."""
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    from rasterio.transform import from_origin  # noqa: PLC0415 after it is known to be there
+
+    step_deg = 1e-4
+    plane = load_config(sample / "params.yaml", "ekf_node", EkfConfig).origin_lat_lon_h
+    west, north = plane[1] - 100 * step_deg, plane[0] + 100 * step_deg
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        height=200,
+        width=200,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4979",
+        transform=from_origin(west, north, step_deg, step_deg),
+    ) as target:
+        target.write(np.full((200, 200), height_m, np.float32), 1)
+    return path
+
+
+def test_an_elevation_model_stands_before_the_parameters_height(clicked, sample, tmp_path):
+    ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m
+    dem = model(tmp_path / "dem.tif", sample, ground_m + 2.0)
+    output = tmp_path / "out.mcap"
+    options = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    process(clicked[0], output, dem=dem, **options)
+    # 1 mm of the Earth's bend, and what float32 leaves of the height
+    assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
+
+
+def test_what_is_no_elevation_model_is_said(clicked, sample, tmp_path):
+    pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    with pytest.raises(ElevationError, match=r"map\.geojson: cannot be read as a raster"):
+        process(
+            clicked[0],
+            tmp_path / "out.mcap",
+            params=sample / "params.yaml",
+            map=sample / "map.geojson",
+            dem=sample / "map.geojson",
+        )
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_two_grounds_are_one_too_many(clicked, tmp_path, capsys):
+    words = ["--dem", "a.tif", "--ground-height", "3", "-o", str(tmp_path / "out.mcap")]
+    with pytest.raises(SystemExit, match="2"):
+        main(["process", str(clicked[0]), *words])
+    assert "--dem and --ground-height are two grounds" in capsys.readouterr().err
+
+
+def kml(path, sample):
+    """A line at the sample's origin, one 3 deg away, and a link that is not followed."""
+    north, east, _ = load_config(sample / "params.yaml", "ekf_node", EkfConfig).origin_lat_lon_h
+    marks = "".join(
+        f"<Placemark><LineString><coordinates>{east + off},{north} {east + off},{north + 0.001}"
+        "</coordinates></LineString></Placemark>"
+        for off in (0.0, 3.0)
+    )
+    link = "<NetworkLink><name>more</name></NetworkLink>"
+    head = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+    path.write_text(f"{head}{marks}{link}</Document></kml>")
+    return path
+
+
+@pytest.mark.slow
+def test_what_of_the_map_is_left_out_is_in_the_summary(clicked, sample, tmp_path, capsys):
+    path = kml(tmp_path / "map.kml", sample)
+    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap"), "--map", str(path)]
+    words += ["--params", str(sample / "params.yaml")]
+    note = f"{path}: 1 NetworkLink left out"
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["notes"] == [note]
+    assert main(words) == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith(f"; {note}")
+    assert main([*words, "-v"]) == 0
+    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
+    assert line.split(maxsplit=1)[1] == note
+
+
+def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, sample, tmp_path):
+    dem = model(tmp_path / "dem.tif", sample, 20.0)
+    path = kml(tmp_path / "map.kml", sample)
+    options = {"params": sample / "params.yaml", "map": path, "dem": dem}
+    notes = process(clicked[0], tmp_path / "out.mcap", **options)["notes"]
+    assert any("NetworkLink" in note for note in notes)
+    assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
+
+
+def test_a_map_that_is_drawn_whole_has_no_notes(clicked, sample, tmp_path, capsys):
+    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap")]
+    words += ["--params", str(sample / "params.yaml"), "--map", str(sample / "map.geojson")]
+    assert main([*words, "-v"]) == 0
+    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
+    assert line.split(maxsplit=1)[1] == "none"

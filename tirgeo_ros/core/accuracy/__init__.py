@@ -1,0 +1,1 @@
+"""Measure and foretell errors of located ground points."""

@@ -1,0 +1,1 @@
+"""Estimate the aircraft's lever arms, angles and delays from the filter's innovations."""

@@ -1,0 +1,223 @@
+"""One run of the filter over a recorded flight with given values of the aircraft's parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from tirgeo_ros.core.aircraft_calibration.parameters import (
+    PARAMETERS,
+    Floors,
+    configured,
+    reported_direction_rad,
+    restamped,
+)
+from tirgeo_ros.core.aircraft_calibration.whitened_innovations import (
+    FollowedMechanisation,
+    Reading,
+    White,
+    WhiteningFusion,
+    squared,
+)
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, Belief, source_of
+from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
+from tirgeo_ros.core.navigation.ekf import Ekf
+from tirgeo_ros.core.navigation.imu_axes import ImuAxes
+from tirgeo_ros.core.navigation.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+
+#: Readings of the IMU are averaged over so long about a measurement, for its slope by a delay.
+_AVERAGED_S = 0.1
+#: Measurements nearer to the ends of the IMU's record or of the alignment are left out.
+_MARGIN_NS = 500_000_000
+_ATTITUDE_STEP_NS = 50_000_000
+#: An alignment through wrong values is off by more than it says.
+_START_SIGMA = {"tilt": np.radians(2.0), "yaw": np.radians(5.0), "velocity": 0.5, "position": 2.0}
+_ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A flight in memory, valid samples alone, by stamp; no gap in the IMU's."""
+
+    imu: Sequence[ImuSample]
+    aids: Sequence[Aiding]  # of RTK, no two of one source and stamp
+
+    def has(self, source: Source) -> bool:
+        """Whether there is any measurement of a source."""
+        return any(source_of(sample) is source for sample in self.aids)
+
+    @property
+    def has_attitude(self) -> bool:
+        """Whether the autopilot's attitude is there."""
+        return any(usable_attitude(sample.autopilot_q_nb) for sample in self.imu)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the filter heard with one set of values."""
+
+    values: Array  # (8,)
+    white: list[White]
+    error: Array  # (M,) white innovations of all measurements, one after another
+    slope: Array  # (M, 8) by PARAMETERS
+    row_ns: Array  # (M,) stamp of each entry, from the first
+    attitude_ns: list[int]
+    attitude_q_nb: Array  # (K, 4) wxyz at those
+    velocity_n: Array  # (K, 3) m/s at those
+    tilt_sigma_rad: float  # the filter's own of the tilt, at the flight's best
+
+    def nis(self) -> dict[Source, float]:
+        """Mean normalised square of the innovations by source; 1 is expected."""
+        found: dict[Source, list[float]] = {}
+        for one in self.white:
+            found.setdefault(one.source, []).append(squared(one))
+        return {source: float(np.mean(values)) for source, values in found.items()}
+
+
+class FlightRuns:
+    """Runs the filter over one flight."""
+
+    def __init__(self, recorded: Recorded, config: EkfConfig) -> None:
+        axes = ImuAxes(config.aircraft)
+        imu = [axes.to_body(sample) for sample in recorded.imu]
+        self.recorded, self.config = replace(recorded, imu=imu), config
+        self._averages = _Averages(imu)
+
+    def aligned(self, values: Array, *, by_antennas: bool) -> Alignment:
+        """Where the filter starts. Raises CalibrationError where it cannot."""
+        method = "ekf_heading" if by_antennas else "ekf"
+        config = replace(configured(self.config, values, _ALIGNMENT_FLOORS), method=method)
+        aligner = Aligner(config, use_heading=by_antennas)
+        for sample in _merged(self.recorded.imu, self._aids(values)):
+            found = aligner.add(sample)
+            if found is not None:
+                return _loosened(found)
+        raise CalibrationError(f"the filter does not start: {aligner.reason}")
+
+    def run(
+        self,
+        values: Array,
+        start: Alignment,
+        floors: Floors,
+        weights: Array | None = None,
+        without: Source | None = None,
+    ) -> Run:
+        """One run from an alignment.
+
+        ``weights`` (N,) are those of the flight's measurements, 1 if not given; ``without`` is a
+        source to leave out.
+        """
+        config = replace(configured(self.config, values, floors), method="ekf_heading")
+        first_ns = start.stamp_ns + _MARGIN_NS
+        last_ns = self.recorded.imu[-1].stamp_ns - _MARGIN_NS
+        chosen = [
+            (index, sample)
+            for index, sample in enumerate(self._aids(values))
+            if first_ns < sample.stamp_ns < last_ns and source_of(sample) is not without
+        ]
+        readings = self._averages.readings(chosen, weights)
+        mechanisation = FollowedMechanisation(config)
+        fusion = WhiteningFusion(config, values, mechanisation, readings)
+        ekf = Ekf(config, start, mechanisation, fusion)
+        beliefs: list[tuple[int, Belief]] = []
+        imu = [sample for sample in self.recorded.imu if sample.stamp_ns > start.stamp_ns]
+        for sample in _merged(imu, [sample for _, sample in chosen]):
+            if not isinstance(sample, ImuSample):
+                ekf.add_aiding(sample)
+                continue
+            ekf.add_imu(sample)
+            if not beliefs or sample.stamp_ns - beliefs[-1][0] >= _ATTITUDE_STEP_NS:
+                beliefs.append((sample.stamp_ns, ekf.belief()))
+        return _run(values, fusion.white, beliefs)
+
+    def _aids(self, values: Array) -> list[Aiding]:
+        return restamped(self.recorded.aids, values, reported_direction_rad(self.config))
+
+
+def _run(values: Array, white: list[White], beliefs: list[tuple[int, Belief]]) -> Run:
+    if not white or not np.all(np.isfinite(white[-1].error)):
+        raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' tells why")
+    stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
+    return Run(
+        values,
+        white,
+        np.concatenate([one.error for one in white]),
+        np.concatenate([one.slope for one in white]).reshape(-1, len(PARAMETERS)),
+        (stamps - stamps.min()).astype(float),
+        [stamp_ns for stamp_ns, _ in beliefs],
+        np.array([belief.state.q_nb for _, belief in beliefs]).reshape(-1, 4),
+        np.array([belief.state.velocity_n for _, belief in beliefs]).reshape(-1, 3),
+        min(math.sqrt(belief.covariance[0, 0]) for _, belief in beliefs),
+    )
+
+
+def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSample | Aiding]:
+    """By stamp; a measurement comes before the IMU sample that ends its interval."""
+    ordered = sorted(aids, key=lambda sample: sample.stamp_ns)
+    at = 0
+    for sample in imu:
+        while at < len(ordered) and ordered[at].stamp_ns <= sample.stamp_ns:
+            yield ordered[at]
+            at += 1
+        yield sample
+
+
+def _loosened(alignment: Alignment) -> Alignment:
+    """With the doubt that wrong values add."""
+    more = np.zeros(STATES)
+    more[ATTITUDE] = _START_SIGMA["tilt"], _START_SIGMA["tilt"], _START_SIGMA["yaw"]
+    more[VELOCITY], more[POSITION] = _START_SIGMA["velocity"], _START_SIGMA["position"]
+    covariance = alignment.covariance + np.diag(more**2)
+    return replace(alignment, covariance=covariance, later=())
+
+
+class _Averages:
+    """Means of the IMU's readings about any time."""
+
+    def __init__(self, imu: Sequence[ImuSample]) -> None:
+        self._t_ns = np.array([sample.stamp_ns for sample in imu])
+        steps_ns = np.diff(self._t_ns)
+        step_s = float(np.median(steps_ns)) * 1e-9
+        count = max(1, round(_AVERAGED_S / step_s))
+        box = np.ones(count) / count
+        force = np.array([sample.specific_force_b for sample in imu])
+        rate = np.array([sample.angular_rate_b for sample in imu])
+        mean = [np.convolve(column, box, "same") for column in [*force.T, *rate.T]]
+        turning = [np.gradient(column, step_s) for column in mean[3:]]
+        self._columns = [*mean, *turning]
+
+    def readings(
+        self, chosen: Sequence[tuple[int, Aiding]], weights: Array | None
+    ) -> dict[tuple[Source, int], Reading]:
+        """By source and stamp."""
+        at_ns = [sample.stamp_ns for _, sample in chosen]
+        values = np.array(
+            [
+                np.interp(np.array(at_ns) - self._t_ns[0], self._t_ns - self._t_ns[0], column)
+                for column in self._columns
+            ]
+        ).T.reshape(-1, 3, 3)
+        return {
+            (source_of(sample), sample.stamp_ns): Reading(
+                index, 1.0 if weights is None else float(weights[index]), *values[k]
+            )
+            for k, (index, sample) in enumerate(chosen)
+        }
+
+
+def longest_piece(imu: Sequence[ImuSample], max_gap_s: float) -> tuple[int, int]:
+    """Begin and end of the longest part of the IMU's samples without a gap, in time."""
+    cuts = [
+        k for k, (a, b) in enumerate(pairwise(imu), 1) if b.stamp_ns - a.stamp_ns > max_gap_s * 1e9
+    ]
+    pieces = list(pairwise([0, *cuts, len(imu)]))
+    return max(pieces, key=lambda piece: imu[piece[1] - 1].stamp_ns - imu[piece[0]].stamp_ns)

@@ -1,0 +1,234 @@
+"""The aircraft's parameters that make the filter's innovations of a flight smallest.
+
+Maximum likelihood by Gauss-Newton over white innovations and their slopes (``whitening``), with
+Huber's weights. Measurements are believed less in the first steps, so that the filter stands
+values that are far off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, Run
+from tirgeo_ros.core.aircraft_calibration.first_guess import started
+from tirgeo_ros.core.aircraft_calibration.observability import ADVICE, not_flown
+from tirgeo_ros.core.aircraft_calibration.parameters import (
+    AZIMUTH,
+    DELAYS,
+    ELEVATION,
+    LIMITS,
+    PARAMETERS,
+    PRIOR_SIGMA,
+    Floors,
+    values_of_config,
+)
+from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight, squared
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import Source
+
+PARTS = 6  # of a flight: each is left out in turn
+#: Floors of the steps that only come near, and how many there are.
+_COARSE = ((Floors(0.5, 0.5, math.radians(5)), 3), (Floors(0.1, 0.1, math.radians(1.5)), 2))
+_MOST_STEPS = 8
+_SETTLED = 0.02  # of LIMITS
+_LARGEST_STEP = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.2, 0.2])  # m, rad, s
+_MOST_COST = 1.5  # times as uncertain as without the elevation
+_SURE_SIGMAS = 3.0
+_HEADING = (AZIMUTH, ELEVATION, DELAYS[Source.RTK_HEADING])
+
+#: Called after each run of the filter with the number of runs so far.
+Told = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class AircraftFit:
+    """What a flight says of PARAMETERS."""
+
+    values: Array  # (8,) as found, those that were held or not told as they were
+    sigma: Array  # (8,) nan where held
+    left_out: Array  # (8,) rms change where a part of the flight is left out
+    told: tuple[str, ...]
+    untold: dict[str, str]  # parameter -> why, and what to fly
+    first: Array  # (8,) as given
+    before: Run
+    after: Run
+
+
+@dataclass
+class _Search:
+    """Steps over runs of the filter; measurements keep their weights from run to run."""
+
+    runs: FlightRuns
+    anchor: Array  # (8,) the prior's means
+    told: Told
+    weights: Array = field(init=False)
+    done: int = 0
+
+    def __post_init__(self) -> None:
+        self.weights = np.ones(len(self.runs.recorded.aids))
+
+    def run(self, values: Array, floors: Floors, *, without: Source | None = None) -> Run:
+        recorded = self.runs.recorded
+        by_antennas = not recorded.has_attitude and recorded.has(Source.RTK_HEADING)
+        start = self.runs.aligned(values, by_antennas=by_antennas)
+        found = self.runs.run(values, start, floors, self.weights, without)
+        self.done += 1
+        self.told(self.done)
+        return found
+
+    def weigh(self, run: Run) -> None:
+        """Weights for the next run."""
+        before = self.weights[[one.number for one in run.white]]
+        plain = np.sqrt([squared(one) for one in run.white] / before)
+        scale = max(1.0, float(np.median(plain)))
+        for one, off in zip(run.white, plain, strict=True):
+            self.weights[one.number] = huber_weight(float(off), scale)
+
+    def step(self, run: Run, free: list[int], keep: Array | None = None) -> Array:
+        """(8,) the change that a run asks for; ``keep`` (M,) are the rows to use."""
+        rows = slice(None) if keep is None else keep
+        slope, error = run.slope[rows][:, free], run.error[rows]
+        prior = PRIOR_SIGMA[free] ** -2
+        off = run.values[free] - self.anchor[free]
+        change = np.zeros(len(PARAMETERS))
+        information = slope.T @ slope + np.diag(prior)
+        change[free] = -np.linalg.solve(information, slope.T @ error + prior * off)
+        return change
+
+    def scale(self, run: Run, free: list[int]) -> Array:
+        """(8,) changes that matter: LIMITS, or the sigma of what is less certain."""
+        found = LIMITS.copy()
+        found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
+        return found
+
+    def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> Run:
+        """The run at the values that no step changes any more, or after so many steps."""
+        for _ in range(most):
+            run = self.run(values, floors)
+            self.weigh(run)
+            change = self.step(run, free)
+            if np.max(np.abs(change / self.scale(run, free))) < _SETTLED:
+                break
+            change /= max(1.0, float(np.max(np.abs(change) / _LARGEST_STEP)))
+            values = values + change
+        return self.run(values, floors)
+
+
+def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -> AircraftFit:
+    """Fit all that the flight can tell but what is in ``hold``.
+
+    Raises CalibrationError where it cannot tell anything, or the fit does not settle.
+    """
+    first = values_of_config(runs.config)
+    untold = _absent(runs)
+    search = _Search(runs, first, heard)
+    start = started(search.run, runs, first, "baseline_azimuth" in hold or AZIMUTH in untold)
+    search.anchor = start
+    free = [k for k in range(len(PARAMETERS)) if k not in untold and PARAMETERS[k] not in hold]
+    usual = [k for k in free if k != ELEVATION]
+    values = np.where(np.isin(np.arange(len(first)), usual), start, first)
+    for floors, most in _COARSE:
+        values = search.settled(values, usual, floors, most).values
+    run = search.settled(values, usual, Floors(), _MOST_STEPS)
+    if ELEVATION in free and not _elevation_is_told(search, run, free):
+        free.remove(ELEVATION)
+        untold[ELEVATION] = _advised(ELEVATION, "the flight does not tell it from the others")
+    if ELEVATION in free:
+        run = search.settled(run.values, free, Floors(), _MOST_STEPS)
+    _check_settled(search, run, free)
+    sigma, left_out = _sigma(search, run, free)
+    why_not = _why_not(run, free, sigma)
+    told = [k for k in free if k not in why_not]
+    untold |= {k: _advised(k, why) for k, why in why_not.items()}
+    return AircraftFit(
+        np.where(np.isin(np.arange(len(first)), told), run.values, first),
+        sigma,
+        left_out,
+        tuple(PARAMETERS[k] for k in told),
+        {PARAMETERS[k]: reason for k, reason in sorted(untold.items())},
+        first,
+        search.run(first, Floors()),
+        run,
+    )
+
+
+def _absent(runs: FlightRuns) -> dict[int, str]:
+    """Parameters of what the bag does not hold."""
+    found = {}
+    if not runs.recorded.has(Source.RTK_VELOCITY):
+        found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
+    if not runs.recorded.has(Source.RTK_HEADING):
+        found |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
+    return found
+
+
+def _advised(k: int, why: str) -> str:
+    return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
+
+
+def _why_not(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
+    """The parameters that the flight does not tell, and why.
+
+    They stay in the fit all the same, as unknown: what is held at a wrong value would make the
+    others wrong with a small sigma.
+    """
+    motion = not_flown(run)
+    found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
+    poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
+    return found | {k: f"known to {_shown(k, sigma[k])} only" for k in poor}
+
+
+def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
+    change, scale = search.step(run, free), search.scale(run, free)
+    if free and np.max(np.abs(change / scale)) > 1.0:
+        raise CalibrationError(
+            "the fit does not settle: are the topics those of one aircraft, and the IMU's axes "
+            "those of base_link?"
+        )
+
+
+def _shown(k: int, sigma: float) -> str:
+    if k in (AZIMUTH, ELEVATION):
+        return f"{math.degrees(sigma):.2g} deg"
+    return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
+
+
+def _elevation_is_told(search: _Search, run: Run, free: list[int]) -> bool:
+    """Whether the elevation costs the others little, or surely is not as it is held."""
+    others = [k for k in free if k != ELEVATION]
+    alone, _ = _sigma(search, run, others)
+    beside, _ = _sigma(search, run, free)
+    if not beside[ELEVATION] <= LIMITS[ELEVATION]:
+        return False
+    if np.all(beside[others] <= _MOST_COST * alone[others]):
+        return True
+    return bool(abs(search.step(run, free)[ELEVATION]) > _SURE_SIGMAS * beside[ELEVATION])
+
+
+def _covariance(run: Run, free: list[int]) -> Array:
+    """(p, p) of the free parameters, if the filter is right."""
+    slope = run.slope[:, free]
+    return np.asarray(np.linalg.inv(slope.T @ slope + np.diag(PRIOR_SIGMA[free] ** -2)))
+
+
+def _sigma(search: _Search, run: Run, free: list[int]) -> tuple[Array, Array]:
+    """Standard deviations and changes without a part, each (8,); nan where held.
+
+    The larger of what the information says, enlarged where the innovations are larger than
+    foreseen, and what the flight's parts differ by (the jackknife).
+    """
+    sigma, left_out = np.full((2, len(PARAMETERS)), np.nan)
+    if not free:
+        return sigma, left_out
+    foreseen = _covariance(run, free).diagonal() * max(1.0, float(np.mean(run.error**2)))
+    part = np.minimum((PARTS * run.row_ns / (run.row_ns.max() + 1)).astype(int), PARTS - 1)
+    changes = np.array([search.step(run, free, part != k)[free] for k in range(PARTS)])
+    jackknife = (PARTS - 1) * np.var(changes, axis=0)
+    sigma[free] = np.sqrt(np.maximum(foreseen, jackknife))
+    left_out[free] = np.sqrt(np.mean(changes**2, axis=0))
+    return sigma, left_out

@@ -1,0 +1,136 @@
+"""What a flight tells of its aircraft, and how that goes into the filter and its samples.
+
+A set of values is a vector (8,) in the order of PARAMETERS: m, rad and s. The antenna is counted
+from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose
+and ``elevation`` upwards; the delays are counted from the IMU's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
+
+PARAMETERS = (
+    "antenna_forward",
+    "antenna_left",
+    "antenna_up",
+    "baseline_azimuth",
+    "baseline_elevation",
+    "position_delay",
+    "velocity_delay",
+    "heading_delay",
+)
+ANTENNA, DIRECTION, AZIMUTH, ELEVATION = slice(0, 3), slice(3, 5), 3, 4
+#: Where the delay of a source stands.
+DELAYS = {Source.RTK_POSITION: 5, Source.RTK_VELOCITY: 6, Source.RTK_HEADING: 7}
+#: A larger standard deviation than this, and a flight has not told the parameter.
+LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), math.radians(1.0), 0.01, 0.01, 0.01])
+#: What is believed of each before the flight: enough to keep the unseen where it is.
+PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), math.radians(10), 0.5, 0.5, 0.5])
+
+
+class Floors(NamedTuple):
+    """Standard deviations below which no measurement is believed."""
+
+    position_m: float = 0.0
+    velocity_m_s: float = 0.0
+    heading_rad: float = 0.0
+
+
+def values_of_config(config: EkfConfig) -> Array:
+    """(8,) what the parameters say; delays less the IMU's own."""
+    x, y, z = Baseline.from_config(config.aircraft).direction_b
+    lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
+    delays_s = np.array(_delays_s(config)) - imu_delay_s(config)
+    return np.array([*lever_m, math.atan2(y, x), -math.asin(z), *delays_s])
+
+
+def _delays_s(config: EkfConfig) -> tuple[float, float, float]:
+    """Of positions, velocities and headings, as ``Navigation`` takes them off."""
+    position_s = config.rtk.delay_s
+    heading_s = getattr(config.heading, "delay_s", math.nan)
+    return (
+        position_s,
+        position_s + getattr(config.rtk, "velocity_delay_s", 0.0),
+        position_s if math.isnan(heading_s) else heading_s,
+    )
+
+
+def imu_delay_s(config: EkfConfig) -> float:
+    """The IMU's delay, from which the others are counted."""
+    return float(getattr(config.imu, "delay_s", 0.0))
+
+
+def reported_direction_rad(config: EkfConfig) -> float:
+    """The baseline's azimuth in the body that had been taken off the headings of the bag."""
+    return -Baseline.from_config(config.aircraft).reported_less_azimuth_rad
+
+
+def direction_b(azimuth_rad: float, elevation_rad: float) -> Vector:
+    """The baseline's unit vector, FRD."""
+    level = math.cos(elevation_rad)
+    return (
+        level * math.cos(azimuth_rad),
+        level * math.sin(azimuth_rad),
+        -math.sin(elevation_rad),
+    )
+
+
+def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
+    """The filter's parameters with values in them, for samples that are ``restamped``."""
+    antenna_m = values[ANTENNA]
+    second_m = antenna_m + flu_from_frd(np.array(direction_b(*values[DIRECTION].tolist())))
+    rtk, heading = config.rtk, config.heading
+    return replace(
+        config,
+        position_update="fused",
+        aircraft=AircraftConfig(
+            rtk_antenna_m=tuple(antenna_m.tolist()),
+            rtk_antenna_sigma_m=(0.0, 0.0, 0.0),
+            second_antenna_m=tuple(second_m.tolist()),
+        ),
+        rtk=replace(
+            rtk,
+            median_window=1,
+            delay_s=0.0,
+            position_sigma_floor_m=max(rtk.position_sigma_floor_m, floors.position_m),
+            velocity_sigma_floor_m_s=max(rtk.velocity_sigma_floor_m_s, floors.velocity_m_s),
+        ),
+        heading=replace(
+            heading,
+            resolution_deg=0.0,
+            bias_sigma_deg=0.0,
+            sigma_floor_deg=max(heading.sigma_floor_deg, math.degrees(floors.heading_rad)),
+        ),
+    )
+
+
+def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> list[Aiding]:
+    """Measurements at the time when they were made.
+
+    The headings are those that had come out with the values' direction of the baseline in place of
+    ``reported_rad``.
+    """
+    delays_ns = {source: round(float(values[k]) * 1e9) for source, k in DELAYS.items()}
+    turn_rad = reported_rad - float(values[AZIMUTH])
+    found: list[Aiding] = []
+    for sample in aids:
+        stamp_ns = sample.stamp_ns - delays_ns[source_of(sample)]
+        if isinstance(sample, HeadingSample):
+            heading_rad = sample.heading_rad + turn_rad
+            found.append(replace(sample, stamp_ns=stamp_ns, heading_rad=heading_rad))
+        else:
+            found.append(replace(sample, stamp_ns=stamp_ns))
+    return found

@@ -1,0 +1,194 @@
+"""The filter over a whole flight without gates: its innovations made white, and their slopes.
+
+Prediction errors and their slopes by parameters (Ljung, System Identification, 2nd ed., chapter
+7), for the steady set of measurements that an estimate of the parameters needs: nothing is refused
+or reset, an outlier has its noise enlarged by a weight. A parameter enters a measurement at once,
+and through the state that earlier measurements have moved:
+
+    d innovation = direct - H d state,    d state' = transition (d state + gain d innovation)
+
+so that one run of the filter gives the slopes by all parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.aircraft_calibration.parameters import (
+    ANTENNA,
+    AZIMUTH,
+    DELAYS,
+    ELEVATION,
+    PARAMETERS,
+    direction_b,
+)
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.axes import FLU_FRD
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
+from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
+from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, Fused
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.delayed_measurements import Carried
+from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
+from tirgeo_ros.core.navigation.kalman import update
+from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+_NO_GATE = 1e6
+_STEP_RAD = 1e-5  # of differences of closed forms
+_STEP_S = 1e-4
+
+
+class Reading(NamedTuple):
+    """What belongs to one measurement: its place among all, and the IMU's about its time."""
+
+    number: int
+    weight: float  # of the measurement: its noise is taken 1 / weight times as large
+    force_b: Array  # (3,) m/s2, mean over some readings
+    rate_b: Array  # (3,) rad/s
+    turning_b: Array  # (3,) rad/s2, the rate's change
+
+
+class White(NamedTuple):
+    """One measurement's innovation, m = 1 or 3 entries."""
+
+    number: int
+    source: Source
+    stamp_ns: int
+    innovation: Array  # (m,) m, m/s or rad
+    error: Array  # (m,) the same made white, of unit variance if the filter is right
+    slope: Array  # (m, 8) of ``error`` by PARAMETERS
+
+
+class FollowedMechanisation(Mechanisation):
+    """Keeps what the error states' motion amounts to since it was last asked."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
+        self._motion = np.eye(states_of(config))
+
+    def followed(self, carried: Carried) -> Carried:
+        """As the mechanisation's."""
+        found = super().followed(carried)
+        if found is not carried:
+            self._motion = self._propagation.transition @ self._motion
+        return found
+
+    def taken(self) -> Array:
+        """(n, n) the transition since the last call."""
+        found, self._motion = self._motion, np.eye(len(self._motion))
+        return found
+
+
+class WhiteningFusion(Fusion):
+    """Fuses every measurement and keeps its innovation in ``white``."""
+
+    def __init__(
+        self,
+        config: EkfConfig,
+        values: Array,
+        mechanisation: FollowedMechanisation,
+        readings: Mapping[tuple[Source, int], Reading],
+    ) -> None:
+        super().__init__(config)
+        self._values = values
+        self._mechanisation = mechanisation
+        self._readings = readings
+        self._moved = np.zeros((states_of(config), len(PARAMETERS)))
+        self.white: list[White] = []
+
+    def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:  # noqa: ARG002
+        """The belief with a measurement in it, whatever it says."""
+        state, covariance, control = belief
+        reading = self._readings[aid.source, aid.stamp_ns]
+        plain = aid.measurement
+        measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
+        ratio, error, updated, predicted = update(covariance, measurement)
+        if error is None or updated is None:
+            verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
+            return Fused(verdict, belief)
+        spread = predicted + measurement.noise
+        design, innovation = measurement.design, measurement.innovation
+        moved = self._mechanisation.taken() @ self._moved
+        slope = self._at_once(aid.source, state, reading) - design @ moved
+        gain = np.linalg.solve(spread, design @ covariance).T
+        self._moved = moved + gain @ slope
+        root = np.linalg.cholesky(spread)
+        whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
+        self.white.append(
+            White(
+                reading.number,
+                aid.source,
+                aid.stamp_ns,
+                innovation,
+                whitened[:, 0],
+                whitened[:, 1:],
+            )
+        )
+        track = control.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
+        control = control.with_track(aid.source, track)
+        verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
+        return Fused(verdict, Belief(feedback(state, error), updated, control))
+
+    def _at_once(self, source: Source, state: NavState, reading: Reading) -> Array:
+        """(m, 8) what each parameter does to an innovation at once."""
+        rotation = matrix_from_quat(np.array(state.q_nb))
+        rate_b = reading.rate_b - np.array(state.gyro_bias_b)
+        if source is Source.RTK_HEADING:
+            return self._heading_at_once(rotation, rate_b)
+        lever_b = FLU_FRD @ self._values[ANTENNA]
+        found = np.zeros((3, len(PARAMETERS)))
+        if source is Source.RTK_POSITION:
+            found[:, ANTENNA] = -rotation @ FLU_FRD
+            moving_n = np.array(state.velocity_n) + rotation @ np.cross(rate_b, lever_b)
+        else:
+            found[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
+            moving_n = self._acceleration_n(rotation, state, reading, rate_b, lever_b)
+        found[:, DELAYS[source]] = moving_n
+        return found
+
+    @staticmethod
+    def _acceleration_n(
+        rotation: Array, state: NavState, reading: Reading, rate_b: Array, lever_b: Array
+    ) -> Array:
+        """(3,) of the antenna, m/s2, but for the earth's turning."""
+        swing_b = np.cross(rate_b, np.cross(rate_b, lever_b)) + np.cross(
+            reading.turning_b, lever_b
+        )
+        force_b = reading.force_b - np.array(state.accel_bias_b)
+        gravity = gravity_down(state.latitude_rad, state.height_m)
+        return np.asarray(rotation @ (force_b + swing_b) + [0.0, 0.0, gravity])
+
+    def _heading_at_once(self, rotation: Array, rate_b: Array) -> Array:
+        angles = float(self._values[AZIMUTH]), float(self._values[ELEVATION])
+
+        def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:
+            u_b = np.array(direction_b(azimuth_rad, elevation_rad))
+            u_b = u_b + after_s * np.cross(rate_b, u_b)
+            return azimuth(tuple((rotation @ u_b).tolist()))
+
+        here = turned(*angles, 0.0)
+        found = np.zeros((1, len(PARAMETERS)))
+        found[0, AZIMUTH] = -wrapped(turned(angles[0] + _STEP_RAD, angles[1], 0.0) - here)
+        found[0, ELEVATION] = -wrapped(turned(angles[0], angles[1] + _STEP_RAD, 0.0) - here)
+        found[0, :] /= _STEP_RAD
+        found[0, DELAYS[Source.RTK_HEADING]] = wrapped(turned(*angles, _STEP_S) - here) / _STEP_S
+        return found
+
+
+def squared(white: White) -> float:
+    """The normalised square of an innovation over its degrees of freedom; 1 is expected."""
+    return float(white.error @ white.error) / len(white.error)
+
+
+def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
+    """The weight of an innovation of ``off`` sigmas, with the usual ``scale`` of them (Huber)."""
+    off /= scale
+    return 1.0 if off <= limit else limit / off

@@ -1,0 +1,1 @@
+"""Estimate parameters of sensors from recordings."""

@@ -1,0 +1,1 @@
+"""Estimate an IMU's noise from records at rest (Allan variance) and in flight (spectra)."""

@@ -1,0 +1,83 @@
+"""Lines in the spectrum of an IMU at rest: motors, fans, mains, whatever shakes it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
+from tirgeo_ros.core.calibration.allan.sample_grid import Piece
+from tirgeo_ros.core.types.arrays import Array
+
+_SIZE = 2048
+_PRESENT = 0.99
+_AROUND = 32  # bins to either side that tell the floor below a line
+_FIRST_BIN = 8  # below it flicker noise rises too fast to tell a floor
+_WIDTH = 2  # bins that the Hann window spreads a line over
+_OVER_FLOOR = 2.0
+_SIGMAS = 8.0  # with 12000 places to look at, noise alone reaches 5
+_MOST = 5
+
+
+class Line(NamedTuple):
+    """A vibration of one channel."""
+
+    channel: int
+    frequency_hz: float
+    amplitude: float  # in the unit of the channel
+
+
+class SpectrumStream:
+    """Power spectrum of a record by the method of Welch: Hann windows, side by side."""
+
+    def __init__(self, step_ns: float) -> None:
+        self._blocks = SampleBlocks(_SIZE, step_ns)
+        self._step_s = step_ns * 1e-9
+        self._window = np.hanning(_SIZE + 1)[:-1, None]
+        self._power: Array = np.zeros((_SIZE // 2 + 1, 0))
+        self._number = 0
+
+    def add(self, piece: Piece) -> None:
+        """Take in consecutive slots; a block of which more than a hundredth lacks is passed by."""
+        for _, sums, counts in self._blocks.add(piece):
+            there = counts > 0
+            if there.mean() < _PRESENT:
+                continue
+            values = sums / np.maximum(counts, 1)[:, None]
+            values = np.where(there[:, None], values - values[there].mean(axis=0), 0.0)
+            spectrum = np.fft.rfft(values * self._window, axis=0)
+            power = spectrum.real**2 + spectrum.imag**2
+            self._power = self._power + power if self._number else power
+            self._number += 1
+
+    def lines(self) -> list[Line]:
+        """The strongest lines of each channel, at most five, by frequency."""
+        found: list[Line] = []
+        for channel in range(self._power.shape[1]):
+            found += sorted(self._of(channel)[:_MOST], key=lambda line: line.frequency_hz)
+        return found
+
+    def _of(self, channel: int) -> list[Line]:
+        """Lines of a channel, the strongest first."""
+        power = self._power[:, channel] / self._number
+        padded = np.pad(power, _AROUND, mode="reflect")
+        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1)
+        floor = np.median(around, axis=1)
+        limit = floor * max(_OVER_FLOOR, 1 + _SIGMAS / np.sqrt(self._number))
+        inside = slice(_FIRST_BIN, len(power) - _WIDTH)
+        excess = power - floor
+        peaks = [
+            k
+            for k in (np.flatnonzero(power[inside] > limit[inside]) + _FIRST_BIN).tolist()
+            if power[k] == power[k - _WIDTH : k + _WIDTH + 1].max()
+        ]
+        found = [self._line(channel, k, excess) for k in peaks]
+        return sorted(found, key=lambda line: -line.amplitude)
+
+    def _line(self, channel: int, k: int, excess: Array) -> Line:
+        """Amplitude of the sine that has the power of a peak (Parseval over the window)."""
+        power = excess[k - _WIDTH : k + _WIDTH + 1].clip(0).sum()
+        scale = _SIZE * float((self._window**2).sum())
+        frequency = k / (_SIZE * self._step_s)
+        return Line(channel, frequency, float(2 * np.sqrt(power / scale)))

@@ -1,0 +1,162 @@
+"""Whether a record of an IMU at rest was one: movement, drift and settling, second by second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
+from tirgeo_ros.core.calibration.allan.sample_grid import Piece
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+
+#: Moved is what exceeds so many usual scatters and what hands or wind do at least.
+_SCATTERS = 8.0
+_LEAST = np.array([0.005] * 3 + [0.05] * 3)  # 0.3 deg/s; 0.3 deg of tilt
+_SHAKEN = 3.0  # times the usual scatter within a second
+_FEWEST = 20  # seconds that tell what is usual
+_FEWEST_OF_DRIFT = 120
+_ALL_ALONG_RAD_S = 0.01  # usual change of turning over two seconds: no sensor at rest has it
+_JOIN_S = 5.0  # moved seconds no farther apart make one interval
+_SURE = 5.0  # standard deviations of a slope of white noise
+_STEADY = 0.9  # share of a series' variance that its slope or its settling explains
+_SETTLED_IN = 2.0 ** np.arange(-5, -0.75, 0.25)  # time constants, as shares of the record
+
+
+class Interval(NamedTuple):
+    """From one second of the record to another."""
+
+    from_s: float
+    to_s: float
+
+
+class Seconds(NamedTuple):
+    """Means and scatters of every second of a record."""
+
+    starts_s: Array  # (n,)
+    means: Array  # (n, 6) gyroscope, accelerometer
+    scatters: Array  # (n, 6)
+
+    @staticmethod
+    def none() -> Seconds:
+        """Of a record without any."""
+        return Seconds(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
+
+
+class SecondStream:
+    """Collects the seconds of a record piece by piece."""
+
+    def __init__(self, step_ns: float) -> None:
+        self._size = max(round(1e9 / step_ns), 2)
+        self._blocks = SampleBlocks(self._size, step_ns)
+        self._found: list[Seconds] = []
+
+    def add(self, piece: Piece) -> None:
+        """Take in consecutive slots."""
+        for start_s, sums, counts in self._blocks.add(piece):
+            there = counts > 0
+            if 2 * there.sum() >= len(counts):
+                values = sums[there] / counts[there, None]
+                row = (np.array([start_s]), values.mean(axis=0)[None], values.std(axis=0)[None])
+                self._found.append(Seconds(*row))
+
+    def seconds(self) -> Seconds:
+        """Those of which at least half is there."""
+        if not self._found:
+            return Seconds.none()
+        return Seconds(*(np.concatenate(column) for column in zip(*self._found, strict=True)))
+
+
+def movements(seconds: Seconds) -> list[Interval]:
+    """When the IMU did not lie still: turned, tilted, shaken; slow wander is none."""
+    if len(seconds.starts_s) < _FEWEST:
+        return []
+    moved = np.zeros(len(seconds.starts_s), bool)
+    # From the second before to the second after: an IMU that stays tilted has moved once.
+    jumps = np.abs(seconds.means[2:] - seconds.means[:-2])
+    usual = 1.4826 * np.median(jumps, axis=0)
+    if usual[:3].max() > _ALL_ALONG_RAD_S:  # then nothing stands out
+        return [Interval(float(seconds.starts_s[0]), float(seconds.starts_s[-1]) + 1.0)]
+    moved[1:-1] = (jumps > np.maximum(_SCATTERS * usual, _LEAST)).any(axis=1)
+    limit = np.maximum(_SHAKEN * np.median(seconds.scatters, axis=0), _LEAST)
+    return _intervals(seconds.starts_s[moved | (seconds.scatters > limit).any(axis=1)])
+
+
+def largest_move(seconds: Seconds, found: Sequence[Interval]) -> tuple[float, float]:
+    """By how much the IMU moved in these intervals: rad/s, m/s2; the worst axis of the worst."""
+    moves = [np.zeros(6)]
+    for one in found:
+        # From the second before, for what it turned away from.
+        inside = (seconds.starts_s >= one.from_s - 1.5) & (seconds.starts_s < one.to_s)
+        spread = np.ptp(seconds.means[inside], axis=0)
+        moves.append(np.maximum(spread, seconds.scatters[inside].max(axis=0)))
+    worst = np.max(moves, axis=0)
+    return float(worst[:3].max()), float(worst[3:].max())
+
+
+def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> Interval:
+    """The longest time between movements."""
+    edges = [from_s, *(edge for one in found for edge in one), to_s]
+    rests = [Interval(*edges[i : i + 2]) for i in range(0, len(edges), 2)]
+    return max(rests, key=lambda rest: rest.to_s - rest.from_s)
+
+
+def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
+    """Slope (6,), unit/s, and whether the record drifts steadily along it (6,).
+
+    A warming sensor does. So does one random walk in twenty; the two look alike in one record.
+    """
+    t = seconds.starts_s - seconds.starts_s.mean() if len(seconds.starts_s) else np.zeros(0)
+    if len(t) < _FEWEST_OF_DRIFT:
+        return np.zeros(6), np.zeros(6, bool)
+    slopes, explained, sure = _along(seconds, t)
+    return slopes, (explained > _STEADY) & sure
+
+
+def settlings(seconds: Seconds) -> tuple[Array, BoolArray]:
+    """Change (6,) from first to last second, unit, of what settles, and whether it does (6,).
+
+    A sensor that was switched on settles so: exponentially from the start. Pure random walks do
+    no oftener than they drift steadily, flicker noise does not.
+    """
+    change, settles, best = np.zeros(6), np.zeros(6, bool), np.zeros(6)
+    if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
+        return change, settles
+    t = seconds.starts_s - seconds.starts_s[0]
+    for part in _SETTLED_IN.tolist():
+        shape = -np.exp(-t / (part * t[-1]))
+        shape -= shape.mean()
+        factors, explained, sure = _along(seconds, shape)
+        better = factors**2 * (shape @ shape) > best
+        best = np.where(better, factors**2 * (shape @ shape), best)
+        change = np.where(better, factors * (shape[-1] - shape[0]), change)
+        settles = np.where(better, (explained > _STEADY) & sure, settles)
+    return change, settles
+
+
+def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
+    """Factors (6,) of a shape (n,) of mean zero, and what they are worth.
+
+    That is the share of the minutes' variance that they explain (6,), and whether they are beyond
+    the scatter of the seconds (6,).
+    """
+    factors = shape @ seconds.means / (shape @ shape)
+    minutes = max(len(shape) // 60, 1)
+    part = len(shape) // minutes * minutes
+    series = seconds.means[:part].reshape(minutes, -1, 6).mean(axis=1)
+    line = factors * shape[:part].reshape(minutes, -1).mean(axis=1)[:, None]
+    explained = line.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
+    rest = (seconds.means - shape[:, None] * factors).std(axis=0)
+    return factors, explained, np.abs(factors) * math.sqrt(float(shape @ shape)) > _SURE * rest
+
+
+def _intervals(starts_s: Array) -> list[Interval]:
+    found: list[Interval] = []
+    for start in starts_s.tolist():
+        if found and start - found[-1].to_s <= _JOIN_S:
+            found[-1] = Interval(found[-1].from_s, start + 1.0)
+        else:
+            found.append(Interval(start, start + 1.0))
+    return found

@@ -1,0 +1,1 @@
+"""Estimate a camera's boresight and latency from sightings of surveyed points."""

@@ -1,0 +1,249 @@
+"""Corrections of a boresight and its like from sightings: a robust fit with its covariance.
+
+Gauss-Newton over the pixels' residuals, each weighted with its expected covariance. While it is on
+its way, Cauchy's weights keep wrong clicks from leading it; at the end sightings that are off by
+more than ``MOST_SIGMAS`` are left out, and named.
+
+Errors of a pose last, so that two clicks in one picture know hardly more than one of them. The
+parameters' covariance takes them as a Gauss-Markov process: with H the sum of J' S^-1 J and g a
+sighting's J' S^-1, it is H^-1 (sum of g_i E_ij g_j') H^-1 with E_ij the expected covariance of
+two residuals. Where the residuals are larger than expected it grows with them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Flight, Sight, Sighting, sights
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import CalibrationError
+
+#: What a parameter may be uncertain by (one sigma) and still be called found: rad, s, m. An angle
+#: of 0.3 deg is 0.2 m on the ground 40 m away, and as much as 0.8 deg of roll, which moves what is
+#: 0.35 rad off the axis, near a picture's edge; 20 ms turn as much at 15 deg/s. A turn about the
+#: vertical may be off by more: the yaw found with it makes up for that at the tilts flown.
+LIMITS = np.array([*np.radians([0.8, 0.3, 0.3]), 0.02, *np.radians([0.5, 0.5]), 0.2])
+#: Errors of pose last so long (s): the gimbal's wander a few seconds, the filter's heading longer.
+POSE_ERROR_S = 5.0
+#: Of 2000 good clicks one is farther off by chance (chi-square, two degrees of freedom: 4.5 is
+#: 4e-5 of each).
+MOST_SIGMAS = 4.5
+_MEDIAN_SIGMAS = math.sqrt(2 * math.log(2))  # of the distance of a plane's normal distribution
+_CAUCHY_SIGMAS = 2.4  # 95 % as good as least squares where no click is wrong
+#: A prior so wide (in LIMITS) that it keeps the normal equations solvable and says nothing.
+_PRIOR = 1e-6
+_MOST_STEPS = 30
+#: Steps from here on are halved: the slope by the latency is a mean, which may swing to and fro.
+_DAMPED_FROM = 8
+_SETTLED = 1e-3  # of LIMITS
+#: Beyond this from the present value the poses around a picture are not kept.
+_MOST_LATENCY_S = 0.8
+_LEAST_SHARE = 2 / 3
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What sightings say of the parameters."""
+
+    correction: Array  # (7,) of PARAMETERS from their present values: rad, s, m; 0 where held
+    covariance: Array  # (p, p) of the estimated ones, in their order
+    estimated: tuple[str, ...]
+    used: BoolArray  # (N,) without the sightings that agree with no other
+    before: Array  # (N, 2) residuals, px; nan where the point is not in view
+    after: Array  # (N, 2)
+    noise_factor: float  # residuals over what was expected of them; 1 = as expected
+    by_point: dict[str, Array]  # (7,) the correction without the point's own sightings
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """One standard deviation of each estimated parameter, rad, s or m."""
+        return dict(zip(self.estimated, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+
+class _Normal(NamedTuple):
+    """Normal equations in units of LIMITS, and their parts by sighting."""
+
+    weighted: Array  # (N, p, 2) g: design' S^-1, zero where unused
+    parts: Array  # (N, p, p) g design
+    gradient: Array  # (N, p) g residual
+
+    def solved(self, without: BoolArray | None = None) -> Array:
+        """(p,) the step that all sightings ask for, or all but some."""
+        keep = np.ones(len(self.parts), bool) if without is None else ~without
+        return np.asarray(
+            np.linalg.solve(_regular(self.parts[keep].sum(0)), self.gradient[keep].sum(0))
+        )
+
+
+def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Fit:
+    """Fit the parameters in ``estimated``, in any order; the others stay as they are.
+
+    Raises CalibrationError where the sightings do not agree or lead nowhere.
+    """
+    chosen = _places(estimated)
+    names = tuple(PARAMETERS[k] for k in chosen)
+    start = sights(flight, sightings, np.zeros(len(PARAMETERS)))
+    correction = _robust(flight, sightings, chosen)
+    correction, sight, used = _polished(flight, sightings, chosen, correction)
+    normal = _normal(sight, chosen, used.astype(float))
+    factor = _noise_factor(sight, used, len(chosen))
+    stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
+    covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
+    return Fit(
+        correction,
+        covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
+        names,
+        used,
+        start.residual,
+        sight.residual,
+        factor,
+        _without_each(sightings, correction, normal, chosen),
+    )
+
+
+def foreseen(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Array:
+    """(p, p) the covariance that a fit will have if all residuals are as expected.
+
+    In the order of PARAMETERS; rad, s, m.
+    """
+    chosen = _places(estimated)
+    sight = sights(flight, sightings, np.zeros(len(PARAMETERS)))
+    normal = _normal(sight, chosen, np.isfinite(sight.residual[:, 0]).astype(float))
+    stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
+    return _covariance(sight, normal, stamps_s) * np.outer(LIMITS[chosen], LIMITS[chosen])
+
+
+def _places(names: Sequence[str]) -> list[int]:
+    return sorted(PARAMETERS.index(name) for name in names)
+
+
+def _regular(information: Array) -> Array:
+    return information + _PRIOR * np.eye(len(information))
+
+
+def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
+    """Of the sightings of positive weight (N,)."""
+    use = weights > 0
+    design = np.where(use[:, None, None], sight.design[:, :, chosen] * LIMITS[chosen], 0.0)
+    residual = np.where(use[:, None], sight.residual, 0.0)
+    covariance = np.where(use[:, None, None], sight.covariance, np.eye(2))
+    weighted = weights[:, None, None] * np.swapaxes(np.linalg.solve(covariance, design), 1, 2)
+    return _Normal(weighted, weighted @ design, np.einsum("npi,ni->np", weighted, residual))
+
+
+def _sigmas(sight: Sight) -> Array:
+    """(N,) how far each residual is off, in its own standard deviations; nan where it is not."""
+    seen = np.isfinite(sight.residual[:, 0])
+    covariance = np.where(seen[:, None, None], sight.covariance, np.eye(2))
+    whitened = np.linalg.solve(covariance, sight.residual[:, :, None])[:, :, 0]
+    return np.asarray(np.sqrt((sight.residual * whitened).sum(1)))
+
+
+def _scale(sigmas: Array) -> float:
+    """By how much usual residuals exceed what is expected of them, at least 1.
+
+    Raises CalibrationError where there are none: no point is in view.
+    """
+    if np.isnan(sigmas).all():
+        raise CalibrationError(
+            "no observed point is in view at the pose of its picture: are the stamps those of "
+            "this bag's pictures, and boresight_rpy_deg within some degrees?"
+        )
+    return max(1.0, float(np.nanmedian(sigmas)) / _MEDIAN_SIGMAS)
+
+
+def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) -> Array:
+    """(7,) the correction with Cauchy's weights."""
+    correction = np.zeros(len(PARAMETERS))
+    for k in range(_MOST_STEPS):
+        sight = sights(flight, sightings, correction)
+        sigmas = _sigmas(sight)
+        ratio = sigmas / (_CAUCHY_SIGMAS * _scale(sigmas))
+        weights = np.where(np.isnan(ratio), 0.0, 1 / (1 + ratio**2))
+        step = _normal(sight, chosen, weights).solved() * _share(k)
+        correction[chosen] += step * LIMITS[chosen]
+        _check_latency(flight, correction)
+        if np.abs(step).max() < _SETTLED:
+            return correction
+    raise CalibrationError(
+        "the fit does not settle: do most observations have the right id, stamp and pixel?"
+    )
+
+
+def _polished(
+    flight: Flight, sightings: Sequence[Sighting], chosen: list[int], correction: Array
+) -> tuple[Array, Sight, BoolArray]:
+    """Least squares over the sightings that agree; which those are is settled on the way."""
+    sight = sights(flight, sightings, correction)
+    used = np.zeros(len(sightings), bool)
+    for k in range(_MOST_STEPS):
+        sigmas = _sigmas(sight)
+        agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # not for nan
+        _check_agreement(agree)
+        step = _normal(sight, chosen, agree.astype(float)).solved() * _share(k)
+        correction = correction.copy()
+        correction[chosen] += step * LIMITS[chosen]
+        _check_latency(flight, correction)
+        sight = sights(flight, sightings, correction)
+        settled = np.abs(step).max() < _SETTLED and (agree == used).all()
+        used = agree & np.isfinite(sight.residual[:, 0])
+        if settled:
+            break
+    return correction, sight, used
+
+
+def _share(steps_before: int) -> float:
+    return 1.0 if steps_before < _DAMPED_FROM else 0.5
+
+
+def _check_agreement(agree: BoolArray) -> None:
+    if agree.sum() < _LEAST_SHARE * len(agree):
+        raise CalibrationError(
+            f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
+            "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
+        )
+
+
+def _check_latency(flight: Flight, correction: Array) -> None:
+    change_s = correction[PARAMETERS.index("latency")]
+    if not abs(change_s) <= _MOST_LATENCY_S:
+        raise CalibrationError(
+            f"latency: leads to {flight.latency_s + change_s:.2f} s, beyond all reason; are the "
+            "observations' stamps those of the pictures' headers?"
+        )
+
+
+def _noise_factor(sight: Sight, used: BoolArray, parameters: int) -> float:
+    freedom = max(2 * int(used.sum()) - parameters, 1)
+    return math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
+
+
+def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
+    """(p, p) in units of LIMITS."""
+    inverse = np.linalg.inv(_regular(normal.parts.sum(0)))
+    used = normal.parts.any(axis=(1, 2))
+    weighted, times = normal.weighted[used], stamps_s[used]
+    alike = np.exp(-np.abs(times[:, None] - times) / POSE_ERROR_S)
+    lasting = weighted @ sight.systematic[used]  # (n, p, 6)
+    spread = np.einsum("npi,nqi->pq", lasting, np.tensordot(alike, lasting, 1))
+    spread += (weighted @ sight.noise[used] @ np.swapaxes(weighted, 1, 2)).sum(0)
+    # what the observations leave open the prior alone closes, with its own variance
+    return np.asarray(inverse @ (spread + _PRIOR * np.eye(len(inverse))) @ inverse)
+
+
+def _without_each(
+    sightings: Sequence[Sighting], correction: Array, normal: _Normal, chosen: list[int]
+) -> dict[str, Array]:
+    """By point the correction that the others give: one step from the common one."""
+    names = np.array([one.id for one in sightings])
+    found = {}
+    for name in dict.fromkeys(names.tolist()):
+        other = correction.copy()
+        other[chosen] += normal.solved(names == name) * LIMITS[chosen]
+        found[name] = other
+    return found

@@ -1,0 +1,44 @@
+"""How far off sightings of surveyed points lie on the ground, under a correction of parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, corrected_pose
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.types.arrays import Array
+
+
+def ground_errors(
+    flight: Flight,
+    plane: TangentPlane,
+    sightings: Sequence[Sighting],
+    corrections: Mapping[str, Array],
+) -> Array:
+    """(N, 2) located less surveyed, north and east, m; nan where a pixel meets no ground.
+
+    The ground is level at each point's own height. ``corrections`` (7,) are by the point's id.
+    """
+    return np.array(
+        [_error(flight, plane, seen, corrections[seen.id]) for seen in sightings]
+    ).reshape(-1, 2)
+
+
+def _error(flight: Flight, plane: TangentPlane, seen: Sighting, correction: Array) -> Array:
+    found = corrected_pose(flight, seen.stamp_ns, correction)
+    if found is None:
+        return np.full(2, np.nan)
+    point_n = seen.point_n - [0.0, 0.0, correction[-1]]
+    height_m = float(plane.geodetic_from_ned(point_n)[2])
+    located_n, _ = locate(flight.camera, found[0], seen.uv[None], plane, height_m)
+    return np.asarray(located_n[0, :2] - point_n[:2])
+
+
+def rmse_m(errors: Array) -> float:
+    """Root mean square of horizontal errors (N, 2) that are known; nan without any."""
+    squares = (errors**2).sum(1)
+    return math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan

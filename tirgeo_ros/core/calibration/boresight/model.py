@@ -1,0 +1,205 @@
+"""What a camera's mounting error, the video's latency and their like do to pixels of points.
+
+A surveyed point seen in a picture says where the camera looked. Its residual is the observed pixel
+less the one at which the flight's pose puts the point. Seven parameters move that pixel, each
+counted from what the aircraft's parameters say now:
+
+``roll``, ``pitch``, ``yaw``
+    the mounting error ``boresight_rpy_deg``, about the gimbal's camera axes.
+``latency``
+    the video's: the pose is taken at another instant.
+``gimbal_north``, ``heading_offset``
+    turn the camera about the vertical (the encoder's zero about the body's). What a step of them
+    does to a pose is not modelled but seen: in the poses of the same flight with that step.
+``ground_height``
+    of all points together, against the heights of the aircraft's positioning.
+
+The derivative of the projection by the pose is that of ``core.camera.projection_covariance``;
+all here is a chain rule before it. An observation's expected covariance is that of the click, of
+the survey and of the pose. A pose's error is not white: it lasts, and ``Sight.systematic`` keeps
+it apart.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jacobian
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL, FLU_FRD, flu_from_frd
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_euler,
+    matrix_from_quat,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_from_rotvec,
+    quat_multiply,
+    rotation_y,
+    rotation_z,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
+
+#: In the order of every vector of corrections: rad, s and m.
+PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
+_LATENCY, _GROUND = PARAMETERS.index("latency"), PARAMETERS.index("ground_height")
+#: Of a surveyed point, per axis: an RTK rover's.
+_SURVEY_SIGMA_M = 0.02
+
+#: The camera's pose and motion at an instant (ns), or None where none is known.
+PoseAt = Callable[[int], tuple[CameraPose, CameraRates | None] | None]
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A surveyed point observed in a picture."""
+
+    id: str
+    stamp_ns: int  # of the picture's header
+    uv: Array  # (2,) column and row, px
+    point_n: Array  # (3,) NED in the map's plane, m
+
+
+class Stepped(NamedTuple):
+    """The same flight with one parameter changed."""
+
+    poses: PoseAt
+    step: float  # of the parameter, rad
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight's poses under the present parameters, and those parameters."""
+
+    camera: Camera
+    poses: PoseAt
+    boresight_rpy_rad: Array  # (3,) as configured: about forward, left, up
+    latency_s: float
+    camera_offset_g: Array  # (3,) camera from the pivot, m
+    click_sigma_px: float
+    #: By name of the parameter; what is absent cannot be estimated.
+    stepped: Mapping[str, Stepped]
+    #: In the poses' covariance, of the gimbal's north (rad2): here an unknown, not a noise.
+    north_variance: float = 0.0
+
+
+class Sight(NamedTuple):
+    """One sighting, or N of them, linearised; nan where there is no pose or no projection."""
+
+    residual: Array  # (2,) observed less expected, px
+    design: Array  # (2, 7) of the expected pixel by the parameters, px over rad, s, m
+    noise: Array  # (2, 2) px2, of click and survey
+    systematic: Array  # (2, 6) px: root of the pose's part of the covariance
+
+    @property
+    def covariance(self) -> Array:
+        """(..., 2, 2) of the residual, px2."""
+        return self.noise + self.systematic @ np.swapaxes(self.systematic, -1, -2)
+
+
+_NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 7), (2, 2), (2, 6))))
+
+
+def sights(flight: Flight, sightings: Sequence[Sighting], correction: Array) -> Sight:
+    """All N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
+    each = [_sight(flight, seen, correction) for seen in sightings]
+    return Sight(*(np.array(part) for part in zip(*each, strict=True)))
+
+
+def corrected_pose(
+    flight: Flight, stamp_ns: int, correction: Array
+) -> tuple[CameraPose, Array] | None:
+    """The camera's pose at a picture's exposure under a correction (7,), and its slopes (6, 7).
+
+    The slopes are of position (m) and phi_n (rad) by the parameters. None without a pose there.
+    """
+    exposure_ns = stamp_ns - round((flight.latency_s + correction[_LATENCY]) * 1e9)
+    found = flight.poses(exposure_ns)
+    if found is None:
+        return None
+    pose, rates = found
+    if rates is None:
+        return None
+    slopes = np.zeros((6, len(PARAMETERS)))
+    slopes[:, _LATENCY] = -np.concatenate(rates)
+    for name, stepped in flight.stepped.items():
+        other = stepped.poses(exposure_ns)
+        if other is None:
+            return None
+        slopes[:, PARAMETERS.index(name)] = _apart(pose, other[0]) / stepped.step
+    moved = slopes.copy()
+    moved[:, _LATENCY] = 0  # taken above, by the instant itself
+    return _turned(flight, pose, moved @ correction, correction[:3], slopes)
+
+
+def _apart(pose: CameraPose, other: CameraPose) -> Array:
+    """(6,) position and phi_n that lead from one pose to the other."""
+    turn = quat_multiply(other.q_nc, quat_conjugate(pose.q_nc))
+    return np.concatenate([other.position_n - pose.position_n, rotvec_from_quat(turn)])
+
+
+def _turned(
+    flight: Flight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
+) -> tuple[CameraPose, Array]:
+    """The pose moved by (6,) and mounted anew; fills the boresight's columns of the slopes."""
+    mounted = quat_conjugate(_mounting(tuple(flight.boresight_rpy_rad.tolist()))[0])
+    q_ng = quat_multiply(quat_from_rotvec(move[3:]), quat_multiply(pose.q_nc, mounted))
+    q_gc, axes_g = _mounting(tuple((flight.boresight_rpy_rad + turn_rpy).tolist()))
+    rotation_ng = matrix_from_quat(q_ng)
+    slopes[3:, :3] = rotation_ng @ axes_g
+    covariance = pose.covariance - flight.north_variance * _about_vertical(
+        rotation_ng @ flight.camera_offset_g
+    )
+    found = replace(
+        pose,
+        position_n=pose.position_n + move[:3],
+        q_nc=quat_multiply(q_ng, q_gc),
+        covariance=covariance,
+    )
+    return found, slopes
+
+
+@functools.lru_cache(maxsize=2)  # all sightings of a step share the two: before and now
+def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
+    """``q_gc`` (4,) of a mounting error as configured, and the axes (3, 3) of its three angles.
+
+    The axes are columns in g: a small change of roll, pitch or yaw turns the camera about them.
+    """
+    roll, pitch, yaw = flu_from_frd(np.array(rpy_rad))
+    heading = rotation_z(yaw)
+    axes = np.stack([heading @ rotation_y(pitch)[:, 0], heading[:, 1], [0.0, 0.0, 1.0]], axis=1)
+    q_gc = quat_from_matrix(matrix_from_euler(roll, pitch, yaw) @ BODY_OPTICAL)
+    return q_gc, axes @ FLU_FRD
+
+
+def _about_vertical(offset_n: Array) -> Array:
+    """(6, 6) of a unit turn about down, of a camera so far from its pivot."""
+    north, east, _ = offset_n
+    move = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
+    return np.outer(move, move)
+
+
+def _sight(flight: Flight, seen: Sighting, correction: Array) -> Sight:
+    found = corrected_pose(flight, seen.stamp_ns, correction)
+    if found is None:
+        return _NOTHING
+    pose, slopes = found
+    point_n = seen.point_n - [0.0, 0.0, correction[_GROUND]]
+    by_pose, by_point = (part[0] for part in pixel_jacobian(flight.camera, pose, point_n[None]))
+    uv = flight.camera.project((point_n - pose.position_n) @ matrix_from_quat(pose.q_nc))[0][0]
+    design = by_pose @ slopes
+    design[:, _GROUND] = -by_point[:, 2]
+    noise = flight.click_sigma_px**2 * np.eye(2) + _SURVEY_SIGMA_M**2 * by_point @ by_point.T
+    return Sight(seen.uv - uv, design, noise, by_pose @ _root(pose.covariance))
+
+
+def _root(covariance: Array) -> Array:
+    """The symmetric root (6, 6); a variance that rounding made negative counts as zero."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

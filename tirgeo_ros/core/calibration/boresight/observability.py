@@ -1,0 +1,130 @@
+"""Which parameters a flight's sightings cannot tell apart, why, and what to fly instead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.fit import LIMITS
+from tirgeo_ros.core.calibration.boresight.model import (
+    PARAMETERS,
+    Flight,
+    Sighting,
+    corrected_pose,
+    sights,
+)
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+
+#: With fewer there is no telling a wrong point, or a pose that is off, from a boresight.
+LEAST_POINTS, LEAST_PICTURES = 3, 3
+#: A parameter that nobody asked for is taken in only if all are then so much better known than
+#: LIMITS: what it adds to the others' uncertainty must be small beside the 0.3 deg of it.
+UNASKED_SHARE = 1 / 3
+#: A parameter belongs to what cannot be told apart with such a share of the largest part in it.
+_PART = 0.2
+
+#: A turn of 57 deg that moves nothing by more than a pixel is rounding.
+_IDLE_PX_RAD = 1.0
+
+_OF_NORTH = ("gimbal_north", "heading_offset")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Parameters that turn the picture alike, in this flight."""
+
+    names: tuple[str, ...]
+    reason: str
+    advice: str
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        what = " and ".join([", ".join(self.names[:-1]), self.names[-1]]).removeprefix(" and ")
+        apart = "cannot be told apart" if len(self.names) > 1 else "cannot be found"
+        return f"{what} {apart}: {self.reason}; {self.advice}"
+
+
+def check_numbers(sightings: Sequence[Sighting]) -> None:
+    """Raise CalibrationError where there are too few points or pictures."""
+    points = len({seen.id for seen in sightings})
+    pictures = len({seen.stamp_ns for seen in sightings})
+    if points < LEAST_POINTS or pictures < LEAST_PICTURES:
+        raise CalibrationError(
+            f"{points} surveyed points in {pictures} pictures with a pose: it takes "
+            f"{LEAST_POINTS} points and {LEAST_PICTURES} pictures at least, better 20 points in "
+            "three pictures each, all over the picture and the flight"
+        )
+
+
+def doubt(
+    flight: Flight,
+    sightings: Sequence[Sighting],
+    estimated: Sequence[str],
+    covariance: Array,
+    share: float = 1.0,
+) -> Doubt | None:
+    """What a covariance (p, p) of estimated parameters leaves open; None where all are told.
+
+    They are told where each standard deviation is within ``share`` of LIMITS.
+    """
+    names = [name for name in PARAMETERS if name in estimated]
+    limits = LIMITS[[PARAMETERS.index(name) for name in names]] * share
+    relative = covariance / np.outer(limits, limits)
+    if (np.diag(relative) <= 1).all():
+        return None
+    idle = _idle(flight, sightings, names)
+    if idle:
+        reason = "nothing that this flight's poses are made of depends on it"
+        return Doubt(idle, reason, f"leave out {', '.join(idle)}")
+    worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
+    alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
+    return Doubt(alike, *_explained(alike, flight, sightings))
+
+
+def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -> tuple[str, ...]:
+    """Turns about the vertical that turn nothing, as the offset of a heading that is not used."""
+    design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
+    turns = [name for name in _OF_NORTH if name in names]
+    moves = {name: np.abs(design[:, :, PARAMETERS.index(name)]).max() for name in turns}
+    return tuple(name for name, most in moves.items() if most < _IDLE_PX_RAD)
+
+
+def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sighting]) -> list[str]:
+    """Why, and what to do."""
+    if all(name in alike for name in _OF_NORTH):
+        return ["both turn the camera about the vertical", "estimate one of them"]
+    for name in _OF_NORTH:
+        if name in alike:
+            tilt = math.degrees(np.ptp(_tilts(flight, sightings)))
+            return [
+                f"the camera's tilt varied by {tilt:.1f} deg",
+                f"fly with at least two tilts 20 deg apart, or --hold {name}",
+            ]
+    if "ground_height" in alike:
+        return [
+            "the points are seen from about the same height and angle",
+            "fly at two heights or two tilts, or --hold ground_height",
+        ]
+    if "latency" in alike:
+        return [
+            "the camera moved alike in all pictures, or hardly",
+            "fly legs in several directions and click in turns too, or --hold latency",
+        ]
+    wide, high = np.ptp(np.array([seen.uv for seen in sightings]), axis=0)
+    return [
+        f"{len(sightings)} observations over {wide:.0f} x {high:.0f} px are not enough",
+        "click more points in more pictures, all over the picture",
+    ]
+
+
+def _tilts(flight: Flight, sightings: Sequence[Sighting]) -> Array:
+    """How far below the horizon the camera looks at each picture with a pose, rad."""
+    present = np.zeros(len(PARAMETERS))
+    found = (corrected_pose(flight, seen.stamp_ns, present) for seen in sightings)
+    axes_n = [matrix_from_quat(one[0].q_nc)[:, 2] for one in found if one is not None]
+    return np.arcsin(np.clip(np.array(axes_n)[:, 2], -1, 1))

@@ -1,0 +1,174 @@
+"""Where a checkerboard stands before a calibrated camera, from picture to picture of a video.
+
+A plane has two poses that explain a weak picture of it about equally well (Collins and Bartoli,
+Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not tell, the pose
+nearer to the last one is taken. A board looks the same after half a turn; the end from which its
+corners are counted is that of the picture before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
+from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import euler_from_matrix
+from tirgeo_ros.core.types.arrays import Array
+
+#: The worse pose of two is out if its squared errors, over their variance, are more by this:
+#: three standard deviations.
+_CLEAR = 9.0
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+class BoardPose(NamedTuple):
+    """A board before a camera."""
+
+    rotation_cb: Array  # (3, 3) board to optical frame
+    position_c: Array  # (3,) m, the board's first corner
+    rms_px: float  # of the corners' distances
+    covariance: Array  # (3, 3) rad^2 of the rotation, about the optical frame's axes
+
+
+def board_poses(sighting: Sighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
+    """The poses that a sighting allows, the better one first; none where there is no solution."""
+    found = [_pose(sighting, board, camera, *one) for one in _solutions(sighting, board, camera)]
+    return sorted((pose for pose in found if pose is not None), key=lambda pose: pose.rms_px)
+
+
+def _solutions(
+    sighting: Sighting, board: Checkerboard, camera: Camera
+) -> Iterator[tuple[Array, Array]]:
+    """Rotations (3, 3) and positions (3,) of least squares, each from another beginning."""
+    seen = np.ascontiguousarray(sighting.corners_px)
+    given = board.points_m, seen, camera.matrix, np.array(camera.distortion or (0.0,) * 4)
+    for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):
+        try:
+            _, turns, places, _ = cv2.solvePnPGeneric(*given, flags=method)
+            refined = [
+                cv2.solvePnPRefineLM(*given, turn, place)
+                for turn, place in zip(turns, places, strict=True)
+                if np.isfinite([turn, place]).all()
+            ]
+        except cv2.error:
+            continue
+        yield from ((rotation_of(t), np.asarray(p, float).ravel()) for t, p in refined)
+        if refined:
+            return  # the first has no answer, or none but nan, for some boards seen straight on
+
+
+def _pose(
+    sighting: Sighting, board: Checkerboard, camera: Camera, rotation: Array, position: Array
+) -> BoardPose | None:
+    """A solution with its errors, through the camera's own model."""
+    uv, valid = camera.project(board.points_m @ rotation.T + position)
+    if not valid.all():
+        return None
+    errors = sighting.corners_px - uv
+    rms = float(np.sqrt((errors**2).sum(1).mean()))
+    covariance = _covariance(board.points_m @ rotation.T, position, camera, errors)
+    return BoardPose(rotation, position, rms, covariance)
+
+
+def _covariance(arms_c: Array, position_c: Array, camera: Camera, errors: Array) -> Array:
+    """(3, 3) of the rotation, with the variance that the corners' errors show."""
+    x, y, z = (arms_c + position_c).T
+    xx, xy, yx, yy = camera.slopes(x / z, y / z)
+    to_plane = np.zeros((len(z), 2, 3))
+    to_plane[:, 0, 0] = to_plane[:, 1, 1] = 1 / z
+    to_plane[:, 0, 2], to_plane[:, 1, 2] = -x / z**2, -y / z**2
+    lens = np.stack([np.stack([xx, xy], -1), np.stack([yx, yy], -1)], 1)
+    by_place = lens @ to_plane
+    by_turn = np.cross(arms_c[:, None], by_place)  # d(point) = phi x arm
+    slopes = np.concatenate([by_turn, by_place], 2).reshape(-1, 6)
+    normal = slopes.T @ slopes
+    scale = 1 / np.sqrt(np.diag(normal))
+    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
+    inverse *= np.outer(scale, scale)
+    return np.asarray(inverse[:3, :3] * (errors**2).sum() / max(errors.size - 6, 1))
+
+
+class BoardTracker:
+    """The poses of one fixed board over a video; knows the last one."""
+
+    def __init__(self, board: Checkerboard, camera: Camera) -> None:
+        self._board, self._camera = board, camera
+        self._last: Array | None = None
+        self._turned: Array = np.eye(3)
+        self._dark_first = False
+
+    def pose(self, sighting: Sighting) -> BoardPose | None:
+        """The board's pose, in a frame that is upright in the first picture; None without one.
+
+        x of the frame then goes right, as near as the board's sides allow, y down, z away.
+        """
+        poses = [
+            pose._replace(rotation_cb=pose.rotation_cb @ turn)
+            for pose in board_poses(sighting, self._board, self._camera)
+            for turn in self._turns(sighting)
+        ]
+        if not poses:
+            return None
+        if self._last is None:
+            return self._first(poses[0], sighting)
+        last = self._last
+        allowed = self._allowed(poses)
+        best = min(allowed, key=lambda pose: -float(np.trace(last.T @ pose.rotation_cb)))
+        self._last = best.rotation_cb
+        return best
+
+    def _turns(self, sighting: Sighting) -> list[Array]:
+        """From the frame of the track to that of the corners, as they can have been counted."""
+        board, half = self._board, _QUARTER @ _QUARTER
+        if self._last is None:
+            return [np.eye(3)]
+        if board.columns == board.rows:
+            turns = [np.eye(3), _QUARTER, half, _QUARTER.T]
+        elif (board.columns + board.rows) % 2:
+            # After half a turn dark is where light was: the squares tell.
+            turns = [np.eye(3) if sighting.dark_first == self._dark_first else half]
+        else:
+            turns = [np.eye(3), half]
+        return [turn @ self._turned for turn in turns]
+
+    def _first(self, pose: BoardPose, sighting: Sighting) -> BoardPose:
+        turns = [np.linalg.matrix_power(_QUARTER, number) for number in range(4)]
+        self._turned = max(turns, key=lambda turn: float((pose.rotation_cb @ turn)[0, 0]))
+        self._dark_first = sighting.dark_first
+        self._last = pose.rotation_cb @ self._turned
+        return pose._replace(rotation_cb=self._last)
+
+    def _allowed(self, poses: list[BoardPose]) -> list[BoardPose]:
+        """The poses that are not clearly worse than the best."""
+        count = self._board.count
+        best = min(pose.rms_px for pose in poses)
+        variance = max(best**2 * count / max(2 * count - 6, 1), 1e-12)
+        return [p for p in poses if (p.rms_px**2 - best**2) * count <= _CLEAR * variance]
+
+
+def camera_angles(pose: BoardPose) -> tuple[Array, Array]:
+    """Roll, pitch, yaw (3,) rad of the camera body against the board, and their sigma (3,).
+
+    All are zero where the camera looks along the board's normal and is upright to it; yaw is
+    positive to the board's right, pitch upwards.
+    """
+    rotation_bc = BODY_OPTICAL @ pose.rotation_cb.T @ BODY_OPTICAL.T
+    angles = euler_from_matrix(rotation_bc)
+    _, pitch, yaw = angles
+    # phi_b = axes @ d(angles) for the z-y-x angles, phi in the board's frame (Groves 2.58).
+    cosine, sine = np.cos(pitch), np.sin(pitch)
+    axes = np.array(
+        [
+            [np.cos(yaw) * cosine, -np.sin(yaw), 0.0],
+            [np.sin(yaw) * cosine, np.cos(yaw), 0.0],
+            [-sine, 0.0, 1.0],
+        ]
+    )
+    turn = np.linalg.pinv(axes) @ rotation_bc @ BODY_OPTICAL
+    return angles, np.asarray(np.sqrt(np.diag(turn @ pose.covariance @ turn.T)))

@@ -1,0 +1,250 @@
+"""A lens from views of a checkerboard (Zhang, A flexible new technique for camera calibration).
+
+OpenCV finds the least squares; what is around them is here: views that do not fit the others
+leave, one by one; and the parameters get a covariance in which every view has its own noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError, CameraError
+
+MODELS = ("plumb_bob", "rational")
+#: Three give the focal lengths and the middle at the least; more are needed to tell a wrong one.
+FEWEST_VIEWS = 4
+#: A view leaves if its error is so many times the median of all, and more than so many pixels.
+_OUTLYING, _OUTLYING_PX = 2.5, 0.15
+_MOST_RMS_PX = 1.0  # that a view may have in any case
+#: The normals of the boards must differ by so much, rad: with less the focal length is a guess.
+_LEAST_TILT_RAD = np.radians(5.0)
+_MOST_FOCAL_SIGMA = 0.02  # of the focal length
+_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """What is estimated: k1 k2 p1 p2, with k3, or all eight of the rational model."""
+
+    model: str = "plumb_bob"
+    k3: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        if self.model not in MODELS:
+            raise CalibrationError(f"model {self.model!r}: use {' or '.join(MODELS)}")
+
+    @property
+    def flags(self) -> int:
+        """OpenCV's flags."""
+        if self.model == "rational":
+            return int(cv2.CALIB_RATIONAL_MODEL)
+        return 0 if self.k3 else int(cv2.CALIB_FIX_K3)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated parameters."""
+        return _NAMES[: 12 if self.model == "rational" else 8 + self.k3]
+
+
+@dataclass(frozen=True)
+class FittedView:
+    """A view that was used."""
+
+    rotation_cb: Array  # (3, 3) board to optical frame
+    position_c: Array  # (3,) m
+    errors_px: Array  # (count, 2) seen minus projected
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of its corners."""
+        return float(np.sqrt((self.errors_px**2).sum(1).mean()))
+
+
+@dataclass(frozen=True)
+class LensFit:
+    """A calibrated lens."""
+
+    camera: Camera
+    names: tuple[str, ...]  # of the parameters
+    values: Array  # (P,)
+    covariance: Array  # (P, P)
+    views: dict[str, FittedView]
+    refused: dict[str, Refused] = field(default_factory=dict)
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) standard deviations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square reprojection error, as OpenCV counts it: of distances."""
+        errors = np.concatenate([view.errors_px for view in self.views.values()])
+        return float(np.sqrt((errors**2).sum(1).mean()))
+
+    @property
+    def mean_px(self) -> float:
+        """Mean reprojection error, as MATLAB counts it: of distances."""
+        errors = np.concatenate([view.errors_px for view in self.views.values()])
+        return float(np.hypot(*errors.T).mean())
+
+    @property
+    def tilt_rad(self) -> float:
+        """How far the normals of the boards differ at most from their mean."""
+        normals = np.array([view.rotation_cb[:, 2] for view in self.views.values()])
+        mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
+        return float(np.arccos(np.clip(normals @ mean, -1, 1)).max())
+
+
+def fit_lens(
+    views: Mapping[str, Sighting],
+    board: Checkerboard,
+    size: tuple[int, int],
+    model: LensModel | None = None,
+) -> LensFit:
+    """Calibrate from sightings in pictures of ``size`` (width, height).
+
+    Raises CalibrationError where the views are too few, or cannot tell the parameters apart.
+    """
+    model = model or LensModel()
+    left = dict(views)
+    refused: dict[str, Refused] = {}
+    while True:
+        _check_count(left, refused)
+        fit = _fitted(left, board, size, model)
+        outlier = _outlier({name: view.rms_px for name, view in fit.views.items()})
+        if outlier is None:
+            break
+        name, refusal = outlier
+        refused[name] = refusal
+        del left[name]
+    _check_told(fit)
+    fit.refused.update(refused)
+    return fit
+
+
+def _check_count(views: Mapping[str, Sighting], refused: Mapping[str, Refused]) -> None:
+    if len(views) < FEWEST_VIEWS:
+        gone = f" after {len(refused)} that do not fit" if refused else ""
+        raise CalibrationError(
+            f"lens: {len(views)} usable views are left{gone}, {FEWEST_VIEWS} are the fewest and "
+            "20 are good; take more, all over the picture, with the board tilted"
+        )
+
+
+def _outlier(rms_px: Mapping[str, float]) -> tuple[str, Refused] | None:
+    name = max(rms_px, key=rms_px.__getitem__)
+    usual = float(np.median(list(rms_px.values())))
+    most = min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX)
+    if rms_px[name] <= most:
+        return None
+    return name, Refused(Reason.OUTLIER, f"error {rms_px[name]:.2f} px, usually {usual:.2f}")
+
+
+def _fitted(
+    views: Mapping[str, Sighting], board: Checkerboard, size: tuple[int, int], model: LensModel
+) -> LensFit:
+    points = board.points_m.astype(np.float32)
+    seen = [view.corners_px.astype(np.float32)[:, None] for view in views.values()]
+    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    try:
+        _, matrix, distortion, turns, places = cv2.calibrateCamera(
+            [points] * len(seen), seen, size, None, None, flags=model.flags, criteria=stop
+        )
+    except cv2.error:
+        raise CalibrationError(
+            "lens: the views have no common solution; take more, with the board tilted"
+        ) from None
+    values = np.array([matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion.ravel()[:8]])
+    poses = [
+        (np.asarray(turn, float), np.asarray(place, float))
+        for turn, place in zip(turns, places, strict=True)
+    ]
+    return _with_covariance(views, board, size, model, values, poses)
+
+
+def _with_covariance(
+    views: Mapping[str, Sighting],
+    board: Checkerboard,
+    size: tuple[int, int],
+    model: LensModel,
+    values: Array,
+    poses: list[tuple[Array, Array]],
+) -> LensFit:
+    count = len(model.names)
+    values = np.concatenate([values, np.zeros(12)])[:count]
+    used: dict[str, FittedView] = {}
+    slopes: list[tuple[Array, Array]] = []
+    matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1]])
+    for (name, view), (turn, place) in zip(views.items(), poses, strict=True):
+        flat, slope = cv2.projectPoints(board.points_m, turn, place, matrix, _padded(values[4:]))
+        errors = view.corners_px - np.asarray(flat).reshape(-1, 2)
+        used[name] = FittedView(rotation_of(turn), place.ravel(), errors)
+        by_all = np.asarray(slope, float)
+        slopes.append((by_all[:, 6 : 6 + count], by_all[:, :6]))
+    errors_px = [view.errors_px.ravel() for view in used.values()]
+    covariance = _covariance(slopes, errors_px)
+    return LensFit(_camera(size, values), model.names, values, covariance, used)
+
+
+def _padded(distortion: Array) -> Array:
+    size = 8 if len(distortion) > 5 else 5
+    return np.concatenate([distortion, np.zeros(size - len(distortion))])
+
+
+def _camera(size: tuple[int, int], values: Array) -> Camera:
+    fx, fy, cx, cy, *distortion = values.tolist()
+    try:
+        return Camera(*size, fx, fy, cx, cy, tuple(distortion))
+    except CameraError as error:
+        raise CalibrationError(
+            f"lens: the views give no usable lens ({error}); take more near the picture's "
+            "corners, or estimate fewer coefficients"
+        ) from None
+
+
+def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Array:
+    """(P, P) of the lens's parameters, the views' poses being unknown too.
+
+    ``slopes`` of a view: derivatives of its coordinates by the lens (M, P), by the pose (M, 6).
+    With weights all one the estimate is H^-1 sum(J^T e); a view's errors have the variance that
+    they show (White, 1980), raised by what the fit has taken of them.
+    """
+    count = slopes[0][0].shape[1]
+    scale = np.sqrt(sum((lens**2).sum(0) for lens, _ in slopes)) + 1e-300
+    total, spread = np.zeros((count, count)), np.zeros((count, count))
+    taken = 6 + count / len(slopes)
+    for (lens, pose), errors in zip(slopes, errors_px, strict=True):
+        unit = np.linalg.qr(pose)[0]
+        free = lens / scale
+        free = free - unit @ (unit.T @ free)  # what no change of the pose can do
+        part = free.T @ free
+        total += part
+        spread += part * (errors @ errors) / max(len(errors) - taken, 1.0)
+    inverse = np.linalg.pinv(total, rcond=1e-15, hermitian=True)
+    covariance = inverse @ spread @ inverse / np.outer(scale, scale)
+    return np.asarray((covariance + covariance.T) / 2)
+
+
+def _check_told(fit: LensFit) -> None:
+    """Refuse what the views cannot tell."""
+    tilt, sigma = fit.tilt_rad, fit.sigma[:2] / fit.values[:2]
+    if tilt < _LEAST_TILT_RAD:
+        raise CalibrationError(
+            f"lens: all views are seen from one side, within {np.degrees(tilt):.0f} deg; the "
+            "focal length cannot be told from the distance: tilt the board by 20 to 45 deg"
+        )
+    if not (sigma < _MOST_FOCAL_SIGMA).all():
+        raise CalibrationError(
+            f"lens: the focal length is known to {100 * sigma.max():.1f} % alone; take more "
+            "views, larger in the picture and with the board tilted by 20 to 45 deg"
+        )

@@ -1,0 +1,70 @@
+"""Which of many views of a checkerboard a calibration takes: sharp ones that differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.types.arrays import Array
+
+#: Views whose corners are nearer than this, root mean square, are one. Of a picture of 640 px it
+#: is three pixels, about what a hand that holds a board still moves.
+_SAME = 3 / 640
+#: A view is blurred beside others that are sharp if it is so many times their median, and more by:
+_BLURRED_TIMES, _BLURRED_PX = 1.8, 0.5
+
+
+def doubtful_views(views: Mapping[str, Sighting], width: int) -> dict[str, Refused]:
+    """Views that are blurred beside the others, and of such as are alike all but the sharpest."""
+    refused = _blurred(views)
+    kept: dict[str, Sighting] = {}
+    for name in _by_sharpness({k: v for k, v in views.items() if k not in refused}):
+        same = [k for k, v in kept.items() if distance_px(v, views[name]) < _SAME * width]
+        if same:
+            refused[name] = Refused(Reason.DUPLICATE, f"nothing has moved since {same[0]}")
+        else:
+            kept[name] = views[name]
+    return refused
+
+
+def _blurred(views: Mapping[str, Sighting]) -> dict[str, Refused]:
+    blurs = {name: float(view.blur_px.max()) for name, view in views.items()}
+    usual = float(np.median(list(blurs.values()))) if blurs else 0.0
+    most = max(_BLURRED_TIMES * usual, usual + _BLURRED_PX)
+    return {
+        name: Refused(Reason.BLURRED, f"edges blurred by {blur:.1f} px, usually {usual:.1f}")
+        for name, blur in blurs.items()
+        if blur > most
+    }
+
+
+def _by_sharpness(views: Mapping[str, Sighting]) -> list[str]:
+    return sorted(views, key=lambda name: (views[name].sigma_px, name))
+
+
+def distance_px(one: Sighting, other: Sighting) -> float:
+    """Root mean square distance of corners, with either end of the board as the first."""
+    a, b = one.corners_px, other.corners_px
+    return float(min(_rms(a - b), _rms(a - b[::-1])))
+
+
+def _rms(off: Array) -> float:
+    return float(np.sqrt((off**2).sum(1).mean()))
+
+
+def most_distinct(views: Mapping[str, Sighting], count: int) -> list[str]:
+    """The names of ``count`` views, each the farthest from those before it; first the sharpest."""
+    left = _by_sharpness(views)
+    if len(left) <= count:
+        return left
+    chosen = [left.pop(0)]
+    away = [distance_px(views[chosen[0]], views[name]) for name in left]
+    while len(chosen) < count:
+        best = int(np.argmax(away))
+        chosen.append(left.pop(best))
+        away.pop(best)
+        newest = views[chosen[-1]]
+        away = [min(old, distance_px(newest, views[n])) for old, n in zip(away, left, strict=True)]
+    return chosen

@@ -1,0 +1,1 @@
+"""Fit polynomials that take pixels of an orthophoto to a plane of metres."""

@@ -1,0 +1,158 @@
+"""Polynomials that take pixels of a picture of the ground to a plane of metres.
+
+Order 1 is affine (3 terms each way), 2 has 6 and 3 has 10, the cubic that Ren et al. 2022 (section
+4.2) laid their orthophoto with. Least squares on coordinates about their mean and of unit size,
+for powers of pixel numbers would take all digits. Between the control points a polynomial is as
+good as its residuals; outside their convex hull it runs away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import CalibrationError
+
+#: Control points that an order needs.
+TERMS = {1: 3, 2: 6, 3: 10}
+_CURVES = {1: "a line", 2: "a line or a conic", 3: "a line, a conic or a cubic"}
+#: Least singular value over the largest of well spread points is above 0.03.
+_DEGENERATE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """Coordinates about ``middle`` in units of ``size``."""
+
+    middle: Array  # (2,)
+    size: float
+
+    def of(self, points: Array) -> Array:
+        return np.asarray((points - self.middle) / self.size)
+
+
+@dataclass(frozen=True, slots=True)
+class PolynomialTransform:
+    """From pixels (column, row) to a plane (x, y, metres); made by ``fit_polynomial``."""
+
+    order: int
+    pixels: _Scale
+    plane: _Scale
+    coefficients: Array  # (terms, 2) between scaled coordinates
+    inverse: Array  # (terms, terms) of the normal matrix
+    hull_px: Array  # (corners, 2) of the control points
+
+    def __call__(self, pixels: Array) -> Array:
+        """(n, 2) metres of pixels (n, 2)."""
+        terms = _terms(self.pixels.of(pixels), self.order)
+        return np.asarray(terms @ self.coefficients * self.plane.size + self.plane.middle)
+
+    def jacobian(self, pixels: Array) -> Array:
+        """(n, 2, 2) metres a pixel: rows x, y; columns column, row."""
+        u, v = self.pixels.of(pixels).T
+        powers = _powers(self.order)
+        zero = np.zeros_like(u)
+        by_u = np.stack([i * u ** (i - 1) * v**j if i else zero for i, j in powers], axis=1)
+        by_v = np.stack([j * u**i * v ** (j - 1) if j else zero for i, j in powers], axis=1)
+        slopes = np.stack([by_u @ self.coefficients, by_v @ self.coefficients], axis=2)
+        return np.asarray(slopes * (self.plane.size / self.pixels.size))
+
+    def leverage(self, pixels: Array) -> Array:
+        """(n,) variance of a place by that of one control point, on either axis."""
+        terms = _terms(self.pixels.of(pixels), self.order)
+        return np.asarray(np.einsum("ij,jk,ik->i", terms, self.inverse, terms))
+
+    def inside(self, pixels: Array) -> BoolArray:
+        """(n,) which pixels lie within the convex hull of the control points, or on its rim."""
+        begin, end = self.hull_px, np.roll(self.hull_px, -1, axis=0)
+        along, to = end - begin, pixels[:, None] - begin
+        cross = along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0]
+        slack = 1e-6 * self.pixels.size * np.hypot(*along.T)
+        found: BoolArray = (cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1)
+        return found
+
+    def folded(self, pixels: Array) -> BoolArray:
+        """(n,) where the polynomial turns the picture over, so that it cannot be right."""
+        signs = np.linalg.det(self.jacobian(pixels))
+        middle = np.linalg.det(self.jacobian(self.pixels.middle[None]))
+        found: BoolArray = signs * np.sign(middle) <= 0
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What is left at the control points (n)."""
+
+    metres: Array  # (n, 2) surveyed less transformed
+    pixels: Array  # (n, 2) the same as columns and rows
+    left_out_m: Array  # (n,) distance where the point itself is not used; inf: not determined then
+    sigma_m: float  # of one coordinate, from the redundancy; NaN without any
+
+    @property
+    def lengths_m(self) -> Array:
+        """(n,) distances."""
+        return np.asarray(np.hypot(*self.metres.T))
+
+    @property
+    def lengths_px(self) -> Array:
+        """(n,) distances in pixels."""
+        return np.asarray(np.hypot(*self.pixels.T))
+
+
+def fit_polynomial(
+    pixels: Array, plane: Array, order: int
+) -> tuple[PolynomialTransform, Residuals]:
+    """From control points: pixels (n, 2) and metres (n, 2).
+
+    Raises CalibrationError for too few points, or points that leave a coefficient open.
+    """
+    needed = TERMS[order]
+    if len(pixels) < needed:
+        raise CalibrationError(
+            f"order {order} needs {needed} control points, not {len(pixels)}; "
+            "measure more or lower --order"
+        )
+    from_scale, to_scale = _scale(pixels), _scale(plane)
+    terms = _terms(from_scale.of(pixels), order)
+    u, singular, vt = np.linalg.svd(terms, full_matrices=False)
+    if singular[-1] < _DEGENERATE * singular[0]:
+        raise CalibrationError(
+            f"the control points lie on {_CURVES[order]}, or twice at one place: order {order} is "
+            "not determined; spread them over the picture or lower --order"
+        )
+    coefficients = vt.T @ ((u.T @ to_scale.of(plane)) / singular[:, None])
+    inverse = (vt.T / singular**2) @ vt
+    hull_px = cv2.convexHull(pixels.astype(np.float32))[:, 0].astype(float)
+    found = PolynomialTransform(order, from_scale, to_scale, coefficients, inverse, hull_px)
+    return found, _residuals(found, pixels, plane)
+
+
+def _residuals(found: PolynomialTransform, pixels: Array, plane: Array) -> Residuals:
+    metres = plane - found(pixels)
+    in_pixels = np.linalg.solve(found.jacobian(pixels), metres[..., None])[..., 0]
+    spare = 1 - found.leverage(pixels)
+    free = len(pixels) - TERMS[found.order]
+    lengths = np.hypot(*metres.T)
+    left_out = np.full(len(pixels), math.inf)
+    np.divide(lengths, spare, out=left_out, where=spare > 1e-9)
+    sigma_m = math.sqrt(float((metres**2).sum()) / (2 * free)) if free else math.nan
+    return Residuals(metres, np.asarray(in_pixels, float), left_out, sigma_m)
+
+
+def _scale(points: Array) -> _Scale:
+    middle = points.mean(axis=0)
+    size = float(np.abs(points - middle).max())
+    return _Scale(middle, size or 1.0)
+
+
+def _powers(order: int) -> list[tuple[int, int]]:
+    return [(total - j, j) for total in range(order + 1) for j in range(total + 1)]
+
+
+def _terms(points: Array, order: int) -> Array:
+    u, v = points.T
+    return np.stack([u**i * v**j for i, j in _powers(order)], axis=1)

@@ -1,0 +1,1 @@
+"""Model a camera: points to pixels, pixels to rays, and their covariances."""

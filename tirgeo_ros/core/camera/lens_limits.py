@@ -1,0 +1,62 @@
+"""How far a camera sees, and the most that its lens bends and enlarges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import Array
+
+#: Lines reach this far beyond the image, so that their cut ends are not seen.
+_BORDER_PX = 8.0
+_EDGE_SAMPLES = 33
+
+
+def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
+    """Left, right, top, bottom of a rectangle on the plane z = 1 that holds the whole image.
+
+    A side of the image that the lens model does not reach is bounded by the model's radius.
+    """
+    u = np.linspace(-0.5 - _BORDER_PX, camera.width - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
+    v = np.linspace(-0.5 - _BORDER_PX, camera.height - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
+    border = [
+        *([(x, y) for x in u for y in (v[0], v[-1])]),
+        *([(x, y) for y in v for x in (u[0], u[-1])]),
+    ]
+    rays = camera.rays(np.array(border))
+    x, y = rays[:, 0], rays[:, 1]
+    radius = camera.max_radius
+    if np.isnan(x).any():
+        return -radius, radius, -radius, radius
+    return float(x.min()), float(x.max()), float(y.min()), float(y.max())
+
+
+def largest_bend(camera: Camera, radius: float) -> float:
+    """Bound of the second derivative of pixels along any straight line of the plane z = 1.
+
+    The norm of all second derivatives, by differences, on rings up to ``radius``.
+    """
+    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
+    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
+    h = 1e-3
+
+    def at(i: int, j: int) -> Array:
+        return camera.pixels(x + i * h, y + j * h)
+
+    xx = at(1, 0) - 2 * at(0, 0) + at(-1, 0)
+    yy = at(0, 1) - 2 * at(0, 0) + at(0, -1)
+    xy = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
+    return float(np.sqrt((xx**2 + 2 * xy**2 + yy**2).sum(axis=0).max()) / (h * h))
+
+
+def largest_scale(camera: Camera, radius: float) -> float:
+    """Bound of the pixels that a small angle between two rays makes, up to ``radius``; px/rad."""
+    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
+    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
+    h = 1e-4
+    by_x = camera.pixels(x + h, y) - camera.pixels(x - h, y)
+    by_y = camera.pixels(x, y + h) - camera.pixels(x, y - h)
+    gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
+    # On the plane z = 1 an angle makes at most 1 + r^2 as much.
+    scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
+    return float(scale.max())

@@ -1,0 +1,297 @@
+"""A camera with a lens: points to pixels and pixels to rays, and how far the lens model holds.
+
+The pinhole camera with Brown's distortion (Ren et al. 2022, Eq. 25-26) or the rational model, in
+OpenCV's order of coefficients. Pixel (0, 0) is the centre of the first pixel, so the image spans
+-0.5 to width - 0.5. A polynomial fitted inside the image means nothing far outside it: it folds
+back or runs away, and a point beside the image would be drawn on it. Each camera therefore knows
+the radius up to which its model holds and gives nothing beyond.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import polynomial as poly
+
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CameraError
+
+T = TypeVar("T", Array, float)
+
+#: Points nearer than this along the optical axis are not projected.
+NEAR_M = 0.1
+
+_BLOCK = 8192  # arrays of this length stay in the processor's cache
+_SIZES = (0, 4, 5, 8)  # none, Brown, Brown with k3, rational
+_WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches further
+_FOLD_MARGIN = 0.98
+_CORNER_MARGIN = 1.1
+_MOST_PIXELS = 1 << 28  # 268 million: the largest camera that flies has 150
+# Far beyond any lens or sensor; what is larger would overflow further on.
+_LARGEST_PX = 1e6
+_LARGEST_COEFFICIENT = 1e9
+#: A model that reaches this many times as far as the farthest corner has an inverse there.
+_TOO_FAR = 2.0
+_TABLE_SIZE = 512
+_NEWTON_STEPS = 5
+_SETTLED = 1e-9  # of a correction: the next one is of the order of its square
+_CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 px
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated camera. Raises CameraError if the calibration cannot be one.
+
+    ``width``, ``height``, ``fx``, ``fy``, ``cx``, ``cy`` in pixels; ``distortion`` is k1, k2, p1,
+    p2, then k3, then k4, k5, k6 (0, 4, 5 or 8 numbers).
+    ``max_radius`` is the distance from the axis, on the plane z = 1, up to which the model holds:
+    98 % of where the lens folds, or 110 % of the farthest corner if that is nearer.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    max_radius: float = field(init=False, compare=False)
+    _k: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _radii: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the calibration and find how far it holds."""
+        self._check()
+        k = (*map(float, self.distortion), *[0.0] * (8 - len(self.distortion)))
+        object.__setattr__(self, "_k", k)
+        reach = min(_FOLD_MARGIN * _fold_radius(k), _WIDEST_RADIUS)
+        self._limit(reach)
+        corner = self._corner_radius()
+        self._check_inverse(corner)
+        self._limit(min(reach, _CORNER_MARGIN * corner))
+        self._check_reach()
+
+    def _check(self) -> None:
+        numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if len(self.distortion) not in _SIZES:
+            raise CameraError(
+                f"camera: {len(self.distortion)} distortion coefficients; give 0, 4 or 5 "
+                "(plumb_bob) or 8 (rational_polynomial)"
+            )
+        if not all(math.isfinite(number) for number in numbers):
+            raise CameraError("camera: the calibration is not finite; calibrate the lens again")
+        large = max(map(abs, (self.fx, self.fy, self.cx, self.cy))) > _LARGEST_PX
+        if large or max(map(abs, self.distortion), default=0.0) > _LARGEST_COEFFICIENT:
+            raise CameraError(
+                "camera: the calibration has impossible numbers; calibrate the lens again"
+            )
+        if self.width * self.height > _MOST_PIXELS:
+            raise CameraError(f"camera: no camera has {self.width}x{self.height} pixels")
+        if min(self.width, self.height) < 1 or min(self.fx, self.fy) <= 0:
+            raise CameraError(
+                f"camera: size {self.width}x{self.height} and focal lengths {self.fx:g}, "
+                f"{self.fy:g} must be positive; is the camera calibrated?"
+            )
+
+    def _check_inverse(self, corner_radius: float) -> None:
+        """Refuse a model that reaches far past the image but cannot be undone in its corners."""
+        farthest = math.hypot(
+            max(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx,
+            max(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy,
+        )
+        if math.isinf(corner_radius) and self._radii[0][-1] > _TOO_FAR * farthest:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} bends too steeply to be undone; "
+                "calibrate the lens again"
+            )
+
+    def _check_reach(self) -> None:
+        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
+        if reach_px < min(self.width, self.height) / 2:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
+                "principal point; calibrate the lens again"
+            )
+
+    def _limit(self, max_radius: float) -> None:
+        """Set how far the model holds, with a table of radius over distorted radius."""
+        radius = np.linspace(0.0, max_radius, _TABLE_SIZE)
+        object.__setattr__(self, "max_radius", float(max_radius))
+        object.__setattr__(self, "_radii", (radius * _radial(self._k, radius**2), radius))
+
+    def _corner_radius(self) -> float:
+        """Radius of the farthest image corner; infinite where the model does not reach it."""
+        right, bottom = self.width - 0.5, self.height - 0.5
+        corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
+        radius = np.hypot(*self.rays(corners)[:, :2].T)
+        return float(radius.max()) if np.isfinite(radius).all() else math.inf
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) the camera matrix K."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def pixels(self, x: Array, y: Array) -> Array:
+        """Points of the plane z = 1, within ``max_radius``, as columns and rows.
+
+        Of any shape; (2, ...).
+        """
+        uv = np.empty((2, *x.shape))
+        for start in range(0, x.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            distorted = _distort(self._k, x[part], y[part])
+            for axis, scale, middle in ((0, self.fx, self.cx), (1, self.fy, self.cy)):
+                np.multiply(distorted[axis], scale, out=uv[axis, part])
+                uv[axis, part] += middle
+        return uv
+
+    def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
+        """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape, or floats."""
+        xx, xy, yy = _slopes(self._k, x, y)
+        return self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
+
+    def project(self, points_c: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Points (N, 3) in the optical frame, m, to pixels (N, 2) and which are valid (N,).
+
+        Points nearer than NEAR_M or beyond ``max_radius`` are not valid, and nan.
+        """
+        x, y, z = np.asarray(points_c, float).reshape(-1, 3).T
+        with np.errstate(invalid="ignore", over="ignore"):
+            ahead = z > NEAR_M
+            depth = np.where(ahead, z, 1.0)
+            x, y = x / depth, y / depth
+            valid = ahead & (x * x + y * y <= self.max_radius**2)
+        uv = np.full((len(z), 2), np.nan)
+        uv[valid, 0], uv[valid, 1] = self.pixels(x[valid], y[valid])
+        return uv, valid
+
+    def rays(self, uv: Array) -> Array:
+        """Pixels (N, 2) to rays (N, 3) in the optical frame, z = 1; nan where there is none.
+
+        The distortion is inverted by Newton's method, begun from the radial part's table.
+        """
+        uv = np.asarray(uv, float).reshape(-1, 2)
+        if len(uv) == 1:
+            return self._ray(*uv[0].tolist())
+        rays = np.ones((len(uv), 3))
+        for start in range(0, len(uv), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            xd, yd = (uv[part, 0] - self.cx) / self.fx, (uv[part, 1] - self.cy) / self.fy
+            rays[part, 0], rays[part, 1] = self._undistort(xd, yd)
+        rays[np.isnan(rays[:, 0])] = np.nan
+        return rays
+
+    def _ray(self, u: float, v: float) -> Array:
+        """``rays`` of one pixel, a click, in floats: a fifth of the time."""
+        xd, yd = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        distorted = math.hypot(xd, yd)
+        shrink = float(np.interp(distorted, *self._radii)) / max(distorted, 1e-300)
+        x, y = xd * shrink, yd * shrink
+        try:
+            for _ in range(_NEWTON_STEPS):
+                dx, dy = _newton_step(self._k, x, y, xd, yd)
+                x, y = x - dx, y - dy
+                if abs(dx) + abs(dy) < _SETTLED:
+                    break
+            got = _distort(self._k, x, y)
+        except ZeroDivisionError:
+            return np.full((1, 3), np.nan)
+        found = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+        found &= x * x + y * y <= self.max_radius**2
+        return np.array([[x, y, 1.0]]) if found else np.full((1, 3), np.nan)
+
+    def _undistort(self, xd: Array, yd: Array) -> tuple[Array, Array]:
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            distorted = np.hypot(xd, yd)
+            shrink = np.interp(distorted, *self._radii) / np.maximum(distorted, 1e-300)
+            x, y = xd * shrink, yd * shrink
+            for _ in range(_NEWTON_STEPS):
+                dx, dy = _newton_step(self._k, x, y, xd, yd)
+                x, y = x - dx, y - dy
+                if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
+                    break
+            got = _distort(self._k, x, y)
+            found = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+            found &= x * x + y * y <= self.max_radius**2
+        return np.where(found, x, np.nan), np.where(found, y, np.nan)
+
+
+def _fold_radius(k: tuple[float, ...]) -> float:
+    """Smallest radius at which the distorted radius stops growing, or has a pole; else infinite.
+
+    With s = r^2 and r_d = r N(s) / D(s): dr_d/dr = ((N + 2 s N') D - 2 s N D') / D^2.
+    """
+    top, bottom = [1.0, k[0], k[1], k[4]], [1.0, k[5], k[6], k[7]]
+    two_s = [0.0, 2.0]
+    rise = poly.polyadd(top, poly.polymul(two_s, poly.polyder(top)))
+    fall = poly.polymul(two_s, poly.polymul(top, poly.polyder(bottom)))
+    slope = poly.polysub(poly.polymul(rise, bottom), fall).astype(float)
+    widest = max(_largest_root(slope), _largest_root(np.array(bottom)))
+    return math.sqrt(1 / widest) if widest > 0 else math.inf
+
+
+def _largest_root(coefficients: Array) -> float:
+    """Largest positive 1 / s at which a polynomial in s is zero, else 0.
+
+    In 1 / s the highest coefficient is the one, so that vanishing ones do no harm.
+    """
+    roots = poly.polyroots(coefficients[::-1])
+    # A curve that only touches zero has a pair of roots with a tiny imaginary part: a fold too.
+    real = np.abs(roots.imag) <= 1e-6 * np.abs(roots)
+    return float(np.max(roots.real[real], initial=0.0))
+
+
+def _radial(k: tuple[float, ...], s: T) -> T:
+    """The radial factor at s = r^2."""
+    k1, k2, _, _, k3, k4, k5, k6 = k
+    top = 1 + s * (k1 + s * (k2 + s * k3 if k3 else k2))
+    return top if k4 == k5 == k6 == 0 else top / (1 + s * (k4 + s * (k5 + s * k6)))
+
+
+def _radial_slope(k: tuple[float, ...], s: T) -> T:
+    """Derivative of the radial factor by s."""
+    k1, k2, _, _, k3, k4, k5, k6 = k
+    top = k1 + s * (2 * k2 + s * (3 * k3))
+    if k4 == k5 == k6 == 0:
+        return top
+    bottom = k4 + s * (2 * k5 + s * (3 * k6))
+    return (top - _radial(k, s) * bottom) / (1 + s * (k4 + s * (k5 + s * k6)))
+
+
+def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
+    """Undistorted to distorted points of the plane z = 1 (Ren et al. 2022, Eq. 25-26)."""
+    p1, p2 = k[2:4]
+    s = x * x
+    s += y * y
+    factor = _radial(k, s)
+    factor += 2 * p1 * y
+    factor += 2 * p2 * x
+    return x * factor + p2 * s, y * factor + p1 * s
+
+
+def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:
+    """The correction that brings the distorted (x, y) to (xd, yd), to first order."""
+    got = _distort(k, x, y)
+    ex, ey = got[0] - xd, got[1] - yd
+    xx, xy, yy = _slopes(k, x, y)
+    determinant = xx * yy - xy * xy
+    return (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
+
+
+def _slopes(k: tuple[float, ...], x: T, y: T) -> tuple[T, T, T]:
+    """Derivatives of the distorted point: dx/dx, dx/dy (which is dy/dx), dy/dy."""
+    p1, p2 = k[2:4]
+    s = x * x + y * y
+    factor, slope = _radial(k, s), _radial_slope(k, s)
+    xx = factor + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x
+    xy = 2 * (slope * x * y + p1 * x + p2 * y)
+    yy = factor + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return xx, xy, yy
+
+
+#: The FLIR XT2's thermal camera (Ren et al. 2022, Table 9).
+XT2 = Camera(640, 512, 803.5593, 797.6270, 349.3325, 251.8215, (0.0540, 0.3462, -0.0037, 0.0076))

@@ -1,0 +1,287 @@
+"""How far from its drawn place a point of the map may truly appear: covariances in the picture.
+
+What is drawn is off by the errors of the camera's pose, of the time of exposure, of the lens and
+of the map. Each is carried to pixels by the derivative of the projection at the point (Coelho,
+MacIntyre and Julier, OSGAR, ISMAR 2004), with the pose's covariance kept whole.
+
+A time error moves the pose along the camera's own motion, and an error of a map point acts as the
+camera's in the opposite direction, so that both join the pose's 6x6 covariance once a frame.
+
+To first order only. Where the second is not small beside it (a point so near that its depth is
+uncertain, an attitude that is hardly known) the answer says so: ``linear`` is False.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import NEAR_M, Camera
+from tirgeo_ros.core.camera.projection_jacobian import (
+    MOVES,
+    Slopes,
+    Spread,
+    both,
+    level_moves,
+    moves_of,
+    on_lens,
+    on_plane,
+    products,
+)
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.poses import CameraPose
+
+#: Squared radius, in standard deviations, that holds 95 % of a plane's normal distribution:
+#: 5.991, chi-square with two degrees of freedom.
+CHI2_95 = -2 * math.log(0.05)
+#: The same of a line's: 95 % lie within so many standard deviations of the middle.
+SIGMAS_95 = 1.959963984540054
+#: First order is enough up to this standard deviation of a point's depth over its depth, and this
+#: change of the lens's slopes within the ellipse: of drawn errors 93 to 97 % are then inside.
+MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
+_ROUNDING = 1e-4  # of correlations in float32 messages and sums
+_LEAST_VARIANCE = 1e-18
+_BLOCK = 2500  # points: larger products of matrices are handed to threads, at a loss
+_LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
+
+
+class CameraRates(NamedTuple):
+    """The camera's motion at an exposure."""
+
+    velocity_n: Array  # (3,) m/s
+    rate_n: Array  # (3,) rad/s, resolved in n: phi_n a second
+
+    @classmethod
+    def between(cls, first: CameraPose, last: CameraPose) -> CameraRates:
+        """The mean motion between two poses of different stamps."""
+        step_s = (last.stamp_ns - first.stamp_ns) * 1e-9
+        turn = quat_multiply(last.q_nc, quat_conjugate(first.q_nc))
+        return cls((last.position_n - first.position_n) / step_s, rotvec_from_quat(turn) / step_s)
+
+
+class ScreenCovariance(NamedTuple):
+    """Covariances of points in the picture."""
+
+    covariance: Array  # (N, 2, 2) px2, column and row; nan where the camera does not see the point
+    linear: BoolArray  # (N,) whether an ellipse tells the whole; False where there is none
+
+
+def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Array, Array]:
+    """Derivatives of pixels by the pose (N, 2, 6) and by the point (N, 2, 3), for points (N, 3).
+
+    The pose's columns are position (px/m) and phi_n (px/rad), the order of its covariance; the
+    point's are px/m. nan where the point is not in front of the camera or outside the lens model.
+    """
+    rays = rays_to(camera, pose, points_n)
+    x, y, nearness = rays
+    moved = np.einsum("kie,kn->nie", MOVES, np.stack([x, y, np.ones_like(x), nearness]))
+    on_plane = moved[:, :2] - rays[:2].T[:, :, None] * moved[:, 2:]
+    slopes = np.stack(camera.slopes(x, y), axis=-1).reshape(-1, 2, 2)
+    by_pose = slopes @ on_plane @ both(matrix_from_quat(pose.q_nc).T)
+    return by_pose, -by_pose[:, :, :3]
+
+
+def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
+    """Points (N, 3) as the camera sees them, (3, N): x, y on the plane z = 1, and 1/z (1/m).
+
+    nan where a point is nearer than NEAR_M along the optical axis, or outside the lens model.
+    """
+    offset_n = np.asarray(points_n, float).reshape(-1, 3) - pose.position_n
+    points_c = offset_n @ matrix_from_quat(pose.q_nc)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        nearness = 1 / points_c[:, 2]
+        x, y = points_c[:, 0] * nearness, points_c[:, 1] * nearness
+        seen = (points_c[:, 2] > NEAR_M) & (x * x + y * y <= camera.max_radius**2)
+    rays = np.stack([x, y, nearness])
+    rays[:, ~seen] = np.nan
+    return rays
+
+
+def timed_covariance(pose: CameraPose, rates: CameraRates | None, sigma_s: float) -> Array:
+    """The pose's covariance (6, 6) with an error of the time in it, along the camera's motion.
+
+    All nan where the pose's is none, with a negative variance: nothing follows from it.
+    """
+    covariance = np.array(pose.covariance, float)
+    if rates is not None:
+        along = sigma_s * np.concatenate(rates)
+        covariance += along[:, None] * along
+    sigma = np.sqrt(np.maximum(np.diag(pose.covariance), _LEAST_VARIANCE))
+    least = np.linalg.eigvalsh(pose.covariance / (sigma[:, None] * sigma))[0]
+    return covariance if least > -_ROUNDING else np.full((6, 6), np.nan)
+
+
+class FrameConfidence:
+    """One frame's errors, ready for any number of its points.
+
+    ``pose`` at the exposure with its covariance; ``rates`` of the camera then, None where they are
+    not known: the time of exposure then counts as exact. Points are given as ``rays_to`` or
+    ``View`` give them; ``sigma_m`` is the standard deviation of their horizontal places on the
+    map, one or (N,), and where it is None or nan the configured one holds.
+    """
+
+    def __init__(
+        self,
+        config: ConfidenceConfig,
+        camera: Camera,
+        pose: CameraPose,
+        rates: CameraRates | None = None,
+    ) -> None:
+        self.camera = camera
+        self._map_sigma_m = config.map_sigma_m
+        self._lens_variance = config.lens_sigma_px**2
+        rotation_cn = matrix_from_quat(pose.q_nc).T
+        covariance_n = timed_covariance(pose, rates, config.latency_sigma_s)
+        covariance_n[2, 2] += config.ground_sigma_m**2
+        turn = both(rotation_cn)
+        covariance_c = turn @ covariance_n @ turn.T
+        self._axis_variance = covariance_c[5, 5]
+        self._moves_of = moves_of(covariance_c)
+        self._level = level_moves(rotation_cn)
+
+    def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
+        """Covariances of the points' pixels; rays (3, N)."""
+        spread, linear = self.spread(rays, sigma_m, rays.shape[1])
+        return ScreenCovariance(matrices(spread), linear)
+
+    def spread(
+        self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
+    ) -> tuple[Array, BoolArray]:
+        """(3, N) the column's variance, its covariance with the row, and the row's variance, px2.
+
+        And of so many of the points, the first ones, whether this tells the whole; rays (3, N).
+        """
+        count = rays.shape[1]
+        sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
+        if count <= _BLOCK:
+            found = self._spread(rays, sigma, closely)
+        else:  # in pieces that stay in the processor's cache
+            parts = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
+            done = [
+                self._spread(
+                    rays[:, part],
+                    None if sigma is None else sigma[part],
+                    max(closely - part.start, 0),
+                )
+                for part in parts
+            ]
+            found = np.concatenate(done, axis=1)
+        return found[:3], found[3, :closely] > 0
+
+    def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
+        """(4, N): as ``spread``, and 1 where it tells the whole, else 0."""
+        moves = self._moves(rays, sigma_m)
+        plane = on_plane(rays, moves)
+        slopes = self.camera.slopes(rays[0], rays[1])
+        uu, uv, vv = on_lens(plane, slopes)
+        found = np.zeros((4, rays.shape[1]))
+        found[0], found[1], found[2] = uu + self._lens_variance, uv, vv + self._lens_variance
+        if closely:
+            first = slice(closely)
+            near = tuple(each[first] for each in slopes)
+            seen = tuple(each[first] for each in plane)
+            found[3, first] = self._linear(rays[:, first], moves[5, first], seen, near)
+        return found
+
+    def _linear(self, rays: Array, depth: Array, spread: Spread, slopes: Slopes) -> BoolArray:
+        """(N,) whether first order is enough; ``depth`` is the variance of the depth over it."""
+        # The second order is to the first as the depth's error to the depth: this is the turns'
+        # too, by which a tangent bends. A turn about the axis bends by half its angle.
+        with np.errstate(invalid="ignore"):
+            linear = depth + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
+        inside, scale = _outermost(rays, spread, self.camera.max_radius)
+        here = np.array(slopes)
+        change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - here
+        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
+        return np.asarray(linear & inside & ~bent)
+
+    def half_width_95(
+        self, rays: Array, normals: Array, sigma_m: Array | float | None = None
+    ) -> Array:
+        """(N,) px to both sides of a line that hold 95 %; its unit normals (2, N) in pixels."""
+        uu, uv, vv = self.spread(rays, sigma_m)[0]
+        u, v = normals
+        across = u * u * uu + 2 * u * v * uv + v * v * vv
+        return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
+
+    def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
+        """(6, N) covariance of how points move in c, over their depth: its upper triangle."""
+        factors = products(rays)
+        least, beyond = self._map_variance(sigma_m)
+        weights = self._moves_of.copy()
+        weights[:, -1] += least * self._level
+        moves = weights @ factors
+        if beyond is not None:
+            moves += self._level[:, None] * (beyond * factors[-1])
+        return np.asarray(moves, float)
+
+    def _map_variance(self, sigma_m: Array | None) -> tuple[float, Array | None]:
+        """The least variance of the points' level places, m2, and (N,) what some have beyond."""
+        if sigma_m is None or not len(sigma_m):
+            return self._map_sigma_m**2, None
+        variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
+        least = float(variance.min())
+        return least, variance - least if (variance > least).any() else None
+
+
+def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:
+    """(N,) whether the ellipse lies where the lens model holds, and where its outermost point.
+
+    That is so many times as far from the axis; a lens bends more the farther from its axis.
+    """
+    x, y = rays[:2]
+    xx, xy, yy = spread
+    squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
+    radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
+    outwards = np.sqrt(CHI2_95 * radial) / squared
+    farthest = squared * (1 + 2 * outwards) + CHI2_95 * (xx + yy)
+    with np.errstate(invalid="ignore"):
+        inside = farthest <= max_radius**2
+    return np.asarray(inside), np.where(inside, 1 + outwards, 1.0)
+
+
+def matrices(spread: Array) -> Array:
+    """(N, 2, 2) covariances from ``FrameConfidence.spread`` (3, N)."""
+    return np.asarray(spread[[0, 1, 1, 2]].T.reshape(-1, 2, 2))
+
+
+def radius_95(spread: Array) -> Array:
+    """(N,) major semi-axes of the ellipses of 95 %, px, from ``FrameConfidence.spread`` (3, N)."""
+    uu, uv, vv = spread
+    longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
+    return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
+
+
+def screen_covariance(
+    camera: Camera,
+    pose: CameraPose,
+    points_n: Array,
+    config: ConfidenceConfig,
+    rates: CameraRates | None = None,
+    sigma_m: Array | float | None = None,
+) -> ScreenCovariance:
+    """Covariances in the picture of points (N, 3) of the map, as ``FrameConfidence`` has them."""
+    frame = FrameConfidence(config, camera, pose, rates)
+    return frame.covariance(rays_to(camera, pose, points_n), sigma_m)
+
+
+def ellipse_95(covariance: Array) -> tuple[Array, Array]:
+    """The ellipses that hold 95 % of normal distributions (N, 2, 2).
+
+    Semi-axes (N, 2), the larger first, in the unit of the covariance's root, and the angle (N,)
+    of the larger from the first axis towards the second, rad: in pixels, clockwise as seen.
+    """
+    covariance = np.asarray(covariance, float).reshape(-1, 2, 2)
+    uu, uv, vv = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    middle, reach = (uu + vv) / 2, np.hypot((uu - vv) / 2, uv)
+    squared = CHI2_95 * np.maximum(np.stack([middle + reach, middle - reach], axis=1), 0.0)
+    return np.sqrt(squared), np.arctan2(2 * uv, uu - vv) / 2

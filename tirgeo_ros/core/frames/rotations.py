@@ -1,0 +1,217 @@
+"""Rotations: matrices, quaternions (w, x, y, z), rotation vectors, Euler angles.
+
+Every function takes leading axes: a ``(..., 4)`` quaternion gives a ``(..., 3, 3)`` matrix.
+Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
+2nd ed., section 2.2; rotation vectors as in its section 2.2.4.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.types.arrays import Array
+
+
+def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
+    """The same angle in [-pi, pi)."""
+    wrapped = (np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))  # a remainder can round up
+
+
+def skew(v: Array) -> Array:
+    """``[v x]``, so that ``skew(v) @ w == cross(v, w)``; (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(v, float)
+    x, y, z = _parts(v)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def _parts(a: Array) -> Any:
+    """The entries of the last axis: arrays, or for a single vector floats, which are faster."""
+    return a.tolist() if a.ndim == 1 else np.moveaxis(a, -1, 0)
+
+
+def matrix_from_quat(q: Array) -> Array:
+    """Unit quaternion (..., 4) to rotation matrix (..., 3, 3)."""
+    q = np.asarray(q, float)
+    flat = rotation_of(_parts(q))
+    out = np.array(flat) if q.ndim == 1 else np.stack(flat, -1)
+    return out.reshape(*q.shape[:-1], 3, 3)
+
+
+def rotation_of(q: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
+    """The entries of ``matrix_from_quat``, row by row, of w, x, y, z: floats, or arrays."""
+    w, x, y, z = q
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    return (
+        1 - 2 * (yy + zz),
+        2 * (xy - wz),
+        2 * (xz + wy),
+        2 * (xy + wz),
+        1 - 2 * (xx + zz),
+        2 * (yz - wx),
+        2 * (xz - wy),
+        2 * (yz + wx),
+        1 - 2 * (xx + yy),
+    )
+
+
+def quat_from_matrix(matrix: Array) -> Array:
+    """Rotation matrix (..., 3, 3) to unit quaternion (..., 4) with w >= 0.
+
+    Of the four classic forms the one with the largest divisor is taken (Shepperd, 1978): the rows
+    of 4 q q^T, of which that with the largest diagonal entry.
+    """
+    m = np.asarray(matrix, float)
+    lead = m.shape[:-2]
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = _parts(m.reshape(*lead, 9))
+    rows = np.empty((*lead, 16))
+    rows[..., 0], rows[..., 5] = 1 + xx + yy + zz, 1 + xx - yy - zz
+    rows[..., 10], rows[..., 15] = 1 - xx + yy - zz, 1 - xx - yy + zz
+    rows[..., 1] = rows[..., 4] = zy - yz
+    rows[..., 2] = rows[..., 8] = xz - zx
+    rows[..., 3] = rows[..., 12] = yx - xy
+    rows[..., 6] = rows[..., 9] = yx + xy
+    rows[..., 7] = rows[..., 13] = xz + zx
+    rows[..., 11] = rows[..., 14] = zy + yz
+    flat = rows.reshape(-1, 4, 4)
+    best = rows[..., ::5].reshape(-1, 4).argmax(1)
+    return canonical(flat[np.arange(len(flat)), best].reshape(*lead, 4))
+
+
+def canonical(q: Array) -> Array:
+    """The same rotation with unit norm and w >= 0."""
+    q = np.asarray(q, float)
+    if q.ndim == 1:
+        return _canonical(q.tolist())
+    norms = np.copysign(np.sqrt((q * q).sum(-1, keepdims=True)), q[..., :1])
+    return np.asarray(q / norms)
+
+
+def _canonical(q: list[float]) -> Array:
+    """``canonical`` of one quaternion, with fewer array calls."""
+    return np.array(q) / math.copysign(math.sqrt(_dot(q, q)), q[0])
+
+
+def quat_multiply(p: Array, q: Array) -> Array:
+    """Hamilton product: ``R(p q) = R(p) R(q)``; (..., 4)."""
+    p, q = np.asarray(p, float), np.asarray(q, float)
+    product = hamilton(_parts(p), _parts(q))
+    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
+
+
+def hamilton(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
+    """The entries of ``quat_multiply`` of w, x, y, z: floats, or arrays that fit each other."""
+    p0, p1, p2, p3 = p
+    q0, q1, q2, q3 = q
+    return (
+        p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
+        p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
+        p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
+        p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
+    )
+
+
+def quat_conjugate(q: Array) -> Array:
+    """The inverse rotation of a unit quaternion; (..., 4)."""
+    return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def quat_from_rotvec(rotvec: Array) -> Array:
+    """Rotation vector (..., 3), radians, to unit quaternion (..., 4)."""
+    v = np.asarray(rotvec, float)
+    half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
+    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half), fine at zero
+    return np.concatenate([np.cos(half), scale * v], -1)
+
+
+def rotvec_from_quat(q: Array) -> Array:
+    """Unit quaternion (..., 4) to the shortest rotation vector (..., 3), radians."""
+    q = canonical(q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    factor: Array = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    return np.asarray(factor * q[..., 1:])
+
+
+def matrix_from_rotvec(rotvec: Array) -> Array:
+    """Rotation vector (..., 3), radians, to rotation matrix (..., 3, 3): ``exp([v x])``."""
+    return matrix_from_quat(quat_from_rotvec(rotvec))
+
+
+def matrix_from_euler(
+    roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
+) -> Array:
+    """Euler angles to ``R_nb`` (..., 3, 3), z-y'-x'' (Groves 2.24, transposed)."""
+    roll, pitch, yaw = np.broadcast_arrays(
+        np.asarray(roll_rad, float), np.asarray(pitch_rad, float), np.asarray(yaw_rad, float)
+    )
+    return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+
+
+def euler_from_matrix(matrix: Array) -> Array:
+    """``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3); pitch in [-pi/2, pi/2].
+
+    Roll is what is left of the matrix once yaw is taken out. So the three give the matrix again
+    with the nose straight up or down too, where roll and yaw turn about one axis.
+    """
+    m = np.asarray(matrix, float)
+    pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 0, 0], m[..., 1, 0]))
+    yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(
+        sine * m[..., 0, 2] - cosine * m[..., 1, 2], cosine * m[..., 1, 1] - sine * m[..., 0, 1]
+    )
+    return np.stack([roll, pitch, yaw], -1)
+
+
+def euler_from_quat(q: Array) -> Array:
+    """``q_nb`` (..., 4) to roll, pitch, yaw (..., 3)."""
+    return euler_from_matrix(matrix_from_quat(q))
+
+
+def quat_from_euler(
+    roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
+) -> Array:
+    """Euler angles to ``q_nb`` (..., 4)."""
+    return quat_from_matrix(matrix_from_euler(roll_rad, pitch_rad, yaw_rad))
+
+
+def rotation_x(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about x; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [1.0, 0.0, 0.0]))
+
+
+def rotation_y(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about y; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 1.0, 0.0]))
+
+
+def rotation_z(angle_rad: npt.ArrayLike) -> Array:
+    """Rotation by an angle about z; (...) -> (..., 3, 3)."""
+    return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 0.0, 1.0]))
+
+
+def slerp(q0: Array, q1: Array, fraction: float) -> Array:
+    """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
+    start, end = q0.tolist(), q1.tolist()
+    cosine = _dot(start, end)
+    sign = math.copysign(1.0, cosine)
+    across = [sign * (b - cosine * a) for a, b in zip(start, end, strict=True)]
+    sine = math.sqrt(_dot(across, across))
+    angle = math.atan2(sine, abs(cosine))
+    # below 1e-8 sin(f a) / sin(a) is f to the last digit
+    scale = math.sin(fraction * angle) / sine if sine > 1e-8 else fraction
+    keep = math.cos(fraction * angle)
+    return _canonical([keep * a + scale * b for a, b in zip(start, across, strict=True)])
+
+
+def _dot(p: list[float], q: list[float]) -> float:
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]

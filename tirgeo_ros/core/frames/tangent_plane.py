@@ -1,0 +1,77 @@
+"""Convert between geodetic coordinates and a plane that touches the WGS84 ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.frames.rotations import hamilton
+from tirgeo_ros.core.frames.wgs84 import (
+    _ecef,
+    ecef_from_geodetic,
+    geodetic_from_ecef,
+    quat_ecef_from_ned,
+    rotation_ecef_from_ned,
+)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import BodyPose, NavSolution
+
+
+@dataclass(frozen=True)
+class TangentPlane:
+    """The tangent plane of the ROS frame ``map``, in north, east, down metres from its origin."""
+
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float
+    _origin_e: Array = field(init=False, repr=False, compare=False)
+    _rotation_en: Array = field(init=False, repr=False, compare=False)
+    _q_ne: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Compute the origin and the axes in the earth-fixed frame once."""
+        origin = ecef_from_geodetic(self.latitude_rad, self.longitude_rad, self.height_m)
+        object.__setattr__(self, "_origin_e", origin)
+        rotation = rotation_ecef_from_ned(self.latitude_rad, self.longitude_rad)
+        object.__setattr__(self, "_rotation_en", rotation)
+        w, x, y, z = quat_ecef_from_ned(self.latitude_rad, self.longitude_rad)
+        object.__setattr__(self, "_q_ne", (w, -x, -y, -z))
+
+    def ned_from_geodetic(
+        self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
+    ) -> Array:
+        """(..., 3) metres in the plane's axes."""
+        position_e = ecef_from_geodetic(latitude_rad, longitude_rad, height_m)
+        return np.asarray((position_e - self._origin_e) @ self._rotation_en)
+
+    def geodetic_from_ned(self, position_n: Array) -> tuple[Array, Array, Array]:
+        """Latitude, longitude (rad), height (m) of (..., 3) metres in the plane's axes."""
+        return geodetic_from_ecef(self._origin_e + np.asarray(position_n) @ self._rotation_en.T)
+
+    def up_n(self, latitude_rad: Array, longitude_rad: Array) -> Array:
+        """(..., 3) the ellipsoid's normal at places (...), in the plane's axes."""
+        cosine = np.cos(latitude_rad)
+        parts = (cosine * np.cos(longitude_rad), cosine * np.sin(longitude_rad))
+        return np.asarray(np.stack([*parts, np.sin(latitude_rad)], axis=-1) @ self._rotation_en)
+
+    def rotation_from_local(self, latitude_rad: float, longitude_rad: float) -> Array:
+        """(3, 3): north, east, down at a place to the plane's axes."""
+        local_en = rotation_ecef_from_ned(latitude_rad, longitude_rad)
+        return np.asarray(np.dot(self._rotation_en.T, local_en))
+
+    def body_pose(self, solution: NavSolution) -> BodyPose:
+        """A navigation solution as a pose in the plane, turned by the convergence too."""
+        latitude, longitude = solution.latitude_rad, solution.longitude_rad
+        both = np.zeros((6, 6))
+        both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
+        q_ln = hamilton(self._q_ne, quat_ecef_from_ned(latitude, longitude))
+        place_e = _ecef(latitude, longitude, solution.height_m)
+        from_origin_e = [a - b for a, b in zip(place_e, self._origin_e.tolist(), strict=True)]
+        return BodyPose(
+            solution.stamp_ns,
+            np.dot(np.array(from_origin_e), self._rotation_en),
+            np.array(hamilton(q_ln, solution.q_nb.tolist())),
+            np.dot(np.dot(both, solution.pose_covariance), both.T),
+        )

@@ -1,0 +1,141 @@
+"""The WGS84 ellipsoid: radii, gravity, earth-fixed coordinates and the map's tangent plane.
+
+Equations: Groves, 2nd ed., sections 2.3 and 2.4. Latitude and longitude in radians, heights in
+metres above the ellipsoid.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.types.arrays import Array
+
+SEMI_MAJOR_AXIS_M = 6378137.0
+FLATTENING = 1 / 298.257223563
+ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
+SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
+# Of Bowring's formula: e'^2 b along the earth's axis, e^2 a from it.
+_POLAR_BEND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED) * SEMI_MINOR_AXIS_M
+_AXIAL_BEND = ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M
+_FEW = 9  # numbers, of three places
+_OF_FLOATS = (math.hypot, math.atan2, math.sin, math.cos, math.sqrt)
+_OF_ARRAYS = (np.hypot, np.arctan2, np.sin, np.cos, np.sqrt)
+EARTH_RATE_RAD_S = 7.292115e-5
+GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
+GRAVITY_EQUATOR_M_S2 = 9.7803253359
+SOMIGLIANA_CONSTANT = 0.001931853
+# Gravity's decrease with height (Groves 2.139): by height, by height and sin2, by height squared.
+_CENTRIFUGAL = (
+    EARTH_RATE_RAD_S**2 * SEMI_MAJOR_AXIS_M**2 * SEMI_MINOR_AXIS_M / GRAVITATIONAL_CONSTANT_M3_S2
+)
+_LINEAR = 2 / SEMI_MAJOR_AXIS_M * (1 + FLATTENING + _CENTRIFUGAL)
+_LINEAR_SIN2 = 2 / SEMI_MAJOR_AXIS_M * 2 * FLATTENING
+_SQUARE = 3 / SEMI_MAJOR_AXIS_M**2
+
+
+def radii_of_curvature(latitude_rad: float) -> tuple[float, float]:
+    """Meridian and transverse (prime vertical) radius in metres; Groves 2.105, 2.106."""
+    return earth_at(latitude_rad, 0.0)[2:4]
+
+
+def earth_at(latitude_rad: float, height_m: float) -> tuple[float, float, float, float, float]:
+    """Sine and cosine of a latitude, both radii of curvature plus height (m), gravity (m/s2).
+
+    Groves 2.105, 2.106, 2.134 and 2.139, in one go: it is called at every IMU sample.
+    """
+    sine = math.sin(latitude_rad)
+    sin2 = sine * sine
+    factor = 1 - ECCENTRICITY_SQUARED * sin2
+    root = math.sqrt(factor)
+    transverse = SEMI_MAJOR_AXIS_M / root
+    linear = (_LINEAR - _LINEAR_SIN2 * sin2) * height_m
+    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_CONSTANT * sin2) / root
+    return (
+        sine,
+        math.cos(latitude_rad),
+        transverse * (1 - ECCENTRICITY_SQUARED) / factor + height_m,
+        transverse + height_m,
+        surface * (1 - linear + _SQUARE * height_m * height_m),
+    )
+
+
+def gravity_down(latitude_rad: float, height_m: float) -> float:
+    """Gravity (with the centrifugal part) in m/s2, down positive; Groves 2.134, 2.139."""
+    return earth_at(latitude_rad, height_m)[4]
+
+
+def ecef_from_geodetic(
+    latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
+) -> Array:
+    """Earth-fixed position (..., 3) in metres; Groves 2.112."""
+    lat, lon, h = (np.asarray(x, float) for x in (latitude_rad, longitude_rad, height_m))
+    transverse = SEMI_MAJOR_AXIS_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
+    out = np.empty((*np.broadcast(lat, lon, h).shape, 3))
+    out[..., 0] = (transverse + h) * np.cos(lat) * np.cos(lon)
+    out[..., 1] = (transverse + h) * np.cos(lat) * np.sin(lon)
+    out[..., 2] = (transverse * (1 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)
+    return out
+
+
+def _ecef(
+    latitude_rad: float, longitude_rad: float, height_m: float
+) -> tuple[float, float, float]:
+    """``ecef_from_geodetic`` of one place, at a tenth of the price: once an IMU sample."""
+    transverse = radii_of_curvature(latitude_rad)[1]
+    axial = (transverse + height_m) * math.cos(latitude_rad)
+    polar = transverse * (1 - ECCENTRICITY_SQUARED) + height_m
+    x, y = axial * math.cos(longitude_rad), axial * math.sin(longitude_rad)
+    return x, y, polar * math.sin(latitude_rad)
+
+
+def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
+    """Latitude, longitude, height of (..., 3) earth-fixed metres.
+
+    Bowring's start, then two Newton steps on the reduced latitude: below 1e-9 m for any height
+    an aircraft reaches. A few places are worked out in floats: one at a fifth of the price.
+    """
+    position_e = np.asarray(position_e, float)
+    if 0 < position_e.size <= _FEW and math.isfinite(position_e.sum()):
+        rows = position_e.reshape(-1, 3).tolist()
+        found = np.array([_geodetic(x, y, z, _OF_FLOATS) for x, y, z in rows]).T
+        lat, lon, height = found.reshape(3, *position_e.shape[:-1])
+        return lat, lon, height
+    return _geodetic(position_e[..., 0], position_e[..., 1], position_e[..., 2], _OF_ARRAYS)
+
+
+def _geodetic(x: Any, y: Any, z: Any, functions: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+    hypot, atan2, sin, cos, sqrt = functions
+    p = hypot(x, y)
+    reduced = atan2(z, (1 - FLATTENING) * p)
+    for k in range(3):
+        s, c = sin(reduced), cos(reduced)
+        lat = atan2(z + _POLAR_BEND * (s * s * s), p - _AXIAL_BEND * (c * c * c))
+        s, c = sin(lat), cos(lat)
+        if k < 2:
+            reduced = atan2((1 - FLATTENING) * s, c)
+    root = sqrt(1 - ECCENTRICITY_SQUARED * (s * s))
+    return lat, atan2(y, x), p * c + z * s - SEMI_MAJOR_AXIS_M * root
+
+
+def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
+    """``R_en`` (3, 3): local north, east, down to earth-fixed; Groves 2.150, transposed."""
+    sl, cl = math.sin(latitude_rad), math.cos(latitude_rad)
+    so, co = math.sin(longitude_rad), math.cos(longitude_rad)
+    flat = (-sl * co, -so, -cl * co, -sl * so, co, -cl * so, cl, 0.0, -sl)
+    return np.array(flat).reshape(3, 3)
+
+
+def quat_ecef_from_ned(
+    latitude_rad: float, longitude_rad: float
+) -> tuple[float, float, float, float]:
+    """``q_en`` (w, x, y, z) of ``rotation_ecef_from_ned``.
+
+    It turns by the longitude about z, then by -(90 deg + latitude) about y.
+    """
+    so, co = math.sin(longitude_rad / 2), math.cos(longitude_rad / 2)
+    sl, cl = math.sin(latitude_rad / 2 + math.pi / 4), math.cos(latitude_rad / 2 + math.pi / 4)
+    return co * cl, so * sl, -co * sl, so * cl

@@ -1,0 +1,276 @@
+"""Camera poses from gimbal samples, each at its own instant.
+
+A gimbal sample waits until the body poses on both sides of its stamp are there, then the camera's
+pose is composed (``tirgeo_ros.core.gimbal.camera_pose``) with the body's between them. Nothing is
+extrapolated: a sample that waits too long or falls into a gap is dropped and counted.
+
+The reported attitudes also show how far the gimbal's north is off the autopilot's, where they can
+(``tirgeo_ros.core.gimbal.yaw_bias_measurements``): with a body pose or without.
+
+Joints may be computed from the reported attitudes (``JointSample.computed``). They drive as
+encoders' do, but they are no second witness: beside the reported attitudes they would always show
+a north without bias, so they are not read for it. What a centred gimbal shows is in them as it is
+in the reported attitudes, and is read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, replace
+
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
+from tirgeo_ros.core.gimbal.camera_pose import (
+    Mount,
+    NorthBias,
+    from_computed,
+    from_joints,
+    from_reported,
+)
+from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory, StampedHistory
+from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.gimbal.yaw_bias_measurements import NorthReadings
+from tirgeo_ros.core.streams.presence import Presence
+from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+_HISTORY_S = 3.0
+_MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lack:
+    """Why a gimbal sample has no camera pose, and whether it may have one later."""
+
+    reason: str
+    may_come: bool = False
+
+    @classmethod
+    def of(cls, what: str, miss: Miss) -> _Lack:
+        return cls(f"{what}_{miss.value}", miss in _MAY_COME)
+
+
+class GimbalComposer:
+    """Gimbal samples and body poses in, in any order of arrival; camera poses out.
+
+    Each ``add_`` returns the camera poses that became possible, one per gimbal sample, in order
+    of their stamps. With ``composition: auto`` joint angles drive while they arrive steadily, and
+    the reported attitude else. Where both arrive, they show the gimbal's north, so that it is
+    known when joints fall silent. Computed joints have the covariance and the north of reported
+    attitudes.
+    """
+
+    def __init__(self, config: GimbalConfig) -> None:
+        self._mount = Mount.from_config(config)
+        self._choice = config.composition
+        self._yaw_zero_rad = config.yaw_zero_rad
+        self._by_joints = config.composition == "encoders"
+        self._computed = False  # the newest joints
+        self._max_wait_ns = round(config.max_wait_s * 1e9)
+        span_s = _HISTORY_S + config.max_wait_s
+        self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s, config.max_gap_s)
+        self._autopilot: StampedHistory[Array] = StampedHistory(span_s)
+        self._joints: StampedHistory[Array] = StampedHistory(span_s)  # q_bg
+        self._presence = Presence()
+        self._waiting: deque[JointSample | CameraAttitudeSample] = deque()
+        self._newest_ns: int | None = None
+        self._handover_ns: int | None = None
+        self._counts: Counter[str] = Counter()
+        self._north = GimbalNorth(config.north)
+        self._readings = NorthReadings(config.north, math.radians(config.reported_sigma_deg[0]))
+        self._centred = config.north.centred
+
+    @property
+    def composition(self) -> str:
+        """The composition in use now: ``encoders`` or ``paper``."""
+        return "encoders" if self._by_joints else "paper"
+
+    @property
+    def sees_joints(self) -> bool:
+        """Whether angles drive now that an encoder saw."""
+        return self._by_joints and not self._computed
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What became of the samples so far.
+
+        ``composed``; of the gimbal samples dropped: ``invalid``, ``repeated``, ``unused`` (of the
+        topic that does not drive), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
+        of a Miss; ``went_back`` for gimbal stamps that cleared those waiting; ``body_invalid``,
+        ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others;
+        ``joints_computed``, how many joints no encoder saw;
+        ``joints_steady`` and ``joints_silent``, how often ``auto`` went over to joints and back;
+        ``north_used``, ``north_refused`` and ``north_reset`` of the readings of the north.
+        """
+        found = Counter(self._counts)
+        found["north_used"] = self._north.updates
+        found["north_refused"] = self._north.refused
+        found["north_reset"] = self._north.resets
+        found["body_invalid"] = self._bodies.invalid
+        found["body_went_back"] = self._bodies.went_back
+        found["autopilot_went_back"] = self._autopilot.went_back
+        return {name: number for name, number in sorted(found.items()) if number}
+
+    @property
+    def north(self) -> NorthBias:
+        """The bias of the gimbal's north at the newest sample.
+
+        It is taken out of reported attitudes (``paper``) and of joints computed from them.
+        """
+        return NorthBias(self._north.bias_rad, self._north.variance)
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """What the composer says of itself: the counts, and the north where it may be used.
+
+        ``joints`` says that the joints are computed ones, ``body_invalid_because`` what was wrong
+        with the newest body pose that was refused.
+        """
+        found = {name: str(number) for name, number in self.counts.items()}
+        if self._bodies.fault:
+            found["body_invalid_because"] = self._bodies.fault
+        if self._computed:
+            found["joints"] = "computed from the reported attitude"
+        if self._choice != "encoders" or self._computed:
+            found["north_bias_deg"] = f"{math.degrees(self.north.bias_rad):.3f}"
+            found["north_sigma_deg"] = f"{math.degrees(math.sqrt(self.north.variance)):.3f}"
+        return found
+
+    def add_body(self, pose: BodyPose) -> list[CameraPose]:
+        """Take a pose of the body."""
+        if not self._bodies.add(pose):
+            return []
+        self._mind_silence(pose.stamp_ns)
+        return self._resolve()
+
+    def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
+        """Take the autopilot's own attitude (4,), which the composition ``paper`` needs."""
+        if self._choice == "encoders":
+            return []
+        if not usable_attitude(q_nb):
+            self._counts["autopilot_invalid"] += 1
+            return []
+        self._autopilot.put(stamp_ns, q_nb)
+        waits = self._waiting and isinstance(self._waiting[0], CameraAttitudeSample)
+        return self._resolve() if waits else []
+
+    def add_joints(self, sample: JointSample) -> list[CameraPose]:
+        """Take the encoders' angles; the zero of yaw is taken out of those that one saw."""
+        angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
+        if joints_fault(angles):
+            self._counts["invalid"] += 1
+            return []
+        if not sample.computed:
+            sample = replace(sample, yaw_rad=sample.yaw_rad - self._yaw_zero_rad)
+        self._computed = sample.computed
+        self._counts["joints_computed"] += sample.computed
+        if self._choice == "auto":
+            if not sample.computed:
+                self._joints.put(sample.stamp_ns, camera_turn(sample, self._mount.joint_order))
+            if self._presence.heard(sample.stamp_ns):
+                self._drive_by(joints=True)
+        return self._take(sample, drives=self._by_joints)
+
+    def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
+        """Take the camera attitude that the flight controller reports."""
+        if not usable_attitude(sample.q_ng):
+            self._counts["invalid"] += 1
+            return []
+        self._mind_silence(sample.stamp_ns)
+        return self._take(sample, drives=not self._by_joints)
+
+    def _mind_silence(self, stamp_ns: int) -> None:
+        if self._choice == "auto" and self._presence.gone(stamp_ns):
+            self._drive_by(joints=False)
+
+    def _drive_by(self, *, joints: bool) -> None:
+        """The other stream drives from here on, with what comes after the newest of this one."""
+        self._by_joints = joints
+        self._counts["joints_steady" if joints else "joints_silent"] += 1
+        self._handover_ns = self._newest_ns
+
+    def _take(
+        self, sample: JointSample | CameraAttitudeSample, *, drives: bool
+    ) -> list[CameraPose]:
+        if not drives or self._is_before_handover(sample.stamp_ns):
+            self._counts["unused"] += 1
+            return []
+        if sample.stamp_ns == self._newest_ns:
+            self._counts["repeated"] += 1
+            return []
+        if self._newest_ns is not None and sample.stamp_ns < self._newest_ns:
+            self._counts["went_back"] += 1
+            self._waiting.clear()
+        self._newest_ns = sample.stamp_ns
+        self._waiting.append(sample)
+        return self._resolve()
+
+    def _is_before_handover(self, stamp_ns: int) -> bool:
+        """Whether the stream before has given, or will give, the pose of this time."""
+        if self._handover_ns is None:
+            return False
+        if 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns:
+            return True
+        self._handover_ns = None
+        return False
+
+    def _resolve(self) -> list[CameraPose]:
+        poses = []
+        while self._waiting:
+            composed = self._compose(self._waiting[0])
+            if isinstance(composed, CameraPose):
+                self._counts["composed"] += 1
+                poses.append(composed)
+            elif composed.may_come and not self._overdue(self._waiting[0].stamp_ns):
+                break
+            else:
+                self._counts[composed.reason] += 1
+            self._read_north(self._waiting.popleft())
+        return poses
+
+    def _read_north(self, sample: JointSample | CameraAttitudeSample) -> None:
+        if isinstance(sample, JointSample):
+            self._read_centred(sample)
+            return
+        joints = self._joints.around(sample.stamp_ns)
+        if isinstance(joints, Miss) and not self._centred:
+            return
+        autopilot = self._autopilot.around(sample.stamp_ns)
+        if isinstance(autopilot, Miss):
+            return
+        q_bg = None if isinstance(joints, Miss) else slerp(*joints)
+        self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
+
+    def _read_centred(self, sample: JointSample) -> None:
+        """What computed joints show of a centred gimbal's north; the angle has no other in it."""
+        if not (sample.computed and self._centred):
+            return
+        body = self._bodies.at(sample.stamp_ns)
+        if isinstance(body, Miss):
+            return
+        q_ng = quat_multiply(body.q_nb, camera_turn(sample))
+        self._readings.read(self._north, sample.stamp_ns, q_ng, body.q_nb, None)
+
+    def _overdue(self, stamp_ns: int) -> bool:
+        newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
+        return newest_ns - stamp_ns > self._max_wait_ns
+
+    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _Lack:
+        body = self._bodies.at(sample.stamp_ns)
+        if isinstance(body, Miss):
+            return _Lack.of("body", body)
+        if isinstance(sample, JointSample):
+            if not sample.computed:
+                return from_joints(self._mount, body, sample)
+            self._north.advance(sample.stamp_ns)
+            return from_computed(self._mount, body, sample, self.north)
+        autopilot = self._autopilot.around(sample.stamp_ns)
+        if isinstance(autopilot, Miss):
+            return _Lack.of("autopilot", autopilot)
+        self._north.advance(sample.stamp_ns)
+        pose = from_reported(self._mount, body, slerp(*autopilot), sample, self.north)
+        return pose if pose is not None else _Lack("no_heading")

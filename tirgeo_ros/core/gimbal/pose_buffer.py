@@ -1,0 +1,174 @@
+"""Poses of the last few seconds, and the pose at any instant between two of them.
+
+Between two poses the position and the covariance go linearly and the attitude along the shortest
+arc. Outside them, and across a gap that is too wide, there is no pose but a reason: no pose is
+extrapolated here.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from enum import Enum
+from typing import Generic, TypeVar
+
+from tirgeo_ros.core.frames.rotations import slerp
+from tirgeo_ros.core.streams.sanity_checks import pose_fault
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+T = TypeVar("T")
+P = TypeVar("P", BodyPose, CameraPose)
+
+
+class Miss(Enum):
+    """Why there is nothing at an instant; the value is its name in diagnostics."""
+
+    EMPTY = "empty"  # nothing has come yet
+    TOO_OLD = "too_old"  # before the oldest entry that is kept
+    TOO_NEW = "too_new"  # after the newest entry: it may still come
+    GAP = "gap"  # the entries on both sides are too far apart
+
+
+class StampedHistory(Generic[T]):
+    """Entries in order of their stamps, of the newest ``span_s`` seconds.
+
+    A stamp that goes back (a new bag, a clock that was set) clears what was there and is counted
+    in ``went_back``; an entry with the newest one's stamp takes its place.
+    """
+
+    def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
+        self.went_back = 0
+        self._span_ns = round(span_s * 1e9)
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._stamps: list[int] = []
+        self._entries: list[T] = []
+
+    def __len__(self) -> int:
+        """Return the number of entries."""
+        return len(self._stamps)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The newest entry's stamp."""
+        return self._stamps[-1] if self._stamps else None
+
+    def clear(self) -> None:
+        """Forget every entry; ``went_back`` stays."""
+        self._stamps.clear()
+        self._entries.clear()
+
+    def put(self, stamp_ns: int, entry: T) -> None:
+        """Take an entry, forgetting what is older than the span."""
+        if self._stamps and stamp_ns < self._stamps[-1]:
+            self.went_back += 1
+            self.clear()
+        if self._stamps and stamp_ns == self._stamps[-1]:
+            self._entries[-1] = entry
+            return
+        self._stamps.append(stamp_ns)
+        self._entries.append(entry)
+        self._forget_before(stamp_ns - self._span_ns)
+
+    def _forget_before(self, stamp_ns: int) -> None:
+        if self._stamps[0] < stamp_ns:
+            old = bisect_left(self._stamps, stamp_ns)
+            del self._stamps[:old], self._entries[:old]
+
+    def latest(self, span_s: float) -> list[T]:
+        """The entries of the last ``span_s`` seconds up to the newest one, in order."""
+        if not self._stamps:
+            return []
+        return self._entries[bisect_left(self._stamps, self._stamps[-1] - round(span_s * 1e9)) :]
+
+    def around(self, stamp_ns: int) -> tuple[T, T, float] | Miss:
+        """The entries before and after an instant and where it lies between them, 0 to 1.
+
+        At an entry's own stamp both are that entry.
+        """
+        if not self._stamps:
+            return Miss.EMPTY
+        if stamp_ns > self._stamps[-1]:
+            return Miss.TOO_NEW
+        after = bisect_left(self._stamps, stamp_ns)
+        if self._stamps[after] == stamp_ns:
+            return self._entries[after], self._entries[after], 0.0
+        if after == 0:
+            return Miss.TOO_OLD
+        return self._between(after, stamp_ns)
+
+    def _between(self, after: int, stamp_ns: int) -> tuple[T, T, float] | Miss:
+        start, end = self._stamps[after - 1], self._stamps[after]
+        if end - start > self._max_gap_ns:
+            return Miss.GAP
+        fraction = (stamp_ns - start) / (end - start)
+        return self._entries[after - 1], self._entries[after], fraction
+
+
+class PoseHistory(Generic[P]):
+    """Body or camera poses of the newest ``span_s`` seconds.
+
+    ``max_gap_s`` is the longest time between two poses that is interpolated across. ``invalid``
+    counts the poses that were refused, ``fault`` says why the newest of them was; ``went_back``
+    counts the stamps that made it start again.
+    """
+
+    def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
+        self.invalid = 0
+        self.fault = ""
+        self.max_gap_s = max_gap_s
+        self._history: StampedHistory[P] = StampedHistory(span_s, max_gap_s)
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self._history)
+
+    @property
+    def went_back(self) -> int:
+        """How often a stamp earlier than the newest one cleared the history."""
+        return self._history.went_back
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The newest pose's stamp."""
+        return self._history.newest_ns
+
+    def latest(self, span_s: float) -> list[P]:
+        """The poses of the last ``span_s`` seconds up to the newest one, in order."""
+        return self._history.latest(span_s)
+
+    def clear(self) -> None:
+        """Forget every pose; the counts stay."""
+        self._history.clear()
+
+    def add(self, pose: P) -> bool:
+        """Take a pose; False, and counted with the reason, if it cannot be one (``validity``)."""
+        fault = pose_fault(pose.position_n, attitude_of(pose), pose.covariance)
+        if fault:
+            self.invalid += 1
+            self.fault = fault
+            return False
+        self._history.put(pose.stamp_ns, pose)
+        return True
+
+    def at(self, stamp_ns: int) -> P | Miss:
+        """The pose at an instant, or the reason why there is none."""
+        found = self._history.around(stamp_ns)
+        if isinstance(found, Miss):
+            return found
+        start, end, fraction = found
+        return start if fraction == 0.0 else _interpolated(start, end, fraction, stamp_ns)
+
+
+def attitude_of(pose: BodyPose | CameraPose) -> Array:
+    """``q_nb`` of a body pose, ``q_nc`` of a camera pose."""
+    return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
+
+
+def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:
+    """A mean of two covariances, weights 0 to 1, is again a covariance."""
+    return type(start)(
+        stamp_ns,
+        start.position_n + fraction * (end.position_n - start.position_n),
+        slerp(attitude_of(start), attitude_of(end), fraction),
+        start.covariance + fraction * (end.covariance - start.covariance),
+    )

@@ -1,0 +1,130 @@
+"""Readings of the gimbal's north bias from reported attitudes, where they show it.
+
+A centred gimbal follows the nose and lags behind while it turns, so its camera's heading is the
+nose's only after the nose has kept still. Encoders show the camera's angle from the nose at any
+time; while it turns, stamps that are off by milliseconds would show as bias, so these readings
+wait for it too, if not as long.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import NorthConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_conjugate, quat_multiply
+from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.types.arrays import Array
+
+#: The nose keeps still while its heading stays within this. A steady turn of so much in the time
+#: to settle, six time constants, leaves the camera a sixth of it behind.
+_STILL_RAD = math.radians(2.0)
+#: One reading is the mean over this: noise beyond it is taken as new in each.
+_MEAN_S = 1.0
+_LONGEST_GAP_S = 1.5
+#: Axes that stand up more steeply than this have no azimuth worth a reading.
+_LEAST_HORIZONTAL = 0.5
+
+
+class NorthReadings:
+    """Turns pairs of reported camera attitude and autopilot attitude into readings."""
+
+    def __init__(self, config: NorthConfig, reported_roll_sigma_rad: float) -> None:
+        self._centred = SteadyMean(config.settle_s) if config.centred else None
+        self._joints = SteadyMean(0.0)
+        self._noise_rad2 = math.radians(config.noise_deg) ** 2
+        self._roll_rad2 = reported_roll_sigma_rad**2
+
+    def read(
+        self, north: GimbalNorth, stamp_ns: int, q_ng: Array, q_nb: Array, q_bg: Array | None
+    ) -> None:
+        """Give ``north`` what the attitudes (4,) of one instant show.
+
+        ``q_ng`` is the camera's as reported, ``q_nb`` the autopilot's own, ``q_bg`` that of the
+        encoders where there are any.
+        """
+        nose_n = matrix_from_quat(q_nb)[:, 0]
+        if math.hypot(nose_n[0], nose_n[1]) < _LEAST_HORIZONTAL:
+            return
+        nose = math.atan2(nose_n[1], nose_n[0])
+        if q_bg is not None:
+            self._read_joints(north, stamp_ns, nose, q_ng, quat_multiply(q_nb, q_bg))
+        if self._centred is not None:
+            seen = heading_of_right(q_ng)
+            mean = None if seen is None else self._centred.add(stamp_ns, nose, seen - nose)
+            if mean is not None:
+                north.take(stamp_ns, mean, self._noise_rad2, centred=True)
+
+    def _read_joints(
+        self, north: GimbalNorth, stamp_ns: int, nose: float, q_ng: Array, q_joints: Array
+    ) -> None:
+        turn = vertical_turn(q_joints, q_ng)
+        mean = None if turn is None else self._joints.add(stamp_ns, nose, turn)
+        if mean is not None:
+            # The reported roll's error turns about the optical axis, in part about the vertical.
+            down = float(matrix_from_quat(q_ng)[2, 0])
+            variance = self._noise_rad2 + self._roll_rad2 * down * down
+            north.take(stamp_ns, mean, variance, centred=False)
+
+
+def heading_of_right(q_ng: Array) -> float | None:
+    """Heading of a camera by its right side, which is level; it has one looking down too."""
+    right_n = matrix_from_quat(q_ng)[:, 1]
+    if math.hypot(right_n[0], right_n[1]) < _LEAST_HORIZONTAL:
+        return None
+    return math.atan2(right_n[1], right_n[0]) - math.pi / 2
+
+
+def vertical_turn(q_from: Array, q_to: Array) -> float | None:
+    """The turn about the vertical (clockwise from above) in the rotation between two attitudes.
+
+    Errors of either about level axes do not change it to first order. None where the attitudes
+    are so far apart in tilt that it means nothing.
+    """
+    w, _, _, z = quat_multiply(q_to, quat_conjugate(q_from)).tolist()
+    return 2 * math.atan2(z, w) if math.hypot(w, z) > _LEAST_HORIZONTAL else None
+
+
+class SteadyMean:
+    """Means of an angle over a second each, of the time in which the nose keeps still."""
+
+    def __init__(self, settle_s: float) -> None:
+        """Values count once the nose has kept still for ``settle_s``."""
+        self._settle_ns = round(settle_s * 1e9)
+        self._since_ns: int | None = None
+        self._newest_ns = 0
+        self._nose = 0.0
+        self._low = self._high = 0.0
+        self._begun_ns: int | None = None
+        self._offsets: list[float] = []
+        self._first = 0.0
+
+    def add(self, stamp_ns: int, nose_rad: float, angle_rad: float) -> float | None:
+        """Take an angle and the nose's heading; the mean where a second is full, else None."""
+        if not self._still(stamp_ns, nose_rad):
+            self._since_ns, self._nose = stamp_ns, nose_rad
+            self._low = self._high = 0.0
+            self._begun_ns = None
+        self._newest_ns = stamp_ns
+        if self._since_ns is None or stamp_ns - self._since_ns < self._settle_ns:
+            return None
+        return self._mean(stamp_ns, angle_rad)
+
+    def _still(self, stamp_ns: int, nose_rad: float) -> bool:
+        if self._since_ns is None or not 0 <= stamp_ns - self._newest_ns < _LONGEST_GAP_S * 1e9:
+            return False
+        turned = math.remainder(nose_rad - self._nose, math.tau)
+        self._low, self._high = min(self._low, turned), max(self._high, turned)
+        return self._high - self._low <= _STILL_RAD
+
+    def _mean(self, stamp_ns: int, angle_rad: float) -> float | None:
+        if self._begun_ns is None:
+            self._begun_ns, self._first = stamp_ns, angle_rad
+            self._offsets = []
+        # About the first, so that angles on both sides of a half turn have their mean there.
+        self._offsets.append(math.remainder(angle_rad - self._first, math.tau))
+        if stamp_ns - self._begun_ns < _MEAN_S * 1e9:
+            return None
+        self._begun_ns = None
+        return math.remainder(self._first + float(np.mean(self._offsets)), math.tau)

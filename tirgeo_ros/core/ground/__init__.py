@@ -1,0 +1,1 @@
+"""Intersect rays with the ground: a level, or an elevation model."""

@@ -1,0 +1,76 @@
+"""Where on the ground a pixel lies (Ren et al. 2022, Eq. 23), or why it lies nowhere.
+
+The ray through the pixel meets the ground: a surface of constant ellipsoidal height, or the
+bilinear surface of an elevation model. Both follow the earth's curvature, which the map's tangent
+plane leaves by 8 cm at 1 km.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TypeAlias
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.dem_intersection import Stop, first_hit
+from tirgeo_ros.core.ground.level_intersection import level_hits
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
+
+#: What lies under the map: one ellipsoidal height (m) everywhere, or an elevation model.
+Ground: TypeAlias = float | Terrain
+
+
+class Reason(Enum):
+    """Why a pixel has no ground point; the value is for a person to read."""
+
+    OUTSIDE_LENS = "the pixel is outside the lens model"
+    OUTSIDE_PICTURE = "the pixel is outside the picture"
+    ABOVE_HORIZON = "the pixel looks over the horizon"
+    UNDERGROUND = "the camera is below the ground: are both heights ellipsoidal?"
+    CAMERA_OFF_MODEL = "the camera is beside the elevation model"
+    OFF_MODEL = "the line of sight leaves the elevation model"
+    GAP = "the elevation model has a gap along the line of sight"
+    GRAZING = "the line of sight is too flat for a point to be told"
+    NO_POSE = "no trusted pose at that picture"
+    UNCERTAIN_POSE = "the pose's covariance is not known"
+    UNKNOWN_PICTURE = "no picture of that stamp was shown"
+    TOO_OLD = "the picture of that stamp is too long ago"
+    NO_PICTURE = "no picture was shown yet"
+    NO_GROUND = "the height of the ground is not known: set ground_height_m or dem"
+
+
+_OF_STOP = {
+    Stop.OVER: Reason.ABOVE_HORIZON,
+    Stop.UNDER: Reason.UNDERGROUND,
+    Stop.STARTS_BESIDE: Reason.CAMERA_OFF_MODEL,
+    Stop.BESIDE: Reason.OFF_MODEL,
+    Stop.GAP: Reason.GAP,
+}
+
+
+def locate(
+    camera: Camera, pose: CameraPose, uv: Array, plane: TangentPlane, ground: Ground
+) -> tuple[Array, list[Reason | None]]:
+    """Pixels (N, 2) to points (N, 3) of the ground, NED in the map's plane; None where one is.
+
+    A pixel without a point has nan and a reason. The first point along the ray counts: what a
+    ridge hides is not found.
+    """
+    rays_n = camera.rays(uv) @ matrix_from_quat(pose.q_nc).T
+    rays_n /= np.linalg.norm(rays_n, axis=1, keepdims=True)
+    if isinstance(ground, Terrain):
+        found = [first_hit(ground, plane, pose.position_n, ray) for ray in rays_n]
+        ways = np.array([np.nan if isinstance(way, Stop) else way for way in found])
+        stops = [way if isinstance(way, Stop) else None for way in found]
+    else:
+        ways, stops = level_hits(ground, plane, pose.position_n, rays_n)
+    reasons = [
+        Reason.OUTSIDE_LENS if np.isnan(ray[0]) else None if stop is None else _OF_STOP[stop]
+        for ray, stop in zip(rays_n, stops, strict=True)
+    ]
+    return pose.position_n + ways[:, None] * rays_n, reasons

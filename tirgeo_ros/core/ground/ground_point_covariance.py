@@ -1,0 +1,95 @@
+"""How sure a ground point is that was located through a pixel.
+
+The point moves with the errors of pose, time, lens and ground. Let the camera's place err by dc
+and its attitude by phi, so that the ray's far end, at d from the camera, errs by w = dc - d x phi;
+let the lens move it by e across the ray. The true point is on the ray so moved and on the ground
+of normal m, whose height errs by dh along up: with the ray's direction r,
+
+    d_point = P (w + e) + r (m . up) / (m . r) dh,    P = I - r m^T / (m . r).
+
+To first order only; the ground's normal is that over the length of the error itself.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.dem_slopes import Slopes
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
+
+_NO_COVARIANCE = np.full((3, 3), np.nan)
+
+
+def point_covariance(
+    camera: Camera,
+    pose: CameraPose,
+    timed: Array,
+    point_n: Array,
+    plane: TangentPlane,
+    ground: Ground,
+    config: ConfidenceConfig,
+) -> Array:
+    """Covariance (3, 3) in m2 of a located point (3,), both NED in the map's plane.
+
+    ``timed`` (6, 6) is the pose's covariance with the error of the time in it, finite. On an
+    elevation model the slope is that over two cells, or over the length of the error itself where
+    that is longer. nan where pixel and ground do not fix the point.
+    """
+    offset_n = point_n - pose.position_n
+    off_ray = _off_ray(camera, pose, timed, offset_n, config.lens_sigma_px)
+    latitude, longitude, _ = (float(x) for x in plane.geodetic_from_ned(point_n))
+    axes_n = plane.rotation_from_local(latitude, longitude)
+    up_n, sigma_m = -axes_n[:, 2], config.ground_sigma_m
+    if not isinstance(ground, Terrain):
+        return _on_ground(off_ray, offset_n, up_n, up_n, sigma_m)
+    slopes = Slopes(ground, latitude, longitude, axes_n)
+    found = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
+    spread = float(found[0, 0] + found[1, 1])
+    if not spread > (2 * slopes.cell_m) ** 2:  # nor where it is nan
+        return found
+    # As far as the point may truly be away, and no further than could pass for one slope.
+    step_m = min(math.sqrt(spread), 0.1 * math.hypot(*offset_n.tolist()))
+    return _on_ground(off_ray, offset_n, slopes.normal_n(step_m), up_n, sigma_m)
+
+
+def _off_ray(
+    camera: Camera, pose: CameraPose, timed: Array, offset_n: Array, lens_sigma_px: float
+) -> Array:
+    """(3, 3) covariance of the ray's end at ``offset_n`` from the camera, for all but the ground.
+
+    An error of the lens is in pixels: it is taken back to the plane through the point across the
+    optical axis. What it holds along the ray does not matter.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    x, y, depth_m = (offset_n @ rotation_nc).tolist()
+    ux, uy, vx, vy = camera.slopes(x / depth_m, y / depth_m)
+    share = depth_m / (ux * vy - uy * vx)
+    across_n = rotation_nc[:, :2] @ np.array(
+        [[vy * share, -uy * share], [-vx * share, ux * share]]
+    )
+    moved = np.hstack([np.eye(3), -skew(offset_n)])
+    covariance: Array = moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T)
+    return covariance
+
+
+def _on_ground(
+    off_ray: Array, offset_n: Array, normal_n: Array, up_n: Array, ground_sigma_m: float
+) -> Array:
+    """(3, 3): the covariance of the point where the ray meets the ground."""
+    fall = float(normal_n @ offset_n)
+    if not abs(fall) > 0:
+        return _NO_COVARIANCE
+    along_n = offset_n / fall
+    on_ground = np.eye(3) - along_n[:, None] * normal_n
+    raised_n = (ground_sigma_m * float(normal_n @ up_n)) * along_n
+    covariance = on_ground @ off_ray @ on_ground.T + raised_n[:, None] * raised_n
+    return np.asarray(0.5 * (covariance + covariance.T))

@@ -1,0 +1,58 @@
+"""Rays to a surface of constant ellipsoidal height."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
+from tirgeo_ros.core.ground.dem_intersection import Stop
+from tirgeo_ros.core.types.arrays import Array
+
+_MOST_STEPS = 6
+#: Of a height. Earth-fixed coordinates are rounded by 1e-9 m, some times over.
+_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
+#: Rays closer to the surface's tangent than this (rad) say nothing: no attitude is so well known.
+_LEVEL_RAD = 1e-4
+
+
+def level_hits(
+    height_m: float, plane: TangentPlane, position_n: Array, rays_n: Array
+) -> tuple[Array, list[Stop | None]]:
+    """How far (N,) along unit rays (N, 3) the height is reached, m; nan and why where it is not.
+
+    Begun on a sphere, then Newton's method on the ellipsoidal height.
+    """
+    latitude, longitude, camera_m = plane.geodetic_from_ned(position_n)
+    above_m = float(camera_m) - height_m
+    if not above_m > 0:
+        return np.full(len(rays_n), np.nan), [Stop.UNDER] * len(rays_n)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ways = _on_a_sphere(above_m, rays_n @ plane.up_n(latitude, longitude))
+        for _ in range(_MOST_STEPS):
+            off_m, slopes = _heights_and_slopes(plane, position_n, ways, rays_n)
+            off_m -= height_m
+            if not (np.abs(off_m) > _SETTLED_M).any():
+                break
+            ways = ways - off_m / slopes
+        met = (np.abs(off_m) < _CLOSE_M) & (slopes < -_LEVEL_RAD) & (ways > 0)
+    return np.where(met, ways, np.nan), [None if one else Stop.OVER for one in met.tolist()]
+
+
+def _on_a_sphere(above_m: float, slopes: Array) -> Array:
+    """The nearer root of above + slope t + (1 - slope^2) t^2 / 2 R; nan where there is none."""
+    bend = (1 - slopes**2) / (2 * SEMI_MAJOR_AXIS_M)
+    root = np.sqrt(np.where(slopes < 0, slopes**2 - 4 * bend * above_m, np.nan))
+    way: Array = 2 * above_m / (root - slopes)
+    return way
+
+
+def _heights_and_slopes(
+    plane: TangentPlane, position_n: Array, ways: Array, rays_n: Array
+) -> tuple[Array, Array]:
+    """Heights (N,) of points so far along rays, and how fast they grow there.
+
+    A height grows along the ellipsoid's normal at its place.
+    """
+    latitude, longitude, height = plane.geodetic_from_ned(position_n + ways[:, None] * rays_n)
+    return height, (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)

@@ -1,0 +1,225 @@
+"""A map's lines in short pieces, each at several levels of detail, chosen by distance.
+
+Douglas and Peucker's rule tells for each vertex the largest tolerance at which it stays; a level
+is what stays at one tolerance. The ends of a piece stay at every level, so that pieces of one
+line meet whatever their levels. No vertex of a line is farther from its simplified line than the
+tolerance, and the other way round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+
+#: Metres in space. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
+TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
+#: Long enough to be simplified, short enough to be culled well.
+PIECE_VERTICES = 64
+_BLOCK_PIECES = 64
+#: A level that drops less than this share of the vertices is not worth its memory.
+_LEAST_DROP = 0.25
+_MORTON_BITS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Boxes:
+    """Boxes along the axes: ``bounds`` (6, N), their centres over half their sizes, m."""
+
+    bounds: Array
+
+    @classmethod
+    def around(cls, low: Array, high: Array, starts: IntArray) -> Boxes:
+        """Around runs of boxes from ``low`` to ``high`` (3, V); ``starts`` (N + 1,)."""
+        if len(starts) < 2:
+            return cls(np.empty((6, 0)))
+        low = np.minimum.reduceat(low, starts[:-1], axis=1)
+        high = np.maximum.reduceat(high, starts[:-1], axis=1)
+        return cls(np.concatenate([(low + high) / 2, (high - low) / 2]))
+
+    @property
+    def centres(self) -> Array:
+        """(3, N)."""
+        return self.bounds[:3]
+
+    @property
+    def halves(self) -> Array:
+        """(3, N) half their sizes."""
+        return self.bounds[3:]
+
+    def take(self, which: IntArray) -> Boxes:
+        """The boxes of these numbers."""
+        return Boxes(self.bounds.take(which, axis=1))
+
+    def within(self, normals: Array, offsets: Array) -> IntArray:
+        """Numbers of those not wholly outside a plane: ``normals @ point >= offsets``."""
+        nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.bounds
+        return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
+
+    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+        """``within``, and for each of those whether it is wholly inside."""
+        reach = np.abs(normals)
+        sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
+        inside = (sides @ self.bounds).reshape(2, len(offsets), -1) >= offsets[:, None]
+        some: BoolArray = np.all(inside[0], axis=0)
+        number = np.flatnonzero(some)
+        return number, np.all(inside[1], axis=0)[number]
+
+    def distance(self, point: Array) -> Array:
+        """(N,) from a point to the nearest one of each box."""
+        apart = np.abs(self.centres - point[:, None])
+        apart -= self.halves
+        np.maximum(apart, 0.0, out=apart)
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", apart, apart)))
+
+
+@dataclass(frozen=True)
+class Details:
+    """Pieces of lines, sorted by layer and place, at the levels of ``TOLERANCES_M``.
+
+    ``points`` (3, M) holds all levels; piece ``i`` at level ``k`` is the run of ``count[k, i]``
+    from ``first[k, i]`` on. ``boxes`` are of the pieces, ``blocks`` of every 64 pieces. Line ``j``
+    is the pieces ``place[piece_starts[j]:piece_starts[j + 1]]``.
+    """
+
+    points: Array
+    first: IntArray
+    count: IntArray
+    owner: IntArray
+    boxes: Boxes
+    blocks: Boxes
+    place: IntArray
+    piece_starts: IntArray
+
+    @classmethod
+    def of(cls, lines: Polylines, layer: IntArray) -> Details:
+        """Cut and simplify lines (3, V) of two points or more, of layers (lines,)."""
+        pieces, line = cut_in_pieces(lines)
+        boxes = Boxes.around(pieces.points, pieces.points, pieces.starts)
+        order = np.lexsort((_morton(boxes.centres), layer[line]))
+        pieces, boxes = pieces.select(order), boxes.take(order)
+        points, first, count = _levels(pieces)
+        low, high = boxes.centres - boxes.halves, boxes.centres + boxes.halves
+        starts = np.append(np.arange(0, len(pieces), _BLOCK_PIECES), len(pieces))
+        blocks = Boxes.around(low, high, starts if len(pieces) else starts[:1])
+        piece_starts = np.searchsorted(line, np.arange(len(lines) + 1))
+        place = np.argsort(order)
+        return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
+
+    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+        """Numbers of the pieces that may be inside the planes, rising, and which wholly are."""
+        block = self.blocks.within(normals, offsets)
+        near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
+        near = near[: np.searchsorted(near, len(self.owner))]
+        number, whole = self.boxes.take(near).seen(normals, offsets)
+        return near[number], whole
+
+    def vertices(self, piece: IntArray, level: IntArray) -> IntArray:
+        """(N,) how many vertices pieces (N,) have at their levels (N,)."""
+        return self.count.take(self._place(piece, level))
+
+    def _place(self, piece: IntArray, level: IntArray) -> IntArray:
+        """In the tables of levels and pieces: NumPy takes from two axes at a tenth of the rate."""
+        return level * len(self.owner) + piece
+
+    def lines(self, piece: IntArray, level: IntArray) -> Polylines:
+        """Pieces (N,), each at its level (N,)."""
+        place = self._place(piece, level)
+        index, starts = runs(self.first.take(place), self.count.take(place))
+        return Polylines(self.points.take(index, axis=1), starts, self.owner[piece])
+
+
+def levels_at(tolerance_m: Array) -> IntArray:
+    """(N,) the coarsest level within each tolerance, m."""
+    # The tolerances double from one to the next: the exponent tells.
+    _, exponent = np.frexp(tolerance_m * (1 / TOLERANCES_M[1]))
+    level = np.minimum(np.maximum(exponent, 0), len(TOLERANCES_M) - 1)
+    return np.asarray(level, np.int64)
+
+
+def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:
+    """Pieces that share their ends, and the line of each."""
+    segments = np.diff(lines.starts) - 1
+    per_line = -(-segments // (PIECE_VERTICES - 1))
+    line = np.repeat(np.arange(len(lines)), per_line)
+    place, _ = runs(np.zeros_like(per_line), per_line)
+    begin = lines.starts[line] + place * segments[line] // per_line[line]
+    end = lines.starts[line] + (place + 1) * segments[line] // per_line[line]
+    index, starts = runs(begin, end - begin + 1)
+    return Polylines(lines.points.take(index, axis=1), starts, lines.owner[line]), line
+
+
+def worths(lines: Polylines) -> Array:
+    """(V,) the largest tolerance at which each vertex stays; infinite at the ends of a line.
+
+    All lines are halved together, each where it leaves its chord most, until what is left is
+    finer than the first tolerance.
+    """
+    worth = np.zeros(lines.points.shape[1])
+    first, last = lines.starts[:-1], lines.starts[1:] - 1
+    worth[first] = worth[last] = np.inf
+    limit = np.full(len(lines), np.inf)
+    while True:
+        live = (last - first > 1) & (limit > TOLERANCES_M[1])
+        first, last, limit = first[live], last[live], limit[live]
+        if not len(first):
+            return worth
+        farthest, distance = _farthest(lines.points, first, last)
+        limit = np.minimum(limit, distance)
+        worth[farthest] = limit
+        first, last = np.append(first, farthest), np.append(farthest, last)
+        limit = np.append(limit, limit)
+
+
+def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray, Array]:
+    """Which vertex between two is farthest from the segment that joins them, and how far."""
+    inner, starts = runs(first + 1, last - first - 1)
+    of = np.repeat(np.arange(len(first)), last - first - 1)
+    begin = points[:, first]
+    chord = points[:, last] - begin
+    squared = np.einsum("ij,ij->j", chord, chord)
+    chord = chord[:, of]
+    off = points[:, inner] - begin[:, of]
+    along = np.einsum("ij,ij->j", off, chord) / np.where(squared > 0, squared, 1.0)[of]
+    off -= np.clip(along, 0.0, 1.0) * chord
+    distance = np.einsum("ij,ij->j", off, off)
+    largest = np.maximum.reduceat(distance, starts[:-1])
+    hits = np.flatnonzero(distance == largest[of])[::-1]
+    at = np.empty_like(first)
+    at[of[hits]] = inner[hits]  # the first of equals is written last
+    return at, np.sqrt(largest)
+
+
+def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
+    """Points of all levels, and where each level of each piece begins and how many it has."""
+    worth = worths(pieces)
+    lengths = np.diff(pieces.starts)
+    count, first = [lengths], [pieces.starts[:-1]]
+    parts, total = [pieces.points], pieces.points.shape[1]
+    for tolerance_m in TOLERANCES_M[1:]:
+        stays = worth > tolerance_m
+        left = np.diff(np.append(0, np.cumsum(stays))[pieces.starts])
+        fewer = left <= (1 - _LEAST_DROP) * count[-1]
+        parts.append(pieces.points[:, stays & np.repeat(fewer, lengths)])
+        added = np.where(fewer, left, 0)
+        count.append(np.where(fewer, left, count[-1]))
+        first.append(np.where(fewer, total + np.cumsum(added) - added, first[-1]))
+        total += parts[-1].shape[1]
+    return np.concatenate(parts, axis=1), np.stack(first), np.stack(count)
+
+
+def _morton(centres: Array) -> IntArray:
+    """(N,) numbers by which neighbours in the plane are mostly neighbours."""
+    if not centres.size:
+        return np.empty(0, np.int64)
+    plane = centres[:2] - centres[:2].min(axis=1)[:, None]
+    scale = ((1 << _MORTON_BITS) - 1) / max(float(plane.max()), 1e-9)
+    cell = (plane * scale).astype(np.int64)
+    mixed = np.zeros(cell.shape[1], np.int64)
+    for bit in range(_MORTON_BITS):
+        mixed |= ((cell[0] >> bit) & 1) << (2 * bit)
+        mixed |= ((cell[1] >> bit) & 1) << (2 * bit + 1)
+    return mixed

@@ -1,0 +1,167 @@
+"""A map of lines, outlines and points in layers, laid once into the map's tangent plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.draping import Ground, check_heights, lay
+from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.level_of_detail import Boxes, Details
+from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """Outlines that are filled, each as the pieces of the map's lines that it is made of.
+
+    Ring ``i`` is ``pieces[starts[i]:starts[i + 1]]``, one after the other, of ``owner[i]``.
+    """
+
+    pieces: IntArray
+    starts: IntArray
+    owner: IntArray
+    boxes: Boxes
+
+    def __len__(self) -> int:
+        """Return the number of rings."""
+        return len(self.owner)
+
+
+@dataclass(frozen=True)
+class VectorMap:
+    """A map in the tangent plane: north, east, down from its origin, metres.
+
+    ``lines`` and ``marks`` (3, V) are owned by indices of ``labels``, one for each feature of the
+    map, and ``labelled`` says which are not empty; outlines are lines that end where they begin.
+    ``layers`` are in the order of drawing, without their features; ``layer`` (features,) is the
+    one to which a feature belongs, and never falls from one feature to the next.
+    ``details`` are the lines as they are drawn, ``rings`` the outlines of layers with a fill.
+    ``without_ground`` features have parts where the ground's height is unknown, which are left
+    out; ``notes`` is what a person should be told.
+    """
+
+    labels: tuple[str, ...]
+    labelled: BoolArray
+    layers: tuple[MapLayer, ...]
+    layer: IntArray
+    lines: Polylines
+    marks: Polylines
+    details: Details
+    rings: Rings
+    without_ground: int
+    notes: tuple[str, ...]
+
+    @classmethod
+    def from_layers(
+        cls, layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground = math.nan
+    ) -> VectorMap:
+        """Lay layers into a plane, on the ground; raises ConfigError where heights are unknown."""
+        check_heights(layers, ground)
+        of_layers = [[f for f in layer.features if len(f.points)] for layer in layers]
+        labels, layer, owner = _owners(of_layers)
+        features = list(chain.from_iterable(of_layers))
+        single = np.array([len(feature.points) == 1 for feature in features], bool)
+        parts = [_closed(feature) for feature in features]
+        lines, step = lay(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
+        marks, _ = lay(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
+        filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
+        rings = np.array([feature.closed for feature in features], bool)[~single]
+        rings &= filled[layer[lines.owner]]
+        lines, rings, lost = _on_ground(lines, rings)
+        marks, _, lost_marks = _on_ground(marks, np.zeros(len(marks), bool))
+        without_ground = len(np.union1d(lost, lost_marks))
+        details = Details.of(lines, layer[lines.owner])
+        return cls(
+            labels,
+            np.array([bool(label) for label in labels], bool),
+            tuple(replace(each, features=()) for each in layers),
+            layer,
+            lines,
+            marks,
+            details,
+            _rings(lines, np.flatnonzero(rings), details),
+            without_ground,
+            tuple(_notes(without_ground, len(labels), step)),
+        )
+
+
+def _notes(without_ground: int, features: int, step: float) -> list[str]:
+    notes = []
+    if without_ground:
+        notes.append(
+            f"map: {without_ground} of {features} features lie where the elevation model has no "
+            "height, and are not drawn there"
+        )
+    if step > 1:
+        notes.append(
+            f"map: too long for the elevation model: its lines touch it every {step:.1f} cells"
+        )
+    return notes
+
+
+def _owners(
+    of_layers: Sequence[Sequence[GeoFeature]],
+) -> tuple[tuple[str, ...], IntArray, IntArray]:
+    """The labels and layers of features, and for each part the index of its own.
+
+    Parts of a layer's group are one feature.
+    """
+    keys = [
+        (layer, f.group, -1) if f.group >= 0 else (layer, -1, i)
+        for layer, features in enumerate(of_layers)
+        for i, f in enumerate(features)
+    ]
+    index = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    labels = [""] * len(index)
+    for key, feature in zip(keys, chain.from_iterable(of_layers), strict=True):
+        labels[index[key]] = labels[index[key]] or feature.label
+    layer = np.array([key[0] for key in index], np.int64)
+    return tuple(labels), layer, np.array([index[key] for key in keys], np.int64)
+
+
+def _closed(feature: GeoFeature) -> Array:
+    points = feature.points
+    if not feature.closed or len(points) < 2 or np.array_equal(points[0], points[-1]):
+        return points
+    return np.concatenate([points, points[:1]])
+
+
+def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylines:
+    """The parts of these numbers, (3, V) latitude, longitude, height."""
+    chosen = [parts[i] for i in which.tolist()]
+    starts = np.cumsum([0, *map(len, chosen)], dtype=np.int64)
+    geodetic = np.concatenate([np.empty((0, 3)), *chosen])
+    return Polylines(np.ascontiguousarray(geodetic.T), starts, owner[which])
+
+
+def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
+    """What is finite of lines, which of them are whole rings, and the features that lost."""
+    finite: BoolArray = np.isfinite(lines.points.sum(axis=0))
+    if finite.all():
+        return lines, rings, np.empty(0, np.int64)
+    unknown = np.cumsum(np.append(0, ~finite))
+    whole = np.diff(unknown[lines.starts]) == 0
+    broken = lines.select(np.flatnonzero(~whole))
+    finite = np.isfinite(broken.points.sum(axis=0))
+    leave = broken.links() & finite[:-1] & finite[1:]
+    left = broken.cut(np.zeros(len(leave)), leave.astype(float))
+    lines = joined(lines.select(np.flatnonzero(whole)), left)
+    rings = np.append(rings[whole], np.zeros(len(left), bool))
+    return lines, rings, np.unique(broken.owner)
+
+
+def _rings(lines: Polylines, which: IntArray, details: Details) -> Rings:
+    """The lines of these numbers as rings, each from its pieces in their order."""
+    first = details.piece_starts[which]
+    number, starts = runs(first, details.piece_starts[which + 1] - first)
+    pieces = details.place[number]
+    centres, halves = details.boxes.centres[:, pieces], details.boxes.halves[:, pieces]
+    boxes = Boxes.around(centres - halves, centres + halves, starts)
+    return Rings(pieces, starts, lines.owner[which], boxes)

@@ -1,0 +1,260 @@
+"""What each aid has done lately: who is used, who is refused, since when.
+
+It is part of the filter's belief and goes along the time line with it, so a measurement that
+comes late meets the same decisions as one that came in time.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+
+#: The sources of measurements, in the order in which those of one instant are used.
+AIDS = (
+    Source.RTK_POSITION,
+    Source.RTK_VELOCITY,
+    Source.RTK_HEADING,
+    Source.GPS_POSITION,
+    Source.GPS_VELOCITY,
+)
+#: The autopilot's heading comes last, and has no record: it is taken or not.
+PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
+NEVER_NS = -(1 << 62)
+#: An aid that comes back corrects what has drifted meanwhile in so many equal steps.
+EASE_STEPS = 5
+_LEAST_RUN = 5
+#: A contradiction that came by so much of its size from one measurement to the next is a step: the
+#: receiver's, for what the IMU carries drifts away by degrees.
+_STEP_SHARE = 0.7
+#: A receiver that has stepped away, with nothing else to ask, is followed after this.
+STEPPED_S = 20.0
+#: So many resets of position or velocity within so long: the filter does not hold any more.
+_HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
+
+
+class Run(NamedTuple):
+    """Measurements that were refused one after another and agree with each other."""
+
+    first_ns: int
+    last_ns: int
+    number: int
+    innovation: tuple[float, ...]  # the first's, in a form that motion does not change
+
+    def lasts(self, seconds: float) -> bool:
+        """Whether it has gone on for so long, with more than a few measurements."""
+        return self.number >= _LEAST_RUN and self.last_ns - self.first_ns >= seconds * 1e9
+
+
+class Track(NamedTuple):
+    """One aid's record."""
+
+    used_ns: int = NEVER_NS
+    agreed_ns: int = 0  # for how long it has been used, without silences and refusals
+    ease: int = 0  # steps still to go
+    run: Run | None = None
+    mean_rad: float = 0.0  # of the newest innovations of headings
+    newest: tuple[float, ...] = ()  # the newest innovation, as ``Run`` has it
+    step: tuple[float, ...] = ()  # by which what is denied has left what fitted; empty: it drifted
+    # Refusals without a use after them, agreeing or not, stale ones left out:
+    denied_ns: int = 0  # the first
+    denied_to_ns: int = 0  # the newest
+    denied: int = 0  # their number
+
+    def recent(self, now_ns: int, timeout_ns: int) -> bool:
+        """Whether it was used within the time-out."""
+        return now_ns - self.used_ns <= timeout_ns
+
+    def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> Track:
+        """The record after a use."""
+        agreed_ns = self.agreed_ns
+        if self.run is None and self.recent(now_ns, timeout_ns):
+            agreed_ns += now_ns - self.used_ns
+        ease = max(self.ease - 1, 0)
+        return Track(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
+
+    def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> Track:
+        """The record before an innovation is judged: a step back ends what a step has begun.
+
+        ``expected`` is the innovation that would fit, in the same form.
+        """
+        if not self.step:
+            return self
+        change = tuple(map(operator.sub, innovation, self.newest))
+        if math.hypot(*change) < _STEP_SHARE * math.hypot(*self.step):
+            return self
+        if math.dist(innovation, expected) < 0.5 * math.dist(self.newest, expected):
+            return self._replace(step=())
+        return self._replace(step=tuple(map(operator.add, self.step, change)), denied=0)
+
+    def stepped(
+        self, innovation: tuple[float, ...], expected: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        """The step that made a refused innovation of one that fitted, or empty."""
+        if self.step or self.denied or not self.newest:
+            return self.step
+        step = tuple(map(operator.sub, innovation, self.newest))
+        small = math.hypot(*step) < _STEP_SHARE * math.dist(innovation, expected)
+        return () if small else step
+
+    def refused(
+        self,
+        now_ns: int,
+        innovation: tuple[float, ...],
+        slack: float,
+        *,
+        stale: bool = False,
+        step: tuple[float, ...] = (),
+    ) -> Track:
+        """The record after a refusal; it joins the run where it is within ``slack`` of it."""
+        run = self.run
+        if run is None or _apart(run.innovation, innovation) > slack:
+            run = Run(now_ns, now_ns, 1, innovation)
+        else:
+            run = run._replace(last_ns=now_ns, number=run.number + 1)
+        if stale:
+            return self._replace(run=run, newest=innovation, step=step)
+        return self._replace(
+            run=run,
+            newest=innovation,
+            step=step,
+            denied_ns=self.denied_ns if self.denied else now_ns,
+            denied_to_ns=now_ns,
+            denied=self.denied + 1,
+        )
+
+
+def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return max(abs(p - q) for p, q in zip(a, b, strict=True))
+
+
+class Receivers(NamedTuple):
+    """Estimated slow errors of the receivers, at ``stamp_ns``."""
+
+    stamp_ns: int
+    gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
+    heading_error_rad: float = 0.0
+    antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's place less the configured one, FRD
+
+    def at(self, stamp_ns: int, gps_time_s: float, heading_time_s: float) -> Receivers:
+        """The same at another time: errors fade with their correlation times."""
+        passed_s = (stamp_ns - self.stamp_ns) * 1e-9
+        if passed_s == 0:
+            return self
+        fade = math.exp(-passed_s / gps_time_s)
+        north, east, down = self.gps_error_n
+        heading_rad = self.heading_error_rad
+        if heading_rad:
+            heading_rad *= math.exp(-passed_s / heading_time_s)
+        faded = (north * fade, east * fade, down * fade)
+        return Receivers(stamp_ns, faded, heading_rad, self.antenna_b)
+
+    def changed(
+        self, gps_error_n: list[float], heading_rad: float = 0.0, antenna_b: Sequence[float] = ()
+    ) -> Receivers:
+        """With more error of the GPS (m) and of the headings, and another place of the antenna."""
+        n, e, d = self.gps_error_n
+        north, east, down = gps_error_n
+        moved = (n + north, e + east, d + down)
+        place = self.antenna_b
+        if antenna_b:
+            place = tuple(map(operator.add, place, antenna_b))
+        return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad, place)
+
+
+class Reset(NamedTuple):
+    """A state that was set to a measurement."""
+
+    source: Source
+    stamp_ns: int
+    size: float  # m, m/s or rad
+
+    def __str__(self) -> str:
+        """For people."""
+        if self.source is Source.RTK_HEADING:
+            return f"heading turned by {math.degrees(self.size):+.1f} deg"
+        if self.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}:
+            return f"velocity changed by {self.size:.2f} m/s"
+        what = "position moved" if self.source is Source.RTK_POSITION else "GPS error changed"
+        return f"{what} by {self.size:.2f} m"
+
+
+class Control(NamedTuple):
+    """The records of all aids."""
+
+    receivers: Receivers
+    tracks: tuple[Track, ...] = (Track(),) * len(AIDS)
+    status: FixStatus | None = None  # of rtk/fix; None: nothing heard
+    status_ns: int = NEVER_NS
+    fixed_since_ns: int = NEVER_NS
+    offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
+    resets: tuple[int, ...] = (0,) * len(AIDS)
+    reset_ns: tuple[int, ...] = ()  # of the newest of position and velocity
+    last_reset: Reset | None = None
+    rtk: Consistency = Consistency()  # its positions against its velocities
+
+    def track(self, source: Source) -> Track:
+        """The record of a source."""
+        return self.tracks[PLACE[source]]
+
+    def with_track(
+        self, source: Source, track: Track, receivers: Receivers | None = None
+    ) -> Control:
+        """The same with one record changed, and what is known of the receivers."""
+        place, tracks = PLACE[source], self.tracks
+        # By places: a named tuple's own _replace takes three times as long.
+        return Control(
+            receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
+        )
+
+    def with_receivers(self, receivers: Receivers) -> Control:
+        """The same with what is known of the receivers."""
+        return Control(receivers, *self[1:])
+
+    def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
+        """What the receiver last said of its fix, if it was lately."""
+        return self.status if now_ns - self.status_ns <= timeout_ns else None
+
+    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> Control:
+        """The receiver has told its status."""
+        fixed = status is FixStatus.FIXED
+        was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
+        begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
+        told = Control(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
+        if not fixed or was_fixed or self.status is None:
+            return told
+        # A float's offset has grown meanwhile.
+        tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
+        return told._replace(tracks=tracks)
+
+    def with_reset(self, source: Source, now_ns: int, size: float) -> Control:
+        """The state was set to a measurement of a source: counted, its record begun anew."""
+        place = PLACE[source]
+        counts = list(self.resets)
+        counts[place] += 1
+        stamps = self.reset_ns
+        if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
+            stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
+        return self.with_track(source, Track(now_ns))._replace(
+            resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
+        )
+
+    def hopeless(self, patience_s: float) -> str:
+        """Why nothing short of another start helps, or empty."""
+        stamps = self.reset_ns
+        if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
+            return f"reset again and again: {self.last_reset}"
+        # Two measurements of different kinds do not err together, and by what runs away beneath
+        # them they do not agree with themselves either.
+        both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
+        if any(track.step for track in both):  # the receiver has stepped, not the state
+            patience_s = max(patience_s, STEPPED_S)
+        for_long = all(t.denied_to_ns - t.denied_ns >= patience_s * 1e9 for t in both)
+        if for_long and all(track.denied >= _LEAST_RUN for track in both):
+            return "rtk/fix and rtk/vel both contradict it"
+        return ""

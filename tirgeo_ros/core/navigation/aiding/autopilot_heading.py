@@ -1,0 +1,62 @@
+"""The autopilot's own heading, where nothing else holds the filter's.
+
+It gave the first heading where no antennas did. Gyroscopes carry that on, and velocities correct
+it where the aircraft accelerates; over a long hover or a straight leg neither is enough. Its error
+lasts, so that it is taken only once the state has forgotten it, to be as good as at the start.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
+from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
+from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.strapdown import rotate
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
+
+_NOSE_B = (1.0, 0.0, 0.0)
+#: Worth taking where the state's heading has so many of its sigmas.
+_SIGMAS = 3.0
+_GATE_SIGMA = 5.0
+_AGAIN_NS = 1_000_000_000
+
+
+class AutopilotHeadings:
+    """Makes the sample and its measurement, as the parameters say."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
+        self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
+        self._newest_ns: int | None = None
+
+    def is_worth(self, covariance: Array) -> bool:
+        """Whether the state's heading is so uncertain that the autopilot's tells more."""
+        return bool(covariance[2, 2] > self._worth_rad2)
+
+    def sample(self, imu: ImuSample, covariance: Array) -> AutopilotHeading | None:
+        """The sample of an IMU message, where it is worth it; one a second at the most."""
+        newest_ns, q_nb = self._newest_ns, imu.autopilot_q_nb
+        if not self.is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
+            return None
+        if newest_ns is not None and 0 <= imu.stamp_ns - newest_ns < _AGAIN_NS:
+            return None
+        self._newest_ns = imu.stamp_ns
+        heading = azimuth(rotate(rotation_of(tuple(q_nb.tolist())), _NOSE_B))
+        return AutopilotHeading(imu.stamp_ns, heading, self._variance_rad2)
+
+    def aid(self, sample: AutopilotHeading, belief: Belief) -> Aid:
+        """The measurement: the turn about the vertical alone, tilt is known better."""
+        nose_n = rotate(rotation_of(belief.state.q_nb), _NOSE_B)
+        off = wrapped(sample.heading_rad - azimuth(nose_n))
+        design = np.zeros((1, len(belief.covariance)))
+        design[0, 2] = 1.0
+        noise = np.array(((sample.variance_rad2,),))
+        measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
+        return Aid(Source.AUTOPILOT_HEADING, sample.stamp_ns, measurement, (off,), (0.0,), 0.0)

@@ -1,0 +1,304 @@
+"""A sample into the belief: the right measurement, its gate, its verdict.
+
+RTK positions are used from float on and RTK velocities with them, headings only while the
+position is fixed. The ordinary GPS steps in where RTK is gone.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, Control, Receivers, Track
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, Headings
+from tirgeo_ros.core.navigation.aiding.filter_state import (
+    Aid,
+    Aidlike,
+    Belief,
+    Fused,
+    added,
+    not_fixed,
+    refused,
+)
+from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
+from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition
+from tirgeo_ros.core.navigation.aiding.state_reset import Resets
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    POSITION,
+    feedback,
+    has_antenna,
+    heading_error,
+    states_of,
+)
+from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    AutopilotHeading,
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+#: What has stepped away is believed only where the state itself may well be off by as much.
+_STEPPED_GATE_SIGMA = 2.0
+#: Of these a step is told from a drift; a step of ordinary GPS is its error's.
+_STEPPING = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+#: Aids that move the map where they come back at once.
+_EASED = (Source.RTK_POSITION, Source.RTK_VELOCITY)
+
+
+class Fusion:
+    """Turns samples into measurements and fuses them, as the parameters say."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
+        self._direct = config.position_update == "rtk_direct"
+        self._rtk_position = RtkPosition(config)
+        self._rtk_velocity = Velocities(states, config.rtk, config.aircraft.rtk_lever_b)
+        self._gps_velocity = Velocities(states, config.gps, config.aircraft.gps_lever_b)
+        self._gps_position = GpsPosition(config)
+        self._headings = Headings(config)
+        self._autopilot = AutopilotHeadings(config)
+        self._resets = Resets(config)
+        self._gps_time_s = config.gps.position_time_s
+        self._heading_time_s = config.heading.bias_time_s
+
+    def spare(self, sample: Aidlike, control: Control) -> bool:
+        """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
+        return self._gps_position.spare(sample, control)
+
+    def fuse(
+        self,
+        sample: Aidlike,
+        belief: Belief,
+        angular_rate_b: Vector,
+        *,
+        stale: bool = False,
+        autopilot_q_nb: Array | None = None,
+    ) -> Fused:
+        """The belief with a sample in it.
+
+        ``angular_rate_b`` (rad/s) has its bias removed; a ``stale`` sample says what the one
+        before said: its refusal proves less against the state. The autopilot's attitude (4,) is
+        asked where the headings contradict the state.
+        """
+        if self.spare(sample, belief.control):
+            return refused(sample, belief, Outcome.STANDBY, "RTK is there")
+        state, covariance, control = belief
+        belief = Belief(state, covariance, self._faded(control, sample.stamp_ns))
+        if isinstance(sample, AutopilotHeading):
+            return self._turned_by_autopilot(sample, belief)
+        if isinstance(sample, HeadingSample):
+            aid, belief = self._heading(sample, belief)
+        elif isinstance(sample, VelocitySample):
+            aid, belief = self._velocity(sample, belief, angular_rate_b)
+        else:
+            aid, belief = self._position(sample, belief)
+        if isinstance(aid, Verdict):
+            return Fused(aid, belief)
+        if stale:
+            aid = aid._replace(stale=True)
+        belief, reason = _against_itself(sample, aid, belief)
+        if reason:
+            return refused(sample, belief, Outcome.GATED, reason)
+        return self._judged(aid, belief, autopilot_q_nb)
+
+    def _position(self, sample: PositionSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+        if sample.source is Source.GPS_POSITION:
+            if sample.status < FixStatus.SINGLE:
+                return not_fixed(sample.source, sample.status), belief
+            return self._gps_position.aid(sample, belief), belief
+        state, covariance, control = belief
+        belief = Belief(state, covariance, self._heard(sample, control))
+        if sample.status < FixStatus.FLOAT:
+            return not_fixed(sample.source, sample.status), belief
+        return self._rtk_position.aid(sample, belief)
+
+    def _heard(self, sample: PositionSample, control: Control) -> Control:
+        return control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+
+    def _velocity(
+        self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector
+    ) -> tuple[Aid | Verdict, Belief]:
+        if sample.source is Source.GPS_VELOCITY:
+            return self._gps_velocity.aid(sample, belief, angular_rate_b), belief
+        status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
+        if status is not None and status < FixStatus.FLOAT:
+            return not_fixed(sample.source, status), belief
+        return self._rtk_velocity.aid(sample, belief, angular_rate_b), belief
+
+    def _heading(self, sample: HeadingSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+        reason = self._headings.obstacle(sample, belief.control)
+        if reason:
+            return Verdict(Source.RTK_HEADING, Outcome.NOT_FIXED, reason), belief
+        aid = self._headings.aid(sample, belief)
+        if aid is None:
+            reason = "the antenna baseline stands upright"
+            return Verdict(Source.RTK_HEADING, Outcome.INVALID, reason), belief
+        return aid, belief
+
+    def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:
+        """The belief with a measurement in it, or without where the gates refuse."""
+        state, covariance, control = belief
+        track = control.track(aid.source).followed(aid.invariant, aid.expected)
+        track = self._eased(aid, track)
+        measurement = aid.measurement
+        if track.ease > 1:
+            measurement = measurement._replace(ease=track.ease - 1.0)
+        if track.step and aid.source is Source.RTK_POSITION:
+            return self._without_step(aid, belief, track)
+        if track.step:
+            gate_sigma = min(measurement.gate_sigma, _STEPPED_GATE_SIGMA)
+            measurement = measurement._replace(gate_sigma=gate_sigma)
+            aid = aid._replace(measurement=measurement)
+        ratio, error, updated, predicted = update(covariance, measurement)
+        reason = "refused" if error is None else ""
+        if aid.source is Source.RTK_HEADING:
+            track, reason = self._headings.averaged(track, measurement, predicted, reason)
+        if reason or error is None or updated is None:
+            track = self._refused(aid, track)
+            reason = off(aid, track) if error is None else reason
+            belief = belief._replace(control=control.with_track(aid.source, track))
+            return self._after_refusal(aid, belief, ratio, reason, autopilot_q_nb)
+        if self._direct and aid.source is Source.RTK_POSITION:
+            error, updated = _position_taken(error, updated, measurement)
+        track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
+        control = control.with_track(aid.source, track, _receivers(control, error))
+        belief = Belief(feedback(state, error), updated, control)
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
+
+    def _turned_by_autopilot(self, sample: AutopilotHeading, belief: Belief) -> Fused:
+        """The belief with the autopilot's heading, where it is worth it; it never resets one."""
+        if not self._autopilot.is_worth(belief.covariance):
+            return refused(sample, belief, Outcome.STANDBY, "the heading is known better")
+        aid = self._autopilot.aid(sample, belief)
+        ratio, error, updated, _ = update(belief.covariance, aid.measurement)
+        if error is None or updated is None:
+            return Fused(_verdict(aid, Outcome.GATED, "innovation", ratio), belief)
+        control = belief.control._replace(receivers=_receivers(belief.control, error))
+        state = feedback(belief.state, error)
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), Belief(state, updated, control))
+
+    def _refused(self, aid: Aid, track: Track) -> Track:
+        """The record after a refusal.
+
+        A position that comes back after a silence meets a state that has drifted; a heading meets
+        one that the gyroscopes have carried, and they do not turn it by much.
+        """
+        step: tuple[float, ...] = ()
+        seen = track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns)
+        if seen and aid.source in _STEPPING:
+            step = track.stepped(aid.invariant, aid.expected)
+        elif not seen and aid.source is Source.RTK_HEADING and track.newest:
+            step = tuple(map(operator.sub, aid.invariant, aid.expected))
+        return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
+
+    def _without_step(self, aid: Aid, belief: Belief, track: Track) -> Fused:
+        """The belief after a position that has stepped away: its motion is taken, its place not.
+
+        What a receiver says of motion stays right when its solution jumps. After a while without
+        a step back the place is as uncertain as the step is large, and the next one decides.
+        """
+        plain = aid.measurement
+        ratio = update(belief.covariance, plain).test_ratio
+        track = self._refused(aid, track)
+        control = belief.control.with_track(aid.source, track)
+        believed = self._resets.after_step(aid, belief._replace(control=control))
+        if believed is not None:
+            moved = believed.control.resets != control.resets
+            reason = str(believed.control.last_reset) if moved else off(aid, track)
+            outcome = Outcome.RESET if moved else Outcome.GATED
+            return Fused(_verdict(aid, outcome, reason, ratio), believed)
+        measurement = plain._replace(innovation=plain.innovation - np.array(track.step))
+        _, error, updated, _ = update(belief.covariance, measurement)
+        if error is None or updated is None:
+            belief = belief._replace(control=control)
+        else:
+            control = control._replace(receivers=_receivers(control, error))
+            belief = Belief(feedback(belief.state, error), updated, control)
+        return Fused(_verdict(aid, Outcome.GATED, off(aid, track), ratio), belief)
+
+    def _after_refusal(
+        self, aid: Aid, belief: Belief, ratio: float, reason: str, autopilot_q_nb: Array | None
+    ) -> Fused:
+        reset = self._resets.after_refusal(aid, belief, autopilot_q_nb)
+        if reset is None:
+            return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
+        return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
+
+    def _eased(self, aid: Aid, track: Track) -> Track:
+        """An aid that was silent for long does not move the state in one step."""
+        if aid.source not in _EASED or track.recent(aid.stamp_ns, self._timeout_ns):
+            return track
+        return track._replace(ease=EASE_STEPS)
+
+    def _faded(self, control: Control, stamp_ns: int) -> Control:
+        """With the receivers' errors at a sample's time."""
+        receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
+        return control if receivers is control.receivers else control.with_receivers(receivers)
+
+
+def _against_itself(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
+    """RTK's positions and velocities compared, and why a measurement of them is refused."""
+    control, (innovation, _, noise, *_) = belief.control, aid.measurement
+    if aid.source is Source.RTK_POSITION and isinstance(sample, PositionSample):
+        rtk = control.rtk.with_fix(sample, noise)
+    elif aid.source is Source.RTK_VELOCITY and isinstance(sample, VelocitySample):
+        against_imu_n = added(innovation.tolist(), belief.state.push_n)
+        rtk = control.rtk.with_velocity(sample, noise, against_imu_n)
+    else:
+        return belief, ""
+    control = Control(*control[:-1], rtk)
+    return Belief(belief.state, belief.covariance, control), rtk.reason(aid.source)
+
+
+def _receivers(control: Control, error: Array) -> Receivers:
+    """What is known of the receivers after an estimated error (n,)."""
+    at = heading_error(len(error))
+    turned = 0.0 if at is None else float(error[at])
+    moved = error[ANTENNA].tolist() if has_antenna(len(error)) else ()
+    return control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
+
+
+def off(aid: Aid, track: Track) -> str:
+    """Say how far a measurement is off, for people; of a step, by how much it was."""
+    size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
+    if aid.source is Source.RTK_HEADING:
+        if track.step:  # a chord of the unit circle
+            size = 2 * math.asin(min(size / 2, 1.0))
+        swapped = "; antennas swapped?" if size > LARGE_TURN_RAD else ""
+        return f"{math.degrees(size):.0f} deg off{swapped}"
+    speed = aid.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}
+    return f"{size:.1f} {'m/s' if speed else 'm'} off"
+
+
+def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:
+    """The verdict on a measurement, with its numbers."""
+    innovation = tuple(aid.measurement.innovation.tolist())
+    degrees = len(innovation)
+    limit = chi_square_limit(aid.measurement.gate_sigma, degrees)
+    return Verdict(aid.source, outcome, reason, ratio, innovation, ratio * limit / degrees)
+
+
+def _position_taken(
+    error: Array, covariance: Array, measurement: Measurement
+) -> tuple[Array, Array]:
+    """The paper's cycle (section 3.3): RTK's position as it stands, the rest filtered."""
+    error, covariance = error.copy(), covariance.copy()
+    error[POSITION] = measurement.innovation
+    covariance[POSITION, :] = 0.0
+    covariance[:, POSITION] = 0.0
+    covariance[POSITION, POSITION] = measurement.noise
+    return error, covariance

@@ -1,0 +1,83 @@
+"""The ordinary GPS as the fall-back of RTK.
+
+Its position has an error of metres that varies over a minute. While RTK is fixed that error is
+learned, as a state of the filter, from a position a second; when RTK is gone, positions less the
+learned error carry on where RTK stopped, and the state's covariance grows as the error wanders.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, Control
+from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Aidlike, Belief, added, source_of
+from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, position_design
+from tirgeo_ros.core.navigation.ins_error_model import states_of
+from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.strapdown import Vector, rotate
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+
+#: While RTK lasts the error is learned once in so long (a second less the jitter of stamps).
+_LEARNING_NS = 950_000_000
+#: Wandering of a GPS error that still counts as one and the same.
+_SLACK_M = 2.0
+
+
+class GpsPosition:
+    """Makes measurements of GPS positions, as the parameters say."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._gps = config.gps
+        self._states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
+        self._lever_b: Vector = tuple(config.aircraft.gps_lever_b.tolist())
+        noise_m2 = config.gps.position_noise_m**2
+        self._noise = np.eye(3) * noise_m2
+        self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
+
+    def spare(self, sample: Aidlike, control: Control) -> bool:
+        """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
+        source, now_ns = source_of(sample), sample.stamp_ns
+        if source is Source.GPS_VELOCITY:
+            return control.track(Source.RTK_VELOCITY).recent(now_ns, self._timeout_ns)
+        if source is not Source.GPS_POSITION:
+            return False
+        return (
+            control.status is FixStatus.FIXED
+            and control.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
+            and control.track(source).recent(now_ns, _LEARNING_NS)
+        )
+
+    def aid(self, sample: PositionSample, belief: Belief) -> Aid:
+        """The measurement of a position with its slow error in it."""
+        state = belief.state
+        error = belief.control.receivers.gps_error_n
+        lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
+        innovation = innovation_n(state, sample, added(lever_n, error))
+        design = position_design(self._states, lever_n, gps=True)
+        # What the receiver admits beyond the slow error that the state has.
+        beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
+        beyond *= self._lasting(belief.control, sample.stamp_ns)
+        noise = self._noise + np.diag(beyond)
+        measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
+        invariant = added(innovation, state.correction_n)
+        return Aid(
+            sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
+        )
+
+    def _lasting(self, control: Control, now_ns: int) -> float:
+        """White noise that is worth an error which lasts, times its variance.
+
+        Where there has been no RTK for long no number of fixes averages it away: noise with the
+        same power at low frequency has 2 tau / step times the variance.
+        """
+        used_ns = control.track(Source.GPS_POSITION).used_ns
+        time_s = self._gps.position_time_s
+        if used_ns == NEVER_NS or control.track(Source.RTK_POSITION).recent(
+            now_ns, round(time_s * 1e9)
+        ):
+            return 1.0
+        step_s = min(max((now_ns - used_ns) * 1e-9, 0.02), 1.0)
+        return max(2 * time_s / step_s, 1.0)

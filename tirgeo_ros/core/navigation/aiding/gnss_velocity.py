@@ -1,0 +1,82 @@
+"""Satellite velocity of an antenna."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import GpsConfig, RtkConfig
+from tirgeo_ros.core.frames.rotations import rotation_of, skew
+from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, flat_memory, has_antenna
+from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import VelocitySample
+
+
+def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
+    """Velocity of the antenna against the IMU, NED m/s; the rate (rad/s) is without its bias."""
+    return rotate(rotation_nb, cross(angular_rate_b, lever_arm_b))
+
+
+def velocity_design(
+    states: int, rotation_nb: Rotation, swing: Vector, lever_arm_b: Vector
+) -> Array:
+    """H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
+
+    The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
+    """
+    design = np.zeros((3, states))
+    flat = flat_memory(design)
+    second, third = states, 2 * states
+    sx, sy, sz = swing
+    flat[1], flat[2] = sz, -sy
+    flat[second], flat[second + 2] = -sz, sx
+    flat[third], flat[third + 1] = sy, -sx
+    flat[3] = flat[second + 4] = flat[third + 5] = 1.0
+    x, y, z = lever_arm_b
+    for row in range(3):
+        a, b, c = rotation_nb[3 * row : 3 * row + 3]
+        at = row * states + 9
+        flat[at], flat[at + 1], flat[at + 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    return design
+
+
+_NOTHING = (0.0, 0.0, 0.0)
+
+
+class Velocities:
+    """Makes measurements of the velocities of one receiver, as the parameters say."""
+
+    def __init__(self, states: int, receiver: RtkConfig | GpsConfig, lever_arm_b: Array) -> None:
+        """``lever_arm_b`` (3,): its antenna from the IMU, FRD, m."""
+        self._states = states
+        self._lever_b: Vector = tuple(lever_arm_b.tolist())
+        self._sought = isinstance(receiver, RtkConfig) and has_antenna(states)
+        self._floor_m_s = receiver.velocity_sigma_floor_m_s
+        self._gate_sigma = receiver.gate_sigma
+
+    def aid(self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector) -> Aid:
+        """The measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
+        state = belief.state
+        rotation = rotation_of(state.q_nb)
+        lever_b = self._lever_b
+        if self._sought:
+            lever_b = added(lever_b, belief.control.receivers.antenna_b)
+        swing = swing_n(rotation, angular_rate_b, lever_b)
+        (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
+        innovation = (
+            north - was[0] - swing[0],
+            east - was[1] - swing[1],
+            down - was[2] - swing[2],
+        )
+        noise = floored(sample.covariance_n, self._floor_m_s)
+        design = velocity_design(self._states, rotation, swing, lever_b)
+        if self._sought:
+            design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
+        measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
+        scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
+        slack = 1.5 * self._gate_sigma * scatter
+        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _NOTHING, slack)

@@ -1,0 +1,120 @@
+"""Satellite position of an antenna (Eq. 4, with the lever arm's partials in attitude)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.aiding.aid_status import Control
+from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    flat_memory,
+    has_antenna,
+    states_of,
+)
+from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
+
+
+def separation_n(state: NavState, sample: PositionSample) -> Vector:
+    """Antenna as measured minus IMU as estimated, NED metres (Eq. 5)."""
+    meridian, transverse = radii_of_curvature(state.latitude_rad)
+    east = (sample.longitude_rad - state.longitude_rad + math.pi) % (2 * math.pi) - math.pi
+    middle = 0.5 * (sample.latitude_rad + state.latitude_rad)
+    return (
+        (sample.latitude_rad - state.latitude_rad) * (meridian + state.height_m),
+        east * (transverse + state.height_m) * math.cos(middle),
+        state.height_m - sample.height_m,
+    )
+
+
+def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
+    """Measured minus predicted antenna position, NED metres; ``lever_n`` is ``R_nb l``."""
+    north, east, down = separation_n(state, sample)
+    return north - lever_n[0], east - lever_n[1], down - lever_n[2]
+
+
+def position_design(
+    states: int, lever_n: Vector, *, gps: bool = False, rotation_nb: Rotation | None = None
+) -> Array:
+    """H (3, states) of an antenna position: ``R_true l = R l - [R l x] phi``.
+
+    With ``gps`` the slow error of the ordinary GPS is in the measurement too; with a rotation the
+    antenna's place is a state.
+    """
+    design = np.zeros((3, states))
+    x, y, z = lever_n
+    flat = flat_memory(design)
+    second, third = states, 2 * states
+    flat[1], flat[2] = z, -y
+    flat[second], flat[second + 2] = -z, x
+    flat[third], flat[third + 1] = y, -x
+    flat[6] = flat[second + 7] = flat[third + 8] = 1.0
+    if gps:
+        first = GPS_ERROR.start
+        flat[first] = flat[second + first + 1] = flat[third + first + 2] = 1.0
+    if rotation_nb is not None:
+        design[:, ANTENNA] = matrix(rotation_nb)
+    return design
+
+
+class RtkPosition:
+    """Makes measurements of RTK positions, as the parameters say."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._rtk = config.rtk
+        self._states = states_of(config)
+        self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
+
+    def aid(self, sample: PositionSample, belief: Belief) -> tuple[Aid, Belief]:
+        """The measurement, and the belief with its offset in the median's window."""
+        state = belief.state
+        rotation = rotation_of(state.q_nb)
+        lever_n = rotate(rotation, added(self._lever_b, belief.control.receivers.antenna_b))
+        innovation = innovation_n(state, sample, lever_n)
+        offset = added(innovation, state.correction_n)
+        if self._rtk.median_window > 1:
+            innovation, belief = self._median(offset, belief)
+        noise, sigma_m = self._noise(sample, belief.control)
+        gate_sigma = self._rtk.gate_sigma
+        sought = rotation if has_antenna(self._states) else None
+        design = position_design(self._states, lever_n, rotation_nb=sought)
+        measurement = Measurement(np.array(innovation), design, noise, gate_sigma)
+        slack = 1.5 * gate_sigma * sigma_m
+        return Aid(
+            sample.source, sample.stamp_ns, measurement, offset, state.correction_n, slack
+        ), belief
+
+    def _median(self, offset: Vector, belief: Belief) -> tuple[Vector, Belief]:
+        """The median's innovation.
+
+        A median of positions would lag behind an aircraft in motion. The offsets from the path
+        that the IMU alone has taken are disturbed by a jump as positions are, by motion not at
+        all.
+        """
+        control, moved = belief.control, belief.state.correction_n
+        offsets = (*control.offsets_n, offset)[-self._rtk.median_window :]
+        north, east, down = np.median(offsets, axis=0).tolist()
+        belief = belief._replace(control=control._replace(offsets_n=offsets))
+        return (north - moved[0], east - moved[1], down - moved[2]), belief
+
+    def _noise(self, sample: PositionSample, control: Control) -> tuple[Array, float]:
+        """R (3, 3), and the scatter (m) of one position against the next."""
+        if sample.status is FixStatus.FIXED:
+            noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)
+            return noise, math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
+        # The error of a float solution lasts. White noise with the same power at low frequency
+        # has 2 tau / step times its variance.
+        since_s = (sample.stamp_ns - control.track(sample.source).used_ns) * 1e-9
+        step_s = min(max(since_s, 0.02), 1.0)
+        noise = floored(sample.covariance_n, self._rtk.float_sigma_m)
+        factor = max(2 * self._rtk.float_time_s / step_s, 1.0)
+        return noise * factor, self._rtk.float_sigma_m

@@ -1,0 +1,1 @@
+"""Find the first state of the filter, at rest or in motion."""

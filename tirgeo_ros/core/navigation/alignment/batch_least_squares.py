@@ -1,0 +1,271 @@
+"""The state at the end of a short window that best fits all that was measured in it.
+
+Generalised least squares. Seen from the end, at time T, the gyroscopes carry body vectors at t to
+the body at T (``D``), and the accelerometers give, in the same axes and without gravity,
+``S = integral of D f`` and ``W = integral of S``, both from t to T. With ``u = T - t``::
+
+    v(t) = v - R S - g u                  (Groves, 2nd ed., 5.6.2, extended to motion)
+    p(t) = p - v u + R W + g u^2 / 2
+    direction(t) = R D d
+
+So every observation is ``a v + b p + c g + R x`` with its own scalars and body vector x. Noise and
+bias of the IMU reach it through x; the errors of all observations are therefore correlated, and
+the covariance of the end's state follows with all its cross terms, those of tilt and
+accelerometer bias among them. Earth rate and Coriolis force are left out: over some seconds they
+are a tenth of what the turn-on biases may be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, Window
+from tirgeo_ros.core.navigation.vibration_meter import Powers
+from tirgeo_ros.core.types.arrays import Array
+
+_NOISE_STEP_NS = 20_000_000
+_NOISE_STEPS = 100
+_ITERATIONS = 8
+_CONVERGED_RAD = 1e-7
+
+
+class Kind(Enum):
+    """What an observation is of."""
+
+    VELOCITY = "velocity"
+    POSITION = "position"
+    AZIMUTH = "azimuth"
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A thing measured in the window; k = 3, or 1 for an azimuth."""
+
+    stamp_ns: int
+    name: str  # its topic
+    kind: Kind
+    value: Array  # (k,) NED m/s or m of an antenna, or the azimuth of a direction in rad
+    arm_b: Array  # (3,) antenna from the IMU in m, or the direction
+    white: Array  # (k, k) covariance of the error that is new each time
+    slow_sigma: Array  # (k,) standard deviation of the error that lasts
+    slow_time_s: float = np.inf  # its correlation time
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The state at the window's end."""
+
+    rotation_nb: Array  # (3, 3)
+    velocity_n: Array  # (3,) m/s
+    position_n: Array  # (3,) m, in the axes of the observations
+    biases: Array  # (6,) gyroscope rad/s, accelerometer m/s2
+    covariance: Array  # (15, 15) attitude, velocity, position, biases
+    tilt_sigma_rad: float  # of the larger of the two, were the biases known
+    residuals: list[Array]  # (k,) of each observation
+    distances: Array  # (m,) squared distance per degree of freedom, of each observation
+    settled: bool
+
+
+class _Terms:
+    """What the model needs of each observation: its scalars, its body vector, its IMU errors."""
+
+    def __init__(self, window: Window, seen: Sequence[Observation], powers: Powers) -> None:
+        at = window.at([o.stamp_ns for o in seen])
+        kinds = np.array([o.kind.value for o in seen])
+        self._is_velocity = kinds == Kind.VELOCITY.value
+        self._is_position = kinds == Kind.POSITION.value
+        before = window.before_s[at]
+        self.of_velocity = np.where(self._is_position, -before, 1.0 * self._is_velocity)
+        self.of_position = 1.0 * self._is_position
+        self.of_gravity = np.where(self._is_position, 0.5 * before**2, -before * self._is_velocity)
+        arms = np.array([o.arm_b for o in seen])
+        swinging = np.cross(window.rate_b[at], arms)
+        turned = np.where(self._is_velocity[:, None], swinging, arms)
+        self.body = np.einsum("kij,kj->ki", window.to_end[at], turned)
+        self.body -= self._is_velocity[:, None] * window.velocity[at]
+        self.body += self._is_position[:, None] * window.position[at]
+        kernels, steps = self._kernels(window, at)
+        self.of_biases = np.einsum("kmij,m->kij", kernels, steps)
+        swing = self._is_velocity[:, None, None] * (window.to_end[at] @ skew(arms))
+        self.of_biases[:, :, :3] += swing
+        flat = (kernels * np.sqrt(np.array(powers) * steps[:, None, None])).swapaxes(1, 2)
+        flat = flat.reshape(3 * len(seen), -1)
+        self.imu_noise = flat @ flat.T  # (3 m, 3 m) in the last body frame
+
+    def _kernels(self, window: Window, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
+        """(m, steps, 3, 6): what a unit error of the IMU in a step does to each observation.
+
+        A turn by e at time s turns all body vectors before s; of an integral it turns the part
+        up to s, which is what its value at s does not hold yet.
+        """
+        coarse = _coarse(window, at)
+        steps = -np.diff(window.before_s[coarse])
+        middle, velocity, position, left = (
+            0.5 * (values[coarse][1:] + values[coarse][:-1])
+            for values in (window.to_end, window.velocity, window.position, window.before_s)
+        )
+        since = window.before_s[at][:, None] - left  # (m, steps)
+        is_velocity = self._is_velocity[:, None, None]
+        is_position = self._is_position[:, None, None]
+        rest = is_position * (position + velocity * since[:, :, None]) - is_velocity * velocity
+        kernels = np.zeros((*since.shape, 3, 6))
+        kernels[..., :3] = -skew(self.body[:, None] - rest) @ middle
+        kernels[..., 3:] = (is_velocity - is_position * since[:, :, None])[..., None] * middle
+        return kernels * (since > 0)[:, :, None, None], steps
+
+
+def _coarse(window: Window, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Instants 20 ms or a hundredth of the window apart, and all of observations.
+
+    Noise needs no finer steps.
+    """
+    length_ns = int(window.stamps_ns[-1] - window.stamps_ns[0])
+    cells = (window.stamps_ns - window.stamps_ns[-1]) // max(
+        _NOISE_STEP_NS, length_ns // _NOISE_STEPS
+    )
+    first = np.unique(cells, return_index=True)[1]
+    return np.unique(np.concatenate([first, at]))
+
+
+def fit(
+    window: Window,
+    seen: Sequence[Observation],
+    start_nb: Array,
+    gravity_m_s2: float,
+    biases: Biases,
+    powers: Powers,
+) -> Fit:
+    """Fit the state to the observations; ``settled`` where the steps came to an end.
+
+    ``start_nb`` (3, 3) is an attitude right to some tens of degrees; ``biases`` are what is known
+    before, near those that ``integrate`` took out; ``powers`` are the densities of the IMU's
+    white noise. The observations must hold azimuths, velocities or positions at three instants,
+    and a position.
+    """
+    terms = _Terms(window, seen, powers)
+    measured = _measured_noise(seen)
+    prior = np.zeros((15, 15))
+    prior[9:, 9:] = np.linalg.inv(biases.covariance)
+    beside = window.taken - np.array([*biases.gyro_b, *biases.accel_b])
+    rotation, rest = start_nb, np.zeros(12)
+    for _ in range(_ITERATIONS):
+        projection = _projections(seen, terms.body @ rotation.T)
+        residual = _residual(seen, terms, rotation, rest, gravity_m_s2)
+        design = _design(terms, rotation, projection)
+        noise = measured + _projected_noise(terms, rotation, projection)
+        root = np.linalg.inv(np.linalg.cholesky(noise))
+        white = root @ design
+        information = white.T @ white + prior
+        gradient = white.T @ (root @ residual)
+        gradient[9:] -= prior[9:, 9:] @ (rest[6:] + beside)
+        step = np.linalg.solve(information, gradient)
+        rotation = matrix_from_rotvec(np.asarray(step[:3], float)) @ rotation
+        rest = rest + step[3:]
+        settled = bool(np.abs(step[:3]).max() < _CONVERGED_RAD)
+        if settled:
+            break
+    left = residual - design @ step
+    return _result(rotation, rest, window.taken, information, settled, (seen, left, design, noise))
+
+
+def _residual(
+    seen: Sequence[Observation], terms: _Terms, rotation: Array, rest: Array, gravity: float
+) -> Array:
+    turned = (terms.body + terms.of_biases @ rest[6:]) @ rotation.T
+    vectors = np.outer(terms.of_velocity, rest[:3]) + np.outer(terms.of_position, rest[3:6])
+    vectors += turned + np.outer(terms.of_gravity, [0.0, 0.0, gravity])
+    parts = [
+        wrap_pi(o.value - np.arctan2(turned[k, 1], turned[k, 0]))
+        if o.kind is Kind.AZIMUTH
+        else o.value - vectors[k]
+        for k, o in enumerate(seen)
+    ]
+    return np.concatenate(parts)
+
+
+def _projections(seen: Sequence[Observation], turned: Array) -> Array:
+    """(rows, 3 m): from vectors in n to what is observed of them."""
+    rows = sum(len(o.value) for o in seen)
+    out, row = np.zeros((rows, 3 * len(seen))), 0
+    for k, o in enumerate(seen):
+        block = np.eye(3)
+        if o.kind is Kind.AZIMUTH:
+            north, east, _ = turned[k]
+            block = np.array([[-east, north, 0.0]]) / (north**2 + east**2)
+        out[row : row + len(block), 3 * k : 3 * k + 3] = block
+        row += len(block)
+    return out
+
+
+def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
+    """(rows, 15) partials by attitude, velocity, position and biases."""
+    blocks = np.zeros((len(terms.body), 3, 15))
+    blocks[:, :, 0:3] = -skew(terms.body @ rotation.T)
+    blocks[:, :, 3:6] = terms.of_velocity[:, None, None] * np.eye(3)
+    blocks[:, :, 6:9] = terms.of_position[:, None, None] * np.eye(3)
+    blocks[:, :, 9:] = rotation @ terms.of_biases
+    return np.asarray(projection @ blocks.reshape(-1, 15))
+
+
+def _projected_noise(terms: _Terms, rotation: Array, projection: Array) -> Array:
+    count = len(terms.body)
+    turned = projection.reshape(-1, count, 3) @ rotation
+    turned = turned.reshape(-1, 3 * count)
+    return np.asarray(turned @ terms.imu_noise @ turned.T)
+
+
+def _measured_noise(seen: Sequence[Observation]) -> Array:
+    """(rows, rows): each observation's own error, and what lasts between those of one source."""
+    owner = np.repeat(np.arange(len(seen)), [len(o.value) for o in seen])
+    axis = np.concatenate([np.arange(len(o.value)) for o in seen])
+    names = np.unique([o.name for o in seen], return_inverse=True)[1].reshape(-1)[owner]
+    since_s = np.array([(o.stamp_ns - seen[0].stamp_ns) * 1e-9 for o in seen])[owner]
+    rate_1_s = np.array([1 / o.slow_time_s for o in seen])[owner]
+    slow = np.concatenate([o.slow_sigma for o in seen])
+    same = (names[:, None] == names) & (axis[:, None] == axis)
+    lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
+    out = np.asarray(same * lasting * np.outer(slow, slow))
+    for k, o in enumerate(seen):
+        rows = np.flatnonzero(owner == k)
+        out[np.ix_(rows, rows)] += o.white
+    return out
+
+
+def _result(
+    rotation: Array,
+    rest: Array,
+    taken: Array,
+    information: Array,
+    settled: bool,
+    left: tuple[Sequence[Observation], Array, Array, Array],
+) -> Fit:
+    covariance = np.linalg.inv(information)
+    covariance = 0.5 * (covariance + covariance.T)
+    seen, residual, design, noise = left
+    # What alone fixes a state has no residual: a millionth of its noise keeps the ratio defined.
+    spread = (1 + 1e-6) * noise - design @ covariance @ design.T
+    parts, distances, row = [], [], 0
+    for o in seen:
+        rows = slice(row, row + len(o.value))
+        parts.append(residual[rows])
+        scaled = np.linalg.solve(spread[rows, rows], residual[rows])
+        distances.append(float(residual[rows] @ scaled) / len(o.value))
+        row += len(o.value)
+    known = np.linalg.inv(information[:9, :9])
+    return Fit(
+        rotation,
+        rest[:3],
+        rest[3:6],
+        rest[6:] + taken,
+        covariance,
+        float(np.sqrt(max(known[0, 0], known[1, 1]))),
+        parts,
+        np.array(distances),
+        settled,
+    )

@@ -1,0 +1,133 @@
+"""Whether what a window holds fits together: one wrong measurement must not give a wrong start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.config import AutopilotConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, wrap_pi
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Kind, Observation
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
+from tirgeo_ros.core.types.arrays import Array
+
+#: Squared misfit per degree of freedom, six sigma: no bad luck.
+_LARGEST_DISTANCE = 36.0
+#: An error of the second order, a hundredth of the tilt, is as far as a linear filter is right.
+_LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
+#: Headings compared before the tilt is known: ten sigma of the floor's default.
+_HEADINGS_APART_RAD = np.radians(6.0)
+#: A flight of a second and more is carried by half of gravity at least, by twice it at most.
+_LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
+_HINT_TILT_RAD = np.radians(10.0)  # what an autopilot may err by in a hard turn
+_HINT_SIGMAS = 5.0
+_LOOK_AT_ANTENNAS = (
+    ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
+    "much: autopilot.attitude_sigma_deg)"
+)
+_UNITS = {Kind.POSITION: "m", Kind.VELOCITY: "m/s", Kind.AZIMUTH: "deg"}
+
+
+class LackingError(Exception):
+    """Something needed is not there; ``stage`` says how far the alignment came."""
+
+    def __init__(self, reason: str, stage: int) -> None:
+        """Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion."""
+        super().__init__(reason)
+        self.stage = stage
+
+
+class DoubtError(Exception):
+    """All is there, but does not fit together; ``lasting``: waiting does not mend it."""
+
+    def __init__(self, reason: str, *, lasting: bool = False) -> None:
+        super().__init__(reason)
+        self.lasting = lasting
+
+
+def furthest(lacks: Sequence[LackingError]) -> LackingError:
+    """What was lacking where the alignment came furthest; of equals the first."""
+    return max(lacks, key=lambda lack: lack.stage)
+
+
+def agreeing(window: Window, headings: Sequence[Observation]) -> tuple[list[Observation], Array]:
+    """The headings that most agree on, and a first attitude (3, 3) with them, as if at rest.
+
+    Raises DoubtError where fewer than two thirds agree, or the force is no gravity.
+    """
+    level_nb = _shortest_turn(_down_b(window), np.array([0.0, 0.0, 1.0]))
+    at = window.at([o.stamp_ns for o in headings])
+    turned = [level_nb @ window.to_end[k] @ o.arm_b for k, o in zip(at, headings, strict=True)]
+    turns = [o.value[0] - np.arctan2(d[1], d[0]) for o, d in zip(headings, turned, strict=True)]
+    apart = np.abs(wrap_pi(np.subtract.outer(turns, turns)))
+    middle = int(np.argmin(np.median(apart, axis=1)))
+    near = apart[middle] < _HEADINGS_APART_RAD
+    if near.sum() * 3 < 2 * len(near):
+        raise DoubtError("the headings of rtk/heading disagree with each other")
+    start_nb = matrix_from_rotvec(np.array([0.0, 0.0, turns[middle]])) @ level_nb
+    return [o for o, good in zip(headings, near, strict=True) if good], start_nb
+
+
+def _down_b(window: Window) -> Array:
+    """(3,) unit vector, as at rest: against the mean force."""
+    force = float(np.linalg.norm(window.velocity[0])) / float(window.before_s[0])
+    if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
+        raise DoubtError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
+    return np.asarray(-window.velocity[0] / np.linalg.norm(window.velocity[0]))
+
+
+def _shortest_turn(a: Array, b: Array) -> Array:
+    """(3, 3) the smallest rotation that takes unit vector ``a`` to unit vector ``b``."""
+    across = np.cross(a, b)
+    angle = np.arctan2(np.linalg.norm(across), a @ b)
+    if np.linalg.norm(across) < 1e-9:  # the same or opposite: about any axis across
+        across = np.cross(a, [1.0, 0, 0] if abs(a[0]) < 0.9 else [0, 1.0, 0])
+    return matrix_from_rotvec(angle * across / np.linalg.norm(across))
+
+
+def checked(found: Fit, seen: Sequence[Observation]) -> Fit:
+    """The fit, where every measurement is near it and the tilt is known well enough.
+
+    Raises DoubtError or LackingError.
+    """
+    worst = int(np.argmax(found.distances))
+    if found.distances[worst] > _LARGEST_DISTANCE:
+        raise DoubtError(_misfit(seen[worst], found.residuals[worst], found.distances[worst]))
+    if not found.settled:
+        raise DoubtError("imu/data does not fit the motion measured")
+    if found.rotation_nb[2, 2] <= 0:
+        raise DoubtError("imu/data says upside down: check its axes and signs")
+    if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
+        raise LackingError("the motion is not measured well enough to find the tilt", 4)
+    return found
+
+
+def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
+    size = float(np.linalg.norm(residual))
+    size = np.degrees(size) if wrong.kind is Kind.AZIMUTH else size
+    sigmas = np.sqrt(distance)
+    return (
+        f"imu/data and {wrong.name} differ by {size:.2g} {_UNITS[wrong.kind]} ({sigmas:.0f} sigma)"
+    )
+
+
+def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, DoubtError]:
+    """What differs too much from the autopilot's attitude (3, 3), with a doubt for each."""
+    tilt = float(np.arccos(np.clip(found.rotation_nb[2] @ hint_nb[2], -1, 1)))
+    heading = abs(float(wrap_pi(_nose(found.rotation_nb) - _nose(hint_nb))))
+    own = np.sqrt(found.covariance[2, 2])
+    sigma = np.hypot(np.radians(autopilot.attitude_sigma_deg[2]), own)
+    text = "{} and the orientation in imu/data differ by {:.0f} deg"
+    out = {}
+    if tilt > _HINT_TILT_RAD:
+        out["tilt"] = DoubtError(text.format("the tilt found", np.degrees(tilt)))
+    if heading > _HINT_SIGMAS * sigma:
+        told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
+        out["heading"] = DoubtError(told, lasting=heading > LARGE_TURN_RAD)
+    return out
+
+
+def _nose(rotation_nb: Array) -> float:
+    return float(np.arctan2(rotation_nb[1, 0], rotation_nb[0, 0]))

@@ -1,0 +1,232 @@
+"""What each kind of sample says in an alignment, with its error as it really is.
+
+The errors of a float solution and of ordinary GPS last for longer than the window: many positions
+do not average them away, but their differences tell velocity. Headings in whole degrees average
+only as far as they scatter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.config import AutopilotConfig, EkfConfig
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_matrix,
+    rotvec_from_quat,
+    wrap_pi,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.filter_state import floored
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+
+_TOPICS = {
+    Source.RTK_HEADING: "rtk/heading",
+    Source.RTK_POSITION: "rtk/fix",
+    Source.RTK_VELOCITY: "rtk/vel",
+    Source.GPS_POSITION: "gps/fix",
+    Source.GPS_VELOCITY: "gps/vel",
+}
+_HINTS = 9
+#: Of the autopilot's azimuth: what is new in each, and how long the rest lasts (as simulated).
+_AZIMUTH_NOISE_RAD = np.radians(0.3)
+_AZIMUTH_TIME_S = 30.0
+_HINTS_APART_RAD = np.radians(5.0)
+_NOSE_B = np.array([1.0, 0.0, 0.0])
+_WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
+
+
+def topic_of(source: Source) -> str:
+    """The topic of an aid."""
+    return _TOPICS[source]
+
+
+def position_observation(
+    sample: PositionSample, plane: TangentPlane, config: EkfConfig
+) -> Observation:
+    """An antenna's position in the axes of ``plane``."""
+    place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
+    white, slow, time_s = _position_error(sample, config)
+    return Observation(
+        sample.stamp_ns,
+        topic_of(sample.source),
+        Kind.POSITION,
+        plane.ned_from_geodetic(*place),
+        config.aircraft.antenna_b(sample.source),
+        white,
+        slow,
+        time_s,
+    )
+
+
+def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, Array, float]:
+    """White covariance (3, 3), slow standard deviations (3,) and their correlation time."""
+    variances = np.diag(sample.covariance_n)
+    if sample.source is Source.GPS_POSITION:
+        absent = bool(np.any(variances <= 0))
+        sigma = np.array(config.gps.position_sigma_m) if absent else np.sqrt(variances)
+        white = np.eye(3) * config.gps.position_noise_m**2
+        return white, sigma, config.gps.position_time_s
+    floor = config.rtk.position_sigma_floor_m
+    if sample.status is FixStatus.FIXED:
+        return floored(sample.covariance_n, floor), np.zeros(3), np.inf
+    # Receivers differ in how much of a float solution's error is new each time: half is taken.
+    halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
+    return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
+
+
+def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observation:
+    """An antenna's velocity."""
+    source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
+    return Observation(
+        sample.stamp_ns,
+        topic_of(sample.source),
+        Kind.VELOCITY,
+        sample.velocity_n,
+        config.aircraft.antenna_b(sample.source),
+        floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
+        np.zeros(3),
+    )
+
+
+def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) -> list[Observation]:
+    """Azimuths of the antenna baseline.
+
+    Rounding to whole degrees errs by 1/sqrt(12) deg. Of readings that spread by s degrees (their
+    noise, or a turn) the rounding errors average away but for ``exp(-2 pi^2 s^2)`` of that
+    (Widrow and Kollar, Quantization Noise, chapter 5); of readings that stay the same, nothing.
+    """
+    baseline = Baseline.from_config(config.aircraft)
+    floor = np.radians(config.heading.sigma_floor_deg) ** 2
+    shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
+    return [
+        Observation(
+            s.stamp_ns,
+            "rtk/heading",
+            Kind.AZIMUTH,
+            np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
+            np.array(baseline.direction_b),
+            np.array([[max(s.variance_rad2, floor)]]),
+            shared,
+        )
+        for s in samples
+    ]
+
+
+def _shared_rounding_rad(headings_rad: Array) -> float:
+    """What readings in whole degrees have in common of their rounding error; 0 if not rounded."""
+    spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
+    if np.abs(spread_deg - np.round(spread_deg)).max() > _WHOLE_DEG:
+        return 0.0
+    before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
+    return float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
+
+
+def autopilot_observation(
+    hint_nb: Array, stamp_ns: int, autopilot: AutopilotConfig
+) -> Observation:
+    """The nose's azimuth as the autopilot has it; one, since its errors last."""
+    nose = hint_nb @ _NOSE_B
+    return Observation(
+        stamp_ns,
+        "imu/data",
+        Kind.AZIMUTH,
+        np.array([np.arctan2(nose[1], nose[0])]),
+        _NOSE_B,
+        np.array([[np.radians(autopilot.attitude_sigma_deg[2]) ** 2]]),
+        np.zeros(1),
+    )
+
+
+def autopilot_observations(
+    imu: Sequence[ImuSample], first_ns: int, last_ns: int, autopilot: AutopilotConfig
+) -> list[Observation]:
+    """Its azimuths over a window, which tell how fast it turns: their errors change slowly."""
+    usable = [
+        s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
+    ]
+    slow = np.array([np.radians(autopilot.attitude_sigma_deg[2])])
+    noise = np.array([[_AZIMUTH_NOISE_RAD**2]])
+    out = []
+    for s in _spread(usable):
+        nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
+        azimuth = np.array([np.arctan2(nose[1], nose[0])])
+        out.append(
+            Observation(
+                s.stamp_ns,
+                "imu/data",
+                Kind.AZIMUTH,
+                azimuth,
+                _NOSE_B,
+                noise,
+                slow,
+                _AZIMUTH_TIME_S,
+            )
+        )
+    return out
+
+
+def _spread(samples: Sequence[ImuSample]) -> list[ImuSample]:
+    """Some of them, evenly."""
+    if not samples:
+        return []
+    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _HINTS, dtype=int))]
+
+
+def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | None:
+    """(3,) what the gyroscopes turn too fast by, rad/s, by the autopilot's attitudes.
+
+    Carried to the window's end each is turned by the bias over the time to it.
+    """
+    picked = _usable(window, imu)
+    if len(picked) < _HINTS:
+        return None
+    at = window.at([s.stamp_ns for s in picked])
+    at_end = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked])) @ (
+        window.to_end[at].swapaxes(1, 2)
+    )
+    turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
+    before_s = window.before_s[at] - window.before_s[at].mean()
+    return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
+
+
+def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
+    """Some samples of the window with an attitude, evenly."""
+    first, last = window.stamps_ns[0], window.stamps_ns[-1]
+    return _spread(
+        [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
+    )
+
+
+def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None:
+    """(3, 3) the autopilot's attitude at the window's end, where most of its attitudes agree.
+
+    The gyroscopes carry some of the window to its end; None where fewer than half of these are
+    within 5 deg of the one in their middle: one glitch does no harm, and an attitude that stands
+    still while the body turns is none.
+    """
+    picked = _usable(window, imu)
+    if not picked:
+        return None
+    to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
+    reported = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked]))
+    at_end = reported @ to_end.swapaxes(1, 2)
+    cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
+    apart = np.arccos(np.clip(cosines, -1, 1))
+    middle = int(np.argmin(np.median(apart, axis=1)))
+    near = apart[middle] < _HINTS_APART_RAD
+    return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None

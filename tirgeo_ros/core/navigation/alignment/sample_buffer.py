@@ -1,0 +1,156 @@
+"""The newest samples before there is a state, and which of them an alignment may use."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import TypeVar
+
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+
+_LEAST_INSTANTS = 3  # two fit always: a wrong one would not show
+#: Measurements kept for each second, by which a flood of them is bounded: five sources at 100 Hz.
+_MOST_HZ = 500
+_MOST_IMU_HZ = 1000
+_T = TypeVar("_T", bound=NavigationInput)
+
+
+class AlignmentSamples:
+    """Samples of the last ``keep_s``; of the IMU without a gap and without a standstill.
+
+    ``frozen`` says that the IMU gives the same reading again and again.
+    """
+
+    def __init__(self, keep_s: float, largest_gap_s: float) -> None:
+        self._keep_ns = round(keep_s * 1e9)
+        self._gap_ns = round(largest_gap_s * 1e9)
+        self._imu: deque[ImuSample] = deque(maxlen=math.ceil(keep_s * _MOST_IMU_HZ))
+        self._aiding: deque[NavigationInput] = deque(maxlen=math.ceil(keep_s * _MOST_HZ))
+        self._first_ns = 0
+        self._changed_ns = 0  # stamp of the last reading that differed from the one before
+        self.frozen = False
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is an IMU interval."""
+        return len(self._imu) > 1
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self._imu[-1].stamp_ns
+
+    @property
+    def imu_s(self) -> float:
+        """Time since the first IMU sample ever."""
+        return (self.newest_ns - self._first_ns) * 1e-9 if self._imu else 0.0
+
+    def add(self, sample: NavigationInput) -> None:
+        """Take one sample."""
+        if isinstance(sample, ImuSample):
+            self._add_imu(sample)
+        else:
+            self._aiding.append(sample)
+        newest = self._imu[-1].stamp_ns if self._imu else sample.stamp_ns
+        for queue in (self._imu, self._aiding):
+            while queue and queue[0].stamp_ns < newest - self._keep_ns:
+                queue.popleft()
+
+    def _add_imu(self, sample: ImuSample) -> None:
+        if not self._imu:
+            self._first_ns = self._changed_ns = sample.stamp_ns
+        elif not _same_reading(self._imu[-1], sample):
+            self._changed_ns = sample.stamp_ns
+        # The same from the first sample on is a bench without noise; a live sensor has changed.
+        lived = self._changed_ns > self._first_ns
+        self.frozen = lived and sample.stamp_ns - self._changed_ns > self._gap_ns
+        gap = self._imu and sample.stamp_ns - self._imu[-1].stamp_ns > self._gap_ns
+        if gap or self.frozen:
+            self._imu.clear()
+        self._imu.append(sample)
+
+    def positions(self, source: Source) -> list[PositionSample]:
+        """Those good enough, by stamp; of RTK none while its newest is not."""
+        least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
+        found = [s for s in self._reached(PositionSample) if s.source is source]
+        if not found or found[-1].status < least:
+            return []
+        return [s for s in found if s.status >= least]
+
+    def rtk_status(self, stamp_ns: int) -> FixStatus | None:
+        """What the newest RTK position up to a stamp said of its fix."""
+        found = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
+        told = [s.status for s in found if s.stamp_ns <= stamp_ns]
+        return told[-1] if told else None
+
+    def velocities(self, source: Source) -> list[VelocitySample]:
+        """Those of a source, by stamp."""
+        return [s for s in self._reached(VelocitySample) if s.source is source]
+
+    def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
+        """Those between two stamps that came while RTK was fixed, by stamp.
+
+        The RTK positions ``settled_s`` before a heading and the first one not before it must say
+        so: the samples of one instant arrive in any order.
+        """
+        found = [s for s in self._reached(HeadingSample) if first_ns <= s.stamp_ns <= last_ns]
+        fixes = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
+        return [s for s in found if _fixed_around(fixes, s.stamp_ns, round(settled_s * 1e9))]
+
+    def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
+        """IMU samples of an interval, with one before and one after where there is one."""
+        stamps = [s.stamp_ns for s in self._imu]
+        begin = max((k for k, stamp in enumerate(stamps) if stamp <= first_ns), default=0)
+        end = min((k for k, stamp in enumerate(stamps) if stamp >= last_ns), default=len(stamps))
+        return [s for k, s in enumerate(self._imu) if begin <= k <= end]
+
+    def rest(self, stamp_ns: int) -> tuple[tuple[ImuSample, ...], tuple[NavigationInput, ...]]:
+        """The newest IMU sample up to a stamp and all later; the measurements that are later."""
+        before = [s for s in self._imu if s.stamp_ns <= stamp_ns][-1:]
+        after = [s for s in self._imu if s.stamp_ns > stamp_ns]
+        return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
+
+    def _reached(self, kind: type[_T]) -> list[_T]:
+        """Measurements that the IMU samples enclose, by stamp; one of each source and stamp."""
+        oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
+        found = (s for s in self._aiding if isinstance(s, kind))
+        single = {
+            (s.stamp_ns, getattr(s, "source", None)): s
+            for s in found
+            if oldest <= s.stamp_ns <= newest
+        }
+        return sorted(single.values(), key=lambda s: s.stamp_ns)
+
+
+def span(
+    samples: Sequence[PositionSample | VelocitySample], length_ns: int
+) -> tuple[int, int] | None:
+    """The last ``length_ns`` of what samples enclose, from one stamp to another, or None."""
+    stamps = [s.stamp_ns for s in samples]
+    if not stamps:
+        return None
+    first = max((t for t in stamps if t <= stamps[-1] - length_ns), default=None)
+    enough = first is not None and sum(t >= first for t in stamps) >= _LEAST_INSTANTS
+    return (first, stamps[-1]) if first is not None and enough else None
+
+
+def _fixed_around(fixes: list[PositionSample], stamp_ns: int, settled_ns: int) -> bool:
+    before = [s for s in fixes if stamp_ns - settled_ns <= s.stamp_ns < stamp_ns]
+    after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
+    return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
+
+
+def _same_reading(a: ImuSample, b: ImuSample) -> bool:
+    return bool(
+        (a.specific_force_b == b.specific_force_b).all()
+        and (a.angular_rate_b == b.angular_rate_b).all()
+    )

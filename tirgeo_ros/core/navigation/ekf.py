@@ -1,0 +1,300 @@
+"""The error-state Kalman filter on the IMU, with a history for measurements that come late.
+
+Epochs (IMU samples) and measurements lie on one time line (``timeline``). Each epoch keeps what
+was believed after every measurement up to its stamp, so a late measurement only has to be put in
+its place and the epochs after it computed again: the result is the one that timely arrival gives.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
+from tirgeo_ros.core.navigation.aiding.filter_state import Aidlike, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
+from tirgeo_ros.core.navigation.antenna_solution import at_antenna
+from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch, Record, between, put
+from tirgeo_ros.core.navigation.delays import longest_hold_s
+from tirgeo_ros.core.navigation.initial_state import first_belief
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    NoisePowers,
+    has_antenna,
+    states_of,
+)
+from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.vibration_meter import Powers, VibrationMeter, clipped_powers
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+_STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
+_NONE: list[Verdict] = []
+_MOST_HZ = 500  # of measurements that are held: five sources at 100 Hz
+_RTK_POSITION = PLACE[Source.RTK_POSITION]
+_SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
+
+
+class _Pause(NamedTuple):
+    """The belief after the last measurement of an interval, from where one more goes on.
+
+    A receiver's position, velocity and heading come one after the other with one stamp; without
+    this each would compute the ones before it again.
+    """
+
+    end_ns: int  # of the interval's last epoch
+    order: tuple[int, int]  # of the last measurement in the belief
+    applied: int  # measurements of the interval up to that one
+    carried: Carried
+
+
+class Ekf:
+    """The filter from its alignment on. Samples must be finite (see ``navigation``).
+
+    ``mechanisation`` and ``fusion`` stand for those that the parameters give (see ``whitening``).
+    """
+
+    def __init__(
+        self,
+        config: EkfConfig,
+        alignment: Alignment,
+        mechanisation: Mechanisation | None = None,
+        fusion: Fusion | None = None,
+    ) -> None:
+        self._mechanisation = mechanisation or Mechanisation(config)
+        self._fusion = fusion or Fusion(config)
+        self._noise_powers = NoisePowers(config.imu)
+        self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
+        self._keep_ns = round(config.max_delay_s * 1e9)
+        self._hold_ns = round(longest_hold_s(config) * 1e9)
+        self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
+        states = states_of(config)
+        self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
+        # Where a solution's covariance (9, 9) stands in the filter's, counted row by row.
+        self._solution_entries = states * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
+        belief = first_belief(config, alignment)
+        self._epochs = [Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)]
+        self._held: list[Record] = []
+        self._resolved: list[Verdict] = []
+        self._pause: _Pause | None = None
+        self._done = 0  # index of the newest epoch whose belief is up to date
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self._epochs[-1].stamp_ns
+
+    def add_imu(self, sample: ImuSample, *, clipped: bool = False) -> list[Verdict]:
+        """Carry the state to an IMU sample, which must be newer than all before.
+
+        One that was at full scale lately (``clipped``) tells little of the force. Gives the
+        verdicts on measurements that were held until now.
+        """
+        epoch = Epoch.after(self._epochs[-1], sample, self._meter)
+        if clipped:
+            epoch.vibration = clipped_powers(epoch.vibration)
+        while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
+            epoch.records.append(self._held.pop(0))
+        epochs = self._epochs
+        epochs.append(epoch)
+        self._catch_up(len(epochs) - 1)
+        if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
+            self._forget()
+        if not self._resolved:
+            return _NONE
+        found, self._resolved = self._resolved, []
+        return found
+
+    def add_aiding(self, sample: Aidlike, *, stale: bool = False) -> Verdict:
+        """Put a measurement in its place; one that the IMU has not reached yet is held.
+
+        ``stale``: it says what the one before said, so a refusal of it proves nothing.
+        """
+        stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
+        if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
+            reason = "older than max_delay_s or the alignment"
+            return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
+        if stamp_ns > newest_ns + self._hold_ns:
+            return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
+        record = Record.of(sample, stale=stale)
+        if stamp_ns > newest_ns:
+            return self._hold(record)
+        index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
+        if not put(self._epochs[index].records, record):
+            return Verdict(record.source, Outcome.REPEATED)
+        return self._revised(index, record)
+
+    def _hold(self, record: Record) -> Verdict:
+        if len(self._held) >= self._most_held:
+            reason = f"{self._most_held} others wait for imu/data"
+            return Verdict(record.source, Outcome.TOO_MANY, reason)
+        record.held = True
+        if not put(self._held, record):
+            return Verdict(record.source, Outcome.REPEATED)
+        return Verdict(record.source, Outcome.WAITING, "held until imu/data reaches it")
+
+    def _revised(self, index: int, record: Record) -> Verdict:
+        """The verdict on a measurement in the interval that ends with an epoch."""
+        if self._pause is not None and self._pause.order > record.order:
+            self._pause = None
+        self._catch_up(index - 1)
+        control = self._control_before(index, record)
+        if control is not None and self._fusion.spare(record.sample, control):
+            record.verdict = _STANDBY[record.source]
+            return record.verdict  # it changes nothing, so what comes after stays
+        self._done = min(self._done, index - 1)
+        self._catch_up(index)
+        assert record.verdict is not None
+        return record.verdict
+
+    def _control_before(self, index: int, record: Record) -> Control | None:
+        """What the aids have done up to a record in an interval; None if it is not at hand."""
+        end, pause = self._epochs[index], self._pause
+        before = [r for r in end.records if r.order < record.order and r.applied]
+        if not before:
+            return self._epochs[index - 1].carried.control
+        if pause is not None and pause.order == before[-1].order:
+            return pause.carried.control
+        return None
+
+    def solution(self) -> NavSolution:
+        """The state at the newest IMU sample.
+
+        Its covariance may be up to 50 ms older than the state.
+        """
+        self._catch_up(len(self._epochs) - 1)
+        epoch = self._epochs[-1]
+        state, covariance, control = epoch.carried[:3]
+        rate_b, bias = epoch.rate_b, state.gyro_bias_b
+        turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
+        vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
+        found = (
+            epoch.stamp_ns,
+            state.latitude_rad,
+            state.longitude_rad,
+            state.height_m,
+            vectors[:3],
+            vectors[3:7],
+            vectors[7:],
+            self._rate_variance_b(covariance),
+            covariance.take(self._solution_entries),
+        )
+        solution: NavSolution = tuple.__new__(NavSolution, found)  # half of NavSolution(...)
+        if self._at_antenna:
+            solution = at_antenna(solution, epoch.carried.belief)
+        step = control.tracks[_RTK_POSITION].step
+        if step:  # RTK says that it is elsewhere: so uncertain is the place
+            solution.covariance[:3, :3] += np.outer(step, step)
+        return solution
+
+    def _rate_variance_b(self, covariance: Array) -> Vector:
+        """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""
+        first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
+        x, y, z = self._noise_powers.of_gyroscopes(last.vibration)
+        item = covariance.item
+        if count == 0:  # one sample has no rate
+            return item(9, 9), item(10, 10), item(11, 11)
+        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
+        return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
+
+    def belief(self) -> Belief:
+        """What is believed at the newest IMU sample; the covariance may be 50 ms older."""
+        self._catch_up(len(self._epochs) - 1)
+        return self._epochs[-1].carried.belief
+
+    @property
+    def control(self) -> Control:
+        """What the aids have done up to the newest IMU sample."""
+        self._catch_up(len(self._epochs) - 1)
+        return self._epochs[-1].carried.control
+
+    @property
+    def vibration(self) -> Powers:
+        """What the IMU's readings show of its noise, lately."""
+        return self._epochs[-1].vibration
+
+    @property
+    def process_noise(self) -> str:
+        """Where the noise of the IMU comes from: the parameters, or its vibration."""
+        return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
+
+    def biases(self) -> Biases:
+        """What is known of the IMU, for another start."""
+        state, covariance, _ = self.belief()
+        rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
+        return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
+
+    def _catch_up(self, index: int) -> None:
+        while self._done < index:
+            self._advance(self._epochs[self._done], self._epochs[self._done + 1])
+            self._done += 1
+
+    def _advance(self, start: Epoch, end: Epoch) -> None:
+        """What is believed at ``end`` from ``start`` and the measurements in between."""
+        if not end.records:
+            end.carried = self._mechanisation.whole(start.carried, start, end)
+            return
+        pause = self._pause
+        if pause is None or pause.end_ns != end.stamp_ns:
+            pause = _Pause(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
+        carried, now_ns = pause.carried, pause.order[0]
+        for number, record in enumerate(end.records[pause.applied :], pause.applied + 1):
+            if self._fusion.spare(record.sample, carried.control):
+                self._tell(record, _STANDBY[record.source])
+                continue
+            carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
+            now_ns = record.stamp_ns
+            rate_b = between(start, end, now_ns)[1]
+            carried = self._applied(record, carried, rate_b, end.autopilot_q_nb)
+            pause = _Pause(end.stamp_ns, record.order, number, carried)
+        self._pause = pause
+        if now_ns == start.stamp_ns:
+            end.carried = self._mechanisation.whole(carried, start, end)
+        else:
+            end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
+
+    def _applied(
+        self, record: Record, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
+    ) -> Carried:
+        belief = self._mechanisation.followed(carried).belief
+        x, y, z = belief.state.gyro_bias_b
+        verdict, belief = self._fusion.fuse(
+            record.sample,
+            belief,
+            (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
+            stale=record.stale,
+            autopilot_q_nb=autopilot_q_nb,
+        )
+        self._tell(record, verdict)
+        return Carried(*belief)
+
+    def _tell(self, record: Record, verdict: Verdict) -> None:
+        """Note a verdict; the first on a measurement that was held is given out."""
+        if record.held and record.verdict is None:
+            self._resolved.append(verdict)
+        record.verdict = verdict
+
+    def _forget(self) -> None:
+        """Drop what no measurement can reach any more.
+
+        In batches: cutting the list at every sample would cost more than it frees.
+        """
+        oldest_ns = self.newest_ns - self._keep_ns
+        drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1
+        del self._epochs[:drop]
+        self._done -= drop
+
+
+def _stamp_of(epoch: Epoch) -> int:
+    return epoch.stamp_ns

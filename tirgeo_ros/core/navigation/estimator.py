@@ -1,0 +1,354 @@
+"""The one door to the estimators: any sample in, a verdict out, and a solution when one is due.
+
+``ekf_node`` and ``tirgeo process`` both drive this class, so they cannot differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
+from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
+from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
+from tirgeo_ros.core.navigation.autopilot_baseline import Passthrough
+from tirgeo_ros.core.navigation.clock_offsets import ClockOffsets
+from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
+from tirgeo_ros.core.navigation.duplicates import Repeats, Same
+from tirgeo_ros.core.navigation.ekf import Ekf
+from tirgeo_ros.core.navigation.filter_status import Health
+from tirgeo_ros.core.navigation.imu_axes import ImuAxes
+from tirgeo_ros.core.navigation.imu_checks import ImuClock
+from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.imu_silence import ImuSilence
+from tirgeo_ros.core.navigation.map_origin import MapOrigin
+from tirgeo_ros.core.navigation.measurement_order import StampOrder
+from tirgeo_ros.core.navigation.verdict_log import VerdictLog
+from tirgeo_ros.core.navigation.vibration_meter import densities
+from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
+
+#: A receiver that has been silent for longer has no status.
+_STATUS_AGE_NS = 2_000_000_000
+#: The estimator's state is looked at so often.
+_WATCH_NS = 100_000_000
+_IMU_USED = Verdict(Source.IMU, Outcome.USED)
+_IMU_KEY = (Source.IMU, Outcome.USED)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
+_RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
+#: What each method takes.
+METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "raw": (Source.IMU, *_GPS),
+    "rtk": _RTK,
+    "ekf": (*_RTK, *_GPS),
+    "ekf_heading": (*_RTK, Source.RTK_HEADING, *_GPS),
+}
+
+
+class Step(NamedTuple):
+    """What one sample led to; ``solution`` is there when it is due to be published."""
+
+    verdict: Verdict
+    solution: NavSolution | None = None
+
+
+class Navigation:
+    """The chosen method, fed in the order of arrival.
+
+    ``heard`` is told every verdict but that on an IMU sample that was used: also those on samples
+    that were held, as soon as there is one. Raises ConfigError for an origin that is nowhere on
+    earth.
+    """
+
+    def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
+        self._config = config
+        self._log = VerdictLog(heard)
+        self._filtering = config.method in {"ekf", "ekf_heading"}
+        gps = config.method == "raw"
+        self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
+        self._delays = Delays.from_config(config)
+        self._imu_axes = ImuAxes(config.aircraft)
+        self._health = Health(config)
+        self._clipping = Clipping()
+        self._resets: Counter[Source] = Counter()  # of the filters before this one
+        self._last_reset = ""
+        self._origin = MapOrigin(config, self._position_source)
+        self._ekf: Ekf | None = None
+        self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again from alignment. The origin of ``map`` stays where it is."""
+        self._imu_clock = ImuClock(self._config.max_imu_gap_s)
+        self._entered = (FilterState.WAITING, 0)
+        self._begin("", None)
+
+    def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
+        """Forget the state, but for what is known of the IMU."""
+        self._resets, self._last_reset = self._reset_counts()
+        self._ekf = None
+        self._why_again, self._lost = why, lost
+        use_heading = self._config.method == "ekf_heading"
+        self._aligner = Aligner(self._config, use_heading=use_heading, prior=prior)
+        self._order = StampOrder(
+            self._config.max_delay_s, longest_hold_s(self._config), self._aligner.keep_s
+        )
+        self._passthrough = Passthrough(self._config, self._position_source)
+        self._repeats = Repeats()
+        self._rate = RateLimit(self._config.publish_rate_hz)
+        self._log.begin()
+        self._newest: NavSolution | None = None
+        self._rtk_status = FixStatus.NONE
+        self._rtk_status_ns = 0
+        self._newest_aid_ns = 0
+        self._silence = ImuSilence()
+        self._clocks = ClockOffsets(self._config)
+        self._autopilot = AutopilotHeadings(self._config)
+        self._watched_ns = 0
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """The plane of ``map``: as configured, or at the first accepted position."""
+        return self._origin.plane
+
+    @property
+    def rtk_status(self) -> FixStatus:
+        """What the RTK receiver last said of its fix; NONE once it is silent."""
+        silent = self._now_ns - self._rtk_status_ns > _STATUS_AGE_NS
+        return FixStatus.NONE if silent else self._rtk_status
+
+    @property
+    def _now_ns(self) -> int:
+        """The newest time that is known: the IMU's, or as its aids tell while it is silent."""
+        imu_ns = self._imu_clock.newest_ns
+        if imu_ns is None:
+            return self._newest_aid_ns
+        return imu_ns + self._silence.length_ns if self._imu_is_silent else imu_ns
+
+    @property
+    def _imu_is_silent(self) -> bool:
+        return self._silence.length_ns > self._config.trust.aid_timeout_s * 1e9
+
+    def process(self, sample: NavigationInput) -> Step:
+        """Take one sample. Whatever is in it, the state stays finite."""
+        fault = fault_of(sample)
+        if isinstance(sample, ImuSample):
+            if fault:
+                step = Step(Verdict(Source.IMU, Outcome.INVALID, fault))
+            else:
+                step = self._process_imu(sample)
+            if step.verdict is _IMU_USED:  # nearly always
+                self._log.counts[_IMU_KEY] += 1
+                return step
+        elif fault:
+            step = Step(Verdict(source_of(sample), Outcome.INVALID, fault))
+        else:
+            step = Step(self._process_aiding(sample))
+        self._count(step.verdict)
+        return step
+
+    def status(self) -> NavigationStatus:
+        """Where the estimator stands."""
+        state, reason = self._state()
+        self._enter(state)
+        resets, last_reset = self._reset_counts()
+        return NavigationStatus(
+            self._config.method,
+            state,
+            reason,
+            self.rtk_status,
+            self._heading_sigma_rad if state.navigating else math.nan,
+            {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
+            {source.value: ratio for source, ratio in self._log.test_ratios.items()},
+            (self._now_ns - self._entered[1]) * 1e-9,
+            {source.value: number for source, number in resets.items()},
+            last_reset,
+            dict(self._clipping.counts),
+            (*self._clipping.warnings(self._now_ns), *self._log.warnings(self._now_ns)),
+            self._log.nis(self._now_ns),
+            self._ekf.process_noise if self._ekf else "",
+            densities(self._ekf.vibration) if self._ekf else (),
+        )
+
+    def _reset_counts(self) -> tuple[Counter[Source], str]:
+        """Of this filter and those before it, and the newest."""
+        if self._ekf is None:
+            return self._resets, self._last_reset
+        control = self._ekf.control
+        counts = Counter({s: n for s, n in zip(AIDS, control.resets, strict=True) if n})
+        last = str(control.last_reset) if control.last_reset else self._last_reset
+        return self._resets + counts, last
+
+    @property
+    def _heading_sigma_rad(self) -> float:
+        return math.nan if self._newest is None else math.sqrt(self._newest.covariance[5, 5])
+
+    def _enter(self, state: FilterState) -> None:
+        if state is not self._entered[0] or self._now_ns < self._entered[1]:
+            self._entered = (state, self._now_ns)
+
+    def _state(self) -> tuple[FilterState, str]:
+        if self._imu_clock.newest_ns is not None and self._imu_is_silent:
+            silent_s = self._silence.length_ns * 1e-9
+            return FilterState.WAITING, f"no imu/data for {silent_s:.1f} s"
+        if not self._filtering:
+            reason = self._passthrough.reason
+            return (FilterState.WAITING if reason else FilterState.RUNNING), reason
+        clocks = self._clocks.text(self._imu_clock.newest_ns)
+        if self._ekf is not None:
+            state, reason = self._health.state(
+                self._ekf.control, self._ekf.newest_ns, self._log.unused
+            )
+            return state, "; ".join(filter(None, (reason, clocks if reason else "")))
+        reason = "; ".join(filter(None, (self._why_again, clocks or self._aligner.reason)))
+        if self._lost:
+            return FilterState.LOST, reason
+        begun = self._imu_clock.newest_ns is not None and self._newest_aid_ns
+        return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
+
+    def _process_imu(self, sample: ImuSample) -> Step:
+        if self._delays.imu_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
+        self._clipping.add(sample)  # in the sensor's own axes
+        if self._imu_axes.turned:
+            sample = self._imu_axes.to_body(sample)
+        checked = self._imu_clock.check(sample)
+        if not checked.use:
+            return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
+        begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
+        if begins:
+            self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
+        self._silence.end()
+        outcome, reason = self._take_imu(checked.use[0])
+        for held in checked.use[1:]:
+            outcome, reason = self._take_imu(held)
+        if begins:
+            outcome, reason = checked.outcome, checked.reason
+        solution = self._due_solution(sample.stamp_ns)
+        if outcome is Outcome.USED:
+            return tuple.__new__(Step, (_IMU_USED, solution))
+        return Step(Verdict(Source.IMU, outcome, reason), solution)
+
+    def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
+        """A sample that goes on from the one before."""
+        if self._ekf is not None:
+            clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
+            for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
+                self._count(verdict)
+            if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
+                self._watch(self._ekf, sample)
+            return Outcome.USED, ""
+        if self._filtering:
+            self._align(sample)
+            return Outcome.WAITING, ""
+        self._passthrough.add_imu(sample)
+        if usable_attitude(sample.autopilot_q_nb):
+            return Outcome.USED, ""
+        return Outcome.INVALID, "no orientation"
+
+    def _process_aiding(self, sample: Aiding) -> Verdict:
+        source = source_of(sample)
+        delay_ns = self._delays.aid_ns[source]
+        if delay_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
+        self._silence.hear(source, sample.stamp_ns, self._imu_clock.newest_ns)
+        self._newest_aid_ns = sample.stamp_ns
+        if source not in METHOD_SOURCES[self._config.method]:
+            return Verdict(source, Outcome.UNUSED)
+        if isinstance(sample, PositionSample):
+            self._health.hear(sample)
+            if source is Source.RTK_POSITION:
+                self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
+        same = self._repeats.compared(sample)
+        if same is Same.MEASUREMENT:
+            return Verdict(source, Outcome.REPEATED, "the value of the one before")
+        if not self._filtering:
+            verdict = self._passthrough.add_aiding(sample)
+        elif self._ekf is not None:
+            verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
+        else:
+            verdict = self._waiting(sample, source)
+        self._clocks.hear(verdict, sample.stamp_ns, self._imu_clock.newest_ns)
+        self._origin.see(sample, verdict)
+        return verdict
+
+    def _waiting(self, sample: Aiding, source: Source) -> Verdict:
+        """Take a sample to the alignment, unless the IMU's time is too far from it."""
+        far = self._order.out_of_reach(sample.stamp_ns)
+        if far is not None:
+            return Verdict(source, *far)
+        self._align(sample)
+        return Verdict(source, Outcome.WAITING, "not aligned yet")
+
+    def _align(self, sample: NavigationInput) -> None:
+        """Hand what is due to the alignment; once there is a state, the rest to the filter."""
+        due = iter(self._order.add(sample))
+        for verdict in self._order.given_up():
+            self._count(verdict)
+        for earlier in due:
+            alignment = self._aligner.add(earlier)
+            if alignment is not None:
+                self._start(alignment, [*due, *self._order.rest()])
+                return
+
+    def _start(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> None:
+        """Begin the filter; ``rest`` are samples that the alignment has not seen."""
+        self._ekf = Ekf(self._config, alignment)
+        self._why_again, self._lost = "", False
+        self._origin.start_at(alignment.state)
+        later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
+        unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
+        for sample in (*later, *unseen):
+            verdicts = (
+                self._ekf.add_imu(sample)
+                if isinstance(sample, ImuSample)
+                else [self._ekf.add_aiding(sample)]
+            )
+            for verdict in verdicts:
+                self._count(verdict)
+
+    def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
+        """Look at the filter's health; the autopilot's heading serves where no other does."""
+        self._watched_ns = ekf.newest_ns
+        belief = ekf.belief()
+        heading = self._autopilot.sample(sample, belief.covariance)
+        if heading is not None:
+            self._count(ekf.add_aiding(heading))
+            belief = ekf.belief()
+        self._enter(self._health.state(belief.control, ekf.newest_ns, self._log.unused)[0])
+        why = self._health.lost(belief.control, belief.covariance)
+        if why:
+            spoiled = self._health.spoiled(belief.control, belief.covariance)
+            self._begin(why, None if spoiled else ekf.biases(), lost=True)
+            self._enter(FilterState.LOST)
+            self._count(Verdict(Source.IMU, Outcome.RESTART, why))
+
+    def _due_solution(self, stamp_ns: int) -> NavSolution | None:
+        """A solution, at ``publish_rate_hz`` at the most."""
+        if not self._rate.due(stamp_ns):
+            return None
+        if self._filtering:
+            solution = self._ekf.solution() if self._ekf else None
+        else:
+            solution = self._passthrough.solution()
+        if solution is not None:
+            self._newest = solution
+        return solution
+
+    def _count(self, verdict: Verdict) -> None:
+        self._log.add(verdict, self._imu_clock.newest_ns or self._newest_aid_ns)

@@ -1,0 +1,117 @@
+"""Whether an IMU sample goes on from the ones before: order, gaps, clock jumps, spikes, freezing.
+
+A sample that does not go on is held until the next tells whether the time has changed or only that
+sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged, longer ones begin another time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import Outcome
+
+#: A stamp that goes back further is another clock or another run of a bag, not disorder.
+_CLOCK_JUMP_NS = 1_000_000_000
+#: So many samples out of order, in order among themselves: the clock has gone back.
+_BACK_NUMBER = 5
+#: A stamp this far ahead leaves out samples of the slowest IMU (50 Hz).
+_HOLD_NS = 45_000_000
+#: Readings of a live sensor do not repeat in all digits.
+_FROZEN_NUMBER, _FROZEN_NS, _ALIVE_NUMBER = 5, 50_000_000, 50
+#: From one sample to the next no aircraft does this, its vibration of some g included:
+#: saturation, a wrong byte on the line.
+_SPIKE_M_S2, _SPIKE_RAD_S = 80.0, 3.0
+
+
+class Checked(NamedTuple):
+    """What to make of a sample.
+
+    With ``begins`` the samples to use are the first of another time.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+    use: tuple[ImuSample, ...] = ()
+    begins: bool = False
+
+
+class ImuClock:
+    """Follows the stamps and readings of the IMU."""
+
+    def __init__(self, max_gap_s: float) -> None:
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
+        self.newest_ns: int | None = None  # of the samples that were for use
+        self._force_b: list[float] = []
+        self._rate_b: list[float] = []
+        self._held: ImuSample | None = None  # newest of the samples that did not go on
+        self._odd_number = 0
+        self._changed_ns = 0
+        self._repeated = 0
+        self._alive = 0
+
+    def check(self, sample: ImuSample) -> Checked:
+        """What to make of the next sample to come; its numbers must be finite."""
+        newest_ns = self.newest_ns
+        force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
+        if newest_ns is None:
+            return self._read(_alone(sample), sample.stamp_ns, force_b, rate_b)
+        ahead_ns = sample.stamp_ns - newest_ns
+        if abs(ahead_ns) <= self._max_gap_ns and (
+            math.dist(force_b, self._force_b) > _SPIKE_M_S2
+            or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
+        ):
+            return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
+        checked = _alone(sample)
+        if not 0 < ahead_ns <= self._hold_ns:
+            checked = self._odd(sample, newest_ns, ahead_ns)
+            if not checked.use:
+                return checked
+        return self._read(checked, sample.stamp_ns, force_b, rate_b)
+
+    def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
+        """A sample that does not follow the newest closely."""
+        held = self._held
+        if held is not None and (held.stamp_ns > newest_ns) is not (ahead_ns > 0):
+            held = None  # what is late says nothing of what is ahead
+        goes_on = held is not None and 0 < sample.stamp_ns - held.stamp_ns <= self._max_gap_ns
+        self._odd_number = self._odd_number + 1 if goes_on else 1
+        self._held = sample
+        both = (held, sample) if goes_on and held is not None else (sample,)
+        ahead_s = ahead_ns * 1e-9
+        if ahead_ns > 0:
+            if not goes_on:
+                reason = f"{ahead_s:.3f} s after the one before: the next decides"
+                return Checked(Outcome.WAITING, reason)
+            if both[0].stamp_ns - newest_ns <= self._max_gap_ns:
+                return Checked(Outcome.USED, "", both)
+            reason = f"no imu/data for {ahead_s:.3f} s"
+            return Checked(Outcome.GAP, reason, both, begins=True)
+        enough = 2 if -ahead_ns > _CLOCK_JUMP_NS else _BACK_NUMBER
+        if -ahead_ns > self._max_gap_ns and self._odd_number >= enough:
+            reason = f"imu/data went back by {-ahead_s:.3f} s"
+            return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
+        return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
+
+    def _read(
+        self, checked: Checked, stamp_ns: int, force_b: list[float], rate_b: list[float]
+    ) -> Checked:
+        """The same, unless a sensor whose readings used to change says the same for long."""
+        if force_b != self._force_b or rate_b != self._rate_b:
+            self._changed_ns, self._repeated = stamp_ns, 0
+            self._alive += 1
+        else:
+            self._repeated += 1
+            long = stamp_ns - self._changed_ns >= _FROZEN_NS
+            if self._alive >= _ALIVE_NUMBER and self._repeated >= _FROZEN_NUMBER and long:
+                return Checked(Outcome.REPEATED, "imu/data says the same again and again")
+        self.newest_ns, self._force_b, self._rate_b = stamp_ns, force_b, rate_b
+        self._held, self._odd_number = None, 0
+        return checked
+
+
+def _alone(sample: ImuSample) -> Checked:
+    """That a sample goes on from the one before; nearly always."""
+    return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))

@@ -1,0 +1,77 @@
+"""From an alignment to what the filter believes first."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
+from tirgeo_ros.core.navigation.aiding.filter_state import Belief
+from tirgeo_ros.core.navigation.alignment.aligner import Alignment
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    POSITION,
+    STATES,
+    has_antenna,
+    heading_error,
+    states_of,
+)
+from tirgeo_ros.core.navigation.strapdown import Vector, matrix, rotate
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
+
+
+def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
+    """The alignment, with the receivers' slow errors unknown, and what it used as used."""
+    states = states_of(config)
+    covariance = np.zeros((states, states))
+    covariance[:STATES, :STATES] = alignment.covariance
+    covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
+    if has_antenna(states):
+        _add_antenna(config, alignment, covariance)
+    if heading_error(states) is not None:
+        _add_heading_error(config, alignment, covariance)
+    control = Control(Receivers(alignment.stamp_ns))
+    for source in alignment.sources:
+        control = control.with_track(source, Track(alignment.stamp_ns))
+    if alignment.rtk_status is not None:
+        control = control.heard(alignment.rtk_status, alignment.stamp_ns, 0)
+    if Source.GPS_POSITION in alignment.sources:
+        # The GPS's slow error is the position's: truth - estimate is what the GPS is off, negated.
+        known = covariance[GPS_ERROR, GPS_ERROR]
+        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -known
+        noise_m2 = config.gps.position_noise_m**2
+        least = np.diag(known) + noise_m2
+        position = covariance[POSITION, POSITION]
+        np.fill_diagonal(position, np.maximum(np.diag(position), least))
+    return Belief(alignment.state, covariance, control)
+
+
+def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
+    """The RTK antenna's place, which a position found from it is off by, negated."""
+    effect = np.zeros((len(covariance), 3))
+    effect[ANTENNA] = np.eye(3)
+    if Source.RTK_POSITION in alignment.sources:
+        effect[POSITION] = -matrix(rotation_of(alignment.state.q_nb))
+    covariance += effect @ np.diag(config.aircraft.rtk_lever_sigma_b**2) @ effect.T
+
+
+def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
+    """The headings' slow error, which a heading from them has too, negated.
+
+    With that heading the lever arm turns, and the position that was found through it:
+    ``R_true l = R l + phi x R l``.
+    """
+    effect = np.zeros(len(covariance))
+    effect[-1] = -1.0
+    if Source.RTK_HEADING in alignment.sources:
+        rtk = Source.RTK_POSITION in alignment.sources
+        antenna_b = config.aircraft.antenna_b(Source.RTK_POSITION if rtk else Source.GPS_POSITION)
+        lever_b: Vector = tuple(antenna_b.tolist())
+        north, east, _ = rotate(rotation_of(alignment.state.q_nb), lever_b)
+        effect[2], effect[POSITION] = 1.0, (east, -north, 0.0)
+    covariance += math.radians(config.heading.bias_sigma_deg) ** 2 * np.outer(effect, effect)

@@ -1,0 +1,106 @@
+"""The Kalman update of an error state, with its gate."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array
+
+#: Up to here a float holds the probability of an excess to all its digits.
+_RAREST_SIGMA = 30.0
+
+
+class Measurement(NamedTuple):
+    """A measurement as the filter sees it: ``innovation = design @ error + noise``."""
+
+    innovation: Array  # (m,) measured minus predicted
+    design: Array  # (m, n) H, for error states truth minus estimate
+    noise: Array  # (m, m) R
+    gate_sigma: float
+    ease: float = 0.0  # see ``update``
+
+
+class Update(NamedTuple):
+    """What an update gives; ``error`` and ``covariance`` are None where the gate refused."""
+
+    test_ratio: float
+    error: Array | None  # (n,)
+    covariance: Array | None  # (n, n)
+    predicted: Array  # (m, m) H P H^T, the prediction's own uncertainty
+
+
+def update(covariance: Array, measurement: Measurement) -> Update:
+    """One update; refused where the test ratio is not in 0 to 1.
+
+    A ratio that is negative or not a number comes of a noise that is no covariance.
+
+    With the best gain Joseph's form is ``P - K H P``, made symmetric: what a gain that is off by
+    rounding changes in it is the square of that.
+
+    ``ease`` k lets the measurement correct by 1 / (k + 1) of what it asks for at most: its noise
+    is taken k times the prediction's uncertainty larger. The gate is that of the plain noise.
+    """
+    innovation, design, noise, gate_sigma, ease = measurement
+    cross = covariance.dot(design.T)
+    predicted = design.dot(cross)
+    inverse = _inverse(predicted + noise)
+    weighted = inverse.dot(innovation)
+    limit = chi_square_limit(gate_sigma, len(innovation))
+    ratio = float(innovation.dot(weighted)) / limit
+    if not 0 <= ratio <= 1:
+        return Update(ratio, None, None, predicted)
+    if ease:
+        noise = noise + ease * predicted
+        inverse = _inverse(predicted + noise)
+        weighted = inverse.dot(innovation)
+    reduced = covariance - cross.dot(inverse).dot(cross.T)
+    reduced += reduced.T.copy()
+    reduced *= 0.5
+    return Update(ratio, cross.dot(weighted), reduced, predicted)
+
+
+def _inverse(spread: Array) -> Array:
+    """Of a symmetric matrix (m, m), m = 1 or 3 by hand: a tenth of the general one's cost."""
+    if len(spread) == 1:
+        return np.asarray(1 / spread)
+    if len(spread) != 3:
+        return np.asarray(np.linalg.inv(spread), float)
+    (a, b, c), (_, d, e), (_, _, f) = spread.tolist()
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = a * x + b * y + c * z
+    if scale == 0.0:
+        return np.full((3, 3), math.nan)
+    scale = 1 / scale
+    x, y, z = x * scale, y * scale, z * scale
+    p, q, r = (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
+    return np.array(((x, y, z), (y, p, q), (z, q, r)))
+
+
+@functools.lru_cache(maxsize=64)
+def chi_square_limit(sigma: float, degrees: int) -> float:
+    """The squared distance that is exceeded as rarely as ``sigma`` in one dimension.
+
+    ``degrees`` is 1, 2 or 3; the survival functions are closed forms, inverted by bisection.
+    """
+    if sigma > _RAREST_SIGMA:  # beyond, the limit grows as the square but for a logarithm
+        rarest = chi_square_limit(_RAREST_SIGMA, degrees)
+        return rarest + sigma * sigma - _RAREST_SIGMA * _RAREST_SIGMA
+    wanted = math.erfc(sigma / math.sqrt(2))
+    low, high = 0.0, (sigma + 4) ** 2
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _survival(middle, degrees) > wanted else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _survival(squared: float, degrees: int) -> float:
+    if degrees == 2:
+        return math.exp(-squared / 2)
+    tail = math.erfc(math.sqrt(squared / 2))
+    if degrees == 1:
+        return tail
+    return tail + math.sqrt(2 * squared / math.pi) * math.exp(-squared / 2)

@@ -1,0 +1,105 @@
+"""State and covariance through an interval between two IMU samples.
+
+The covariance follows the state at its own, lower rate, and at every measurement.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch, between
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    CovariancePropagation,
+)
+from tirgeo_ros.core.navigation.strapdown import Vector, propagate, rotate
+
+#: The state is never carried further than this in one step.
+_LARGEST_STEP_S = 0.02
+#: The covariance follows the state in steps of at least this, of 50 ms at 100 to 400 Hz.
+_COVARIANCE_STEP_S = 0.0495
+#: An interval longer than that of the slowest IMU, with jitter, has lost samples.
+_LOST_SAMPLES_S = 0.035
+#: What an aircraft may do unseen in such an interval, beyond what the samples around it say.
+_UNSEEN_RATE_RAD_S = 0.03
+_UNSEEN_FORCE_M_S2 = 0.2
+#: Standard deviation of what is even between nothing and all.
+_DOUBT = 0.58
+
+
+class Mechanisation:
+    """Carries beliefs between IMU samples."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._propagation = CovariancePropagation(config)
+
+    def whole(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
+        """Through a whole interval without measurements."""
+        if end.step_s <= _LARGEST_STEP_S:
+            return self._stepped(carried, end, end.mean_force_b, end.mean_rate_b, end.step_s)
+        return self.part(carried, start, end, start.stamp_ns, end.stamp_ns)
+
+    def part(
+        self, carried: Carried, start: Epoch, end: Epoch, from_ns: int, to_ns: int
+    ) -> Carried:
+        """Through a part of an interval; readings are linear between the two samples."""
+        steps = -(-(to_ns - from_ns) // round(_LARGEST_STEP_S * 1e9))
+        for step in range(steps):
+            middle_ns = from_ns + (to_ns - from_ns) * (2 * step + 1) // (2 * steps)
+            step_s = (to_ns - from_ns) * 1e-9 / steps
+            carried = self._stepped(carried, end, *between(start, end, middle_ns), step_s)
+        if steps and to_ns == end.stamp_ns and end.step_s > _LOST_SAMPLES_S:
+            return self._bridged(carried, start, end)
+        return carried
+
+    def _stepped(
+        self, carried: Carried, end: Epoch, force_b: Vector, rate_b: Vector, step_s: float
+    ) -> Carried:
+        before, covariance, control, lag_s, start, middle, _ = carried
+        state, rates = propagate(before, force_b, rate_b, step_s)
+        if start is None:
+            start = before
+        if middle is None or lag_s <= 0.5 * _COVARIANCE_STEP_S:
+            middle = rates
+        lag_s += step_s
+        lagging = (state, covariance, control, lag_s, start, middle, end.vibration)
+        carried = tuple.__new__(Carried, lagging)  # half the time of Carried(...)
+        return self.followed(carried) if lag_s >= _COVARIANCE_STEP_S else carried
+
+    def followed(self, carried: Carried) -> Carried:
+        """The belief with its covariance at the state's time."""
+        state, covariance, control, lag_s, start, rates, vibration = carried
+        if start is None or rates is None:
+            return carried
+        (n0, e0, d0), (n1, e1, d1) = start.velocity_n, state.velocity_n
+        # The mean specific force: what the velocity changed by, less gravity.
+        force_n = (n1 - n0) / lag_s, (e1 - e0) / lag_s, (d1 - d0) / lag_s - rates.gravity_m_s2
+        covariance = self._propagation.step(covariance, start, rates, force_n, lag_s, vibration)
+        return Carried(state, covariance, control)
+
+    def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
+        """Less certain by what may have happened between two samples that are far apart.
+
+        Also, the interval may be none: a clock that was set forward looks the same. Whether the
+        motion across it took place is then as uncertain as anything between nothing and all.
+        """
+        state, covariance, control = self.followed(carried)[:3]
+        covariance, before, gap_s = covariance.copy(), start.carried.state, end.step_s
+        rate = 0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S
+        force = 0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2
+        turn = rotate(rotation_of(state.q_nb), end.mean_rate_b)
+        change = np.subtract(state.velocity_n, before.velocity_n)
+        for block, sigma, motion in (
+            (ATTITUDE, rate * gap_s, gap_s * np.array(turn)),
+            (VELOCITY, force * gap_s, change),
+            (POSITION, 0.5 * force * gap_s * gap_s, gap_s * np.array(state.velocity_n)),
+        ):
+            doubt = _DOUBT**2 * np.outer(motion, motion)
+            covariance[block, block] += sigma * sigma * np.eye(3) + doubt
+        return Carried(state, covariance, control)

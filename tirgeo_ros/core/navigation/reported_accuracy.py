@@ -1,0 +1,42 @@
+"""What the receivers admit of their own positions: known at the start, so no cause to be lost."""
+
+from __future__ import annotations
+
+import math
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+
+#: A state that has a position of some sigma may drift by about as much.
+_SHARE = 1.5
+
+
+class Admitted:
+    """Hears positions; tells how uncertain a state may be, and what to say of a poor receiver."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._bound_m = config.trust.lost_position_sigma_m
+        self.least_m2 = self._bound_m**2  # no variance below it is beyond the bounds
+        self._variances: dict[Source, tuple[float, float, float]] = {}  # NED, m2
+
+    def hear(self, sample: PositionSample) -> None:
+        """Take a position, if there is one and it has a covariance."""
+        north, east, down = sample.covariance_n.diagonal().tolist()
+        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
+            self._variances[sample.source] = north, east, down
+
+    def bounds_m2(self) -> tuple[float, ...]:
+        """Variances (3,) NED beyond which a state is lost."""
+        most = [max(axis, default=0.0) for axis in zip(*self._variances.values(), strict=True)]
+        least_m2 = self.least_m2
+        return tuple(max(least_m2, _SHARE**2 * axis) for axis in most) or (least_m2,) * 3
+
+    def text(self) -> str:
+        """What of the ordinary GPS is poor, or empty."""
+        variances = self._variances.get(Source.GPS_POSITION)
+        if variances is None:
+            return ""
+        across, down = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
+        told = [f"{across:.0f} m"] if across > self._bound_m else []
+        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
+        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""

@@ -1,0 +1,207 @@
+"""Whether the IMU's biases are such as the parameters say, and what to do where they are not.
+
+Under a prior that is true, what a fit finds of the biases has the covariance ``P - P'`` (prior
+less posterior), so its normalised square is a chi-square over the directions that the window
+shows. Far beyond chance the IMU is of another class than ``imu.*_turn_on_bias``: the same errors
+may be hidden in its tilt, so its prior is enlarged, and the state must wait for a motion that
+tells tilt and accelerometer bias apart.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotvec_from_quat
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit
+from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+    DoubtError,
+    LackingError,
+    checked,
+)
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
+from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
+from tirgeo_ros.core.types.arrays import Array
+
+#: Of the variance of a direction, what the window must show of it.
+_LEAST_SHOWN = 0.1
+#: Beyond the first a longer window must look; beyond the second it is no chance.
+_SUSPECT_SIGMA, _SURPRISE_SIGMA = 3.0, 4.0
+#: Of the gyroscopes' bias by the autopilot's attitudes over a second, and more with the rate:
+#: its axes and the IMU's are some degrees apart.
+_HINT_GYRO_RAD_S, _HINT_GYRO_SHARE = 5e-3, 0.05
+#: What finds the size of biases: those of any IMU, 9 deg/s and 0.15 g.
+_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2 = 0.15, 1.5
+#: The enlarged sigma over the largest bias found: others may be larger.
+_MARGIN = 2.0
+#: What an autopilot's tilt errs by, beside its own word, where it accelerates; the mean over a
+#: long turn does not say whether it does.
+_HINT_DEG_PER_M_S2, _LONG_TURN_RAD = 1.0, np.radians(60.0)
+_LEAN_SIGMAS = 3.0
+_LARGEST_LEAN_RAD = np.radians(10.0)  # 0.17 g: beyond it is the autopilot's axes
+_LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
+_GRAVITY_M_S2 = 9.81
+#: How far an alignment came that lacks nothing but motion (see LackingError).
+MOTION_STAGE = 5
+
+
+class Surprise(NamedTuple):
+    """A normalised square, and the directions in it."""
+
+    square: float
+    degrees: int
+
+    def beyond(self, sigma: float) -> bool:
+        """Whether it is rarer than so many sigma (Wilson and Hilferty's cube root)."""
+        if not self.degrees:
+            return False
+        spread = 2 / (9 * self.degrees)
+        limit = self.degrees * (1 - spread + sigma * np.sqrt(spread)) ** 3
+        return bool(self.square > limit)
+
+
+def surprise(biases: Array, covariance: Array, prior: Biases) -> Surprise:
+    """Return how far biases (6,) with their covariance (6, 6) are from what was known before."""
+    root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+    shown, axes = np.linalg.eigh(np.eye(6) - root @ covariance @ root.T)  # prior less posterior
+    apart = axes.T @ root @ (biases - _vector(prior))
+    keep = shown > _LEAST_SHOWN
+    return Surprise(float(np.sum(apart[keep] ** 2 / shown[keep])), int(keep.sum()))
+
+
+def _surprise_of(found: Fitted, prior: Biases) -> Surprise:
+    """That of a fit, with what the autopilot's attitudes say of the gyroscopes."""
+    biases, covariance = found.fit.biases, found.fit.covariance[9:, 9:]
+    if found.gyro_bias_b is not None and _apart_rad(found) < _LARGEST_LEAN_RAD:
+        rate_rad_s = np.sqrt(np.mean(np.sum(found.window.rate_b**2, axis=1)))
+        sigma = _HINT_GYRO_RAD_S + _HINT_GYRO_SHARE * rate_rad_s
+        gain = covariance[:, :3] @ np.linalg.inv(covariance[:3, :3] + np.eye(3) * sigma**2)
+        biases = biases + gain @ (found.gyro_bias_b - biases[:3])
+        covariance = covariance - gain @ covariance[:3]
+    return surprise(biases, covariance, prior)
+
+
+def lean_rad(found: Fitted, tilt_sigma_deg: float) -> float:
+    """Return by how much the tilt differs from the autopilot's; 0 where that may be."""
+    turned = rotvec_from_quat(quat_from_matrix(found.window.to_end[0]))
+    if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
+        return 0.0
+    apart = _apart_rad(found)
+    own_rad, sped = _tilt_sigma_rad(found.fit), _acceleration_m_s2(found)
+    told_rad = np.radians(tilt_sigma_deg + _HINT_DEG_PER_M_S2 * sped)
+    limit = _LEAN_SIGMAS * float(np.hypot(told_rad, own_rad))
+    return apart if limit < apart < _LARGEST_LEAN_RAD else 0.0
+
+
+def _apart_rad(found: Fitted) -> float:
+    """Return the angle between the vertical found and the autopilot's."""
+    if found.hint_nb is None:
+        return np.pi
+    return float(np.arccos(np.clip(found.fit.rotation_nb[2] @ found.hint_nb[2], -1, 1)))
+
+
+def _acceleration_m_s2(found: Fitted) -> float:
+    """Return how fast the velocity changed over the window."""
+    window, fit = found.window, found.fit
+    force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
+    return float(np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2])))
+
+
+class TurnOnBiases:
+    """What is reckoned with of the IMU's biases: as configured, or as a flight before left them.
+
+    ``widened`` once the measurements have said that this is far too little.
+    """
+
+    def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
+        self._config = config
+        self._prior = prior or _unknown(config)
+        self._taken = _vector(self._prior)
+        self.widened = False
+
+    def fitted(self, measured: Measured) -> Fitted:
+        """Fit a window with them; raises DoubtError or LackingError."""
+        found = fitted(
+            measured, self._config, self._prior, self._taken, gyros_unknown=self.widened
+        )
+        if not self.widened:
+            return found
+        checked(found.fit, found.seen)
+        self._taken = found.fit.biases
+        if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
+            raise LackingError(self._needs_motion, MOTION_STAGE)
+        return found
+
+    def contradicted(self, found: Fitted) -> bool:
+        """Whether a fit says that the biases are others."""
+        beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
+        return beyond or self._lean_rad(found) > 0
+
+    def suspected(self, found: Fitted) -> bool:
+        """Whether a fit makes it likely that they are, if a longer window says so too."""
+        return _surprise_of(found, self._prior).beyond(_SUSPECT_SIGMA)
+
+    def loosely(self, measured: Measured) -> Fitted | None:
+        """Fit a window as of any IMU; None where the biases do not explain what it holds."""
+        any_imu = _diagonal(_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2)
+        try:
+            found = fitted(measured, self._config, any_imu, self._taken, gyros_unknown=True)
+            checked(found.fit, found.seen)
+        except (DoubtError, LackingError):
+            return None
+        return found
+
+    def widen(self, plain: Fitted, loose: Fitted) -> None:
+        """Enlarge what is reckoned with to what a fit as of any IMU has found."""
+        gyro, accel = self._sizes(plain, loose)
+        sigma = np.sqrt(np.diag(_unknown(self._config).covariance))
+        ratio = max(1.0, *(gyro / sigma[:3]))
+        larger = max(ratio, *(accel / sigma[3:]))
+        scale = _MARGIN * np.repeat([ratio, larger], 3)
+        self._prior = Biases((0.0,) * 3, (0.0,) * 3, np.diag((scale * sigma) ** 2))
+        self._taken = loose.fit.biases
+        self._needs_motion = (
+            f"{self.told(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
+            "sigmas"
+        )
+        self.widened = True
+
+    def told(self, plain: Fitted, loose: Fitted) -> str:
+        """Say which biases are not as the parameters say."""
+        gyro, accel = self._sizes(plain, loose)
+        return (
+            f"imu/data: biases of {np.degrees(gyro):.1f} deg/s and {accel:.2g} m/s2 are far "
+            "beyond imu.gyro_turn_on_bias, imu.accel_turn_on_bias"
+        )
+
+    def _sizes(self, plain: Fitted, loose: Fitted) -> tuple[float, float]:
+        """Largest bias of the gyroscopes, rad/s, and of the accelerometers, m/s2."""
+        gyro, accel = np.abs(loose.fit.biases.reshape(2, 3)).max(axis=1).tolist()
+        return gyro, max(accel, _GRAVITY_M_S2 * self._lean_rad(plain))
+
+    def _lean_rad(self, found: Fitted) -> float:
+        return lean_rad(found, max(self._config.autopilot.attitude_sigma_deg[:2]))
+
+
+def _tilt_sigma_rad(found: Fit) -> float:
+    """Return the larger of the tilt's two, the biases being what they are known to be."""
+    return float(np.sqrt(max(found.covariance[0, 0], found.covariance[1, 1])))
+
+
+def _vector(biases: Biases) -> Array:
+    return np.array([*biases.gyro_b, *biases.accel_b])
+
+
+def _diagonal(gyro_rad_s: float, accel_m_s2: float) -> Biases:
+    sigma = np.repeat([gyro_rad_s, accel_m_s2], 3)
+    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag(sigma**2))
+
+
+def _unknown(config: EkfConfig) -> Biases:
+    """Before any flight: the turn-on bias and what varies about it."""
+    imu = config.imu
+    gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
+    accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
+    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag([*gyro, *accel]))

@@ -1,0 +1,106 @@
+"""What became of the samples: counts, newest test ratios, NIS of the last half minute, reasons.
+
+The mean normalised innovation squared (NIS) over its degrees of freedom is 1 for measurements
+whose noise, place and time are what the parameters and messages say (Bar-Shalom, Li and
+Kirubarajan, Estimation with Applications to Tracking and Navigation, section 5.4).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+
+from tirgeo_ros.core.navigation.alignment.observations import topic_of
+from tirgeo_ros.core.navigation.filter_status import Unused, unused
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+_WINDOW_NS = 30_000_000_000
+#: One measurement that is refused says no more than this.
+_MOST = 25.0
+#: A mean of fewer says nothing.
+_LEAST_NUMBER = 20
+#: Innovations of twice their sigma.
+_HIGH = 4.0
+_LOOK_AT = {
+    Source.RTK_POSITION: "aircraft.rtk_antenna_m, rtk.delay_s",
+    Source.RTK_VELOCITY: "rtk.velocity_delay_s, aircraft.rtk_antenna_m",
+    Source.RTK_HEADING: "heading.delay_s, aircraft.second_antenna_m",
+    Source.GPS_POSITION: "aircraft.gps_antenna_m, gps.delay_s",
+    Source.GPS_VELOCITY: "gps.delay_s",
+}
+
+
+class _Window:
+    """The NIS of one source within the last half minute."""
+
+    def __init__(self) -> None:
+        self._values: deque[tuple[int, float]] = deque()
+        self._sum = 0.0
+
+    def add(self, stamp_ns: int, nis: float) -> None:
+        """Take one; forget the old ones, and all where the clock went back."""
+        values = self._values
+        if values and stamp_ns < values[-1][0]:
+            values.clear()
+            self._sum = 0.0
+        nis = min(nis, _MOST)
+        values.append((stamp_ns, nis))
+        self._sum += nis
+        while values[0][0] < stamp_ns - _WINDOW_NS:
+            self._sum -= values.popleft()[1]
+
+    def mean(self, now_ns: int) -> float:
+        """Return the mean; nan of too few, or where the newest is old."""
+        values = self._values
+        if len(values) < _LEAST_NUMBER or now_ns - values[-1][0] > _WINDOW_NS:
+            return math.nan
+        return max(self._sum, 0.0) / len(values)
+
+
+class VerdictLog:
+    """Takes every verdict but that on an IMU sample that was used, and tells ``heard``."""
+
+    def __init__(self, heard: Callable[[Verdict], None] | None = None) -> None:
+        self.counts: Counter[tuple[Source, Outcome]] = Counter()
+        self.test_ratios: dict[Source, float] = {}
+        self.unused: dict[Source, Unused] = {}
+        self._windows: dict[Source, _Window] = {}
+        self._heard = heard
+
+    def begin(self) -> None:
+        """Forget what is of the state before."""
+        self.unused = {}
+        self._windows = {}
+
+    def add(self, verdict: Verdict, now_ns: int) -> None:
+        """Take a verdict that came at a time."""
+        source = verdict.source
+        self.counts[source, verdict.outcome] += 1
+        if not math.isnan(verdict.test_ratio):
+            self.test_ratios[source] = verdict.test_ratio
+        if not math.isnan(verdict.nis):
+            self._windows.setdefault(source, _Window()).add(now_ns, verdict.nis)
+        found = unused(verdict, now_ns)
+        if found is not None:
+            self.unused[source] = found
+        if self._heard is not None:
+            self._heard(verdict)
+
+    def nis(self, now_ns: int) -> dict[str, float]:
+        """Return the mean NIS over degrees of freedom of each source that has enough of them."""
+        means = {source.value: window.mean(now_ns) for source, window in self._windows.items()}
+        return {name: mean for name, mean in means.items() if not math.isnan(mean)}
+
+    def warnings(self, now_ns: int) -> Iterator[str]:
+        """Yield what contradicts the filter by more than it should, with what to look at."""
+        for source, parameters in _LOOK_AT.items():
+            window = self._windows.get(source)
+            mean = math.nan if window is None else window.mean(now_ns)
+            if mean > _HIGH:
+                times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
+                yield (
+                    f"{topic_of(source)}: innovations are {times}: "
+                    f"look at {parameters} and at its covariances (tirgeo calibrate aircraft)"
+                )

@@ -1,0 +1,1 @@
+"""Draw the map, clicks and words on the video."""

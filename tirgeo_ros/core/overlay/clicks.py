@@ -1,0 +1,137 @@
+"""Clicks on the picture: each is located with the image and the pose that the person saw.
+
+    clicks = Clicks(config.confidence)                      # of an OverlayConfig
+    encoder = LocatedMessages(message_class)                # io.messages
+    clicks.set_plane(plane)
+    clicks.set_ground(terrain)                              # or an ellipsoidal height
+    clicks.show(stamp_ns, camera, pose, rates)              # each picture that is given out
+    answer = clicks.locate((u, v), stamp_ns)                # stamp 0: the newest picture
+    if isinstance(answer, Located):
+        fix.publish(encoder.fix(answer))
+        point.publish(encoder.point(answer))
+    for mark in clicks.markers(): ...                       # mark.point_n, mark.label
+
+``camera`` is that of the picture as shown: the rectified one where it is shown rectified. ``pose``
+is None where the picture was shown without a trusted pose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter, deque
+from typing import NamedTuple
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.ground.backprojection import Ground, Reason
+from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
+
+#: Pictures are remembered so long: a person looks, thinks and clicks on a paused picture.
+REMEMBERED_S = 60.0
+#: A mark stays so long after its picture, and so many stay.
+MARKER_S, MARKERS = 300.0, 20
+
+
+class Marker(NamedTuple):
+    """A located point to be drawn."""
+
+    point_n: Array  # (3,) NED in the map's plane, m
+    label: str
+    covariance_n: Array  # (3, 3) m2
+
+
+class Shown(NamedTuple):
+    """What is remembered of a picture."""
+
+    camera: Camera
+    pose: CameraPose | None
+    rates: CameraRates | None
+
+
+class Clicks:
+    """The newest pictures' cameras and poses, and the points that were located on them.
+
+    ``counts`` says what became of the clicks, by the reason's name.
+    """
+
+    def __init__(self, config: ConfidenceConfig) -> None:
+        self.counts: Counter[str] = Counter()
+        self._config = config
+        self._plane: TangentPlane | None = None
+        self._ground: Ground | None = None
+        self._shown: StampedHistory[Shown] = StampedHistory(REMEMBERED_S)
+        self._located: deque[Located] = deque(maxlen=MARKERS)
+
+    def set_plane(self, plane: TangentPlane) -> None:
+        """The map's plane. Pictures in another plane are forgotten; marks stay where they are."""
+        if plane == self._plane:
+            return
+        self._shown.clear()
+        moved = [dataclasses.replace(one, point_n=_point_n(plane, one)) for one in self._located]
+        self._plane, self._located = plane, deque(moved, maxlen=MARKERS)
+
+    def set_ground(self, ground: Ground | None) -> None:
+        """An ellipsoidal height (m) or an elevation model; None or nan where it is not known."""
+        unknown = isinstance(ground, float) and math.isnan(ground)
+        self._ground = None if unknown else ground
+
+    def show(
+        self,
+        stamp_ns: int,
+        camera: Camera,
+        pose: CameraPose | None,
+        rates: CameraRates | None = None,
+    ) -> None:
+        """Remember a picture (its header's stamp) that was given out."""
+        self._shown.put(stamp_ns, Shown(camera, pose, rates))
+
+    def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Located | Refusal:
+        """The ground point at a pixel (column, row) of a shown picture; 0 is the newest one."""
+        answer = self._answer(uv, stamp_ns)
+        if isinstance(answer, Refusal):
+            self.counts[f"refused_{answer.reason.name.lower()}"] += 1
+        else:
+            self.counts["located"] += 1
+            self._located.append(answer)
+        return answer
+
+    def markers(self) -> list[Marker]:
+        """The located points whose marks still stand, oldest first."""
+        newest_ns = self._shown.newest_ns
+        return [
+            Marker(one.point_n, one.label, one.covariance_n)
+            for one in self._located
+            if newest_ns is None or abs(newest_ns - one.stamp_ns) <= MARKER_S * 1e9
+        ]
+
+    def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Located | Refusal:
+        newest_ns = self._shown.newest_ns
+        if newest_ns is None:
+            return Refusal(stamp_ns, uv, Reason.NO_PICTURE)
+        stamp_ns = stamp_ns or newest_ns
+        found = self._shown.around(stamp_ns)
+        if found is Miss.TOO_OLD:
+            return Refusal(stamp_ns, uv, Reason.TOO_OLD)
+        if isinstance(found, Miss) or found[2]:  # between two pictures
+            return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
+        return self._on(stamp_ns, uv, found[0])
+
+    def _on(self, stamp_ns: int, uv: tuple[float, float], shown: Shown) -> Located | Refusal:
+        if shown.pose is None or self._plane is None:
+            return Refusal(stamp_ns, uv, Reason.NO_POSE)
+        if self._ground is None:
+            return Refusal(stamp_ns, uv, Reason.NO_GROUND)
+        answer = place(
+            shown.camera, shown.pose, uv, self._plane, self._ground, self._config, shown.rates
+        )
+        return dataclasses.replace(answer, stamp_ns=stamp_ns)
+
+
+def _point_n(plane: TangentPlane, one: Located) -> Array:
+    return plane.ned_from_geodetic(one.latitude_rad, one.longitude_rad, one.height_m)

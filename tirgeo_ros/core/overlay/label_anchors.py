@@ -1,0 +1,182 @@
+"""Where in the picture the labels of a map's features belong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+
+_LEAST_WEIGHT_PX = 1e-9  # of a vertex: what is seen of a line may have no length
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Features with labels that are seen, the most important first; columns of one row each."""
+
+    feature: IntArray  # (F,) index of the map's labels
+    mark: BoolArray  # (F,) whether it is a mark, which its label must not hide
+    inside: BoolArray  # (F,) whether it is an outline: its label belongs in it
+    uv: Array  # (2, F) pixels
+    rays: Array  # (3, F) the place on the map, as Seen has it
+    half: Array  # (2, F) half of the feature's width and height in the picture, px
+
+
+class AnchorFinder:
+    """Finds the anchors of one map's labels in any view of it."""
+
+    def __init__(self, vector_map: VectorMap) -> None:
+        self._layer = vector_map.layer
+        with_labels = np.array([layer.style.labels for layer in vector_map.layers], bool)
+        self._labelled = vector_map.labelled & with_labels[vector_map.layer]
+        self._outline = _outlines(vector_map.lines, len(vector_map.labels))
+
+    def find(self, lines: Seen, marks: Seen, shown: IntArray, most: int) -> Features:
+        """Anchors of at most so many features of what is seen (2, V), in pixels.
+
+        Upper layers come first; in a layer marks, then what was ``shown`` before (features), then
+        what is nearer.
+        """
+        line = np.flatnonzero(self._labelled[lines.owner])
+        mark = np.flatnonzero(self._labelled[marks.owner])
+        mark_owner, line_owner = marks.owner[mark], lines.owner[line]
+        near = np.concatenate([marks.rays[2, mark], lines.rays[2, lines.starts[line]]])
+        chosen = self._first(mark_owner, line_owner, near, shown, most)
+        row = np.full(len(self._layer), -1)
+        row[chosen] = np.arange(len(chosen))
+        points, half = np.zeros((5, len(chosen))), np.zeros((2, len(chosen)))
+        is_mark = np.zeros(len(chosen), bool)
+        if len(mark):
+            of_mark = row[mark_owner]
+            is_mark[of_mark[of_mark >= 0]] = True
+            points[:, of_mark[of_mark >= 0]] = _columns(marks, mark[of_mark >= 0])
+            row[chosen[is_mark]] = -1
+        kept = line[row[line_owner] >= 0]
+        outline = self._outline[chosen] & ~is_mark
+        if len(kept):
+            parts = _Parts.of(lines, kept, row[lines.owner[kept]])
+            at = parts.numbers
+            points[:, at], half[:, at] = parts.anchors(outline)
+        return Features(chosen, is_mark, outline, points[:2], points[2:], half)
+
+    def _first(
+        self, mark: IntArray, line: IntArray, near: Array, shown: IntArray, most: int
+    ) -> IntArray:
+        """The owners of marks and lines, of these nearnesses, in order of importance."""
+        owner = np.concatenate([mark, line])
+        is_line = np.arange(len(owner)) >= len(mark)
+        was_shown = np.zeros(len(self._layer), bool)
+        was_shown[shown] = True
+        order = np.lexsort((-near, ~was_shown[owner], is_line, -self._layer[owner]))
+        ordered = owner[order]
+        place = np.arange(len(owner))
+        first = np.empty(len(self._layer), np.int64)
+        first[ordered[::-1]] = place[::-1]  # the last to be written stays
+        return np.asarray(ordered[first[ordered] == place][:most])
+
+
+def _columns(seen: Seen, vertex: IntArray) -> Array:
+    """(5, N): pixels and rays of some vertices."""
+    return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
+
+
+def _outlines(lines: Polylines, features: int) -> BoolArray:
+    """(features,): whether a feature has lines and all of them end where they begin."""
+    ends = lines.points[:, lines.starts[1:] - 1] == lines.points[:, lines.starts[:-1]]
+    outline = np.zeros(features, bool)
+    outline[lines.owner] = True
+    outline[lines.owner[~ends.all(axis=0)]] = False
+    return outline
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """Parts of lines in the order of their features."""
+
+    points: Array  # (5, V) pixels and rays
+    linked: BoolArray  # (V,) whether a segment goes on to the next vertex
+    row: IntArray  # (V,) to which of the F each belongs
+    numbers: IntArray  # (F,) the features
+    begins: IntArray  # (F,) where each feature's vertices begin
+
+    @classmethod
+    def of(cls, lines: Seen, which: IntArray, number: IntArray) -> _Parts:
+        """Of lines, with the number of each one's feature."""
+        order = np.argsort(number, kind="stable")
+        which, number = which[order], number[order]
+        first = lines.starts[which]
+        vertex, starts = runs(first, lines.starts[which + 1] - first)
+        fresh = np.append(True, number[1:] != number[:-1])
+        linked = np.ones(len(vertex), bool)
+        linked[starts[1:] - 1] = False
+        row = np.repeat(np.cumsum(fresh) - 1, np.diff(starts))
+        return cls(_columns(lines, vertex), linked, row, number[fresh], starts[:-1][fresh])
+
+    def anchors(self, outline: BoolArray) -> tuple[Array, Array]:
+        """Where the labels belong (5, F) and half the features' extents (2, F).
+
+        An outline's in it, a line's on it; both near the middle of what is seen of them, weighed
+        by length, so that they glide, not jump, as parts come into view.
+        """
+        places, half = self._middle(), self._half()
+        inside = outline[self.numbers]
+        if inside.any():
+            self._move_inside(places, np.flatnonzero(self.linked & inside[self.row]))
+        if not inside.all():
+            self._move_nearest(places, np.flatnonzero(self.linked & ~inside[self.row]))
+        return places, half
+
+    def _middle(self) -> Array:
+        """A vertex has the weight of half the segments on both its sides."""
+        step = self.points[:2, 1:] - self.points[:2, :-1]
+        length = np.hypot(*step) * self.linked[:-1]
+        weight = np.full(self.points.shape[1], _LEAST_WEIGHT_PX)
+        weight[1:] += length
+        weight[:-1] += length
+        total = np.add.reduceat(self.points * weight, self.begins, axis=1)
+        return np.asarray(total / np.add.reduceat(weight, self.begins))
+
+    def _half(self) -> Array:
+        low = np.minimum.reduceat(self.points[:2], self.begins, axis=1)
+        high = np.maximum.reduceat(self.points[:2], self.begins, axis=1)
+        return np.asarray((high - low) / 2)
+
+    def _move_nearest(self, places: Array, first: IntArray) -> None:
+        """To the nearest points of segments that begin at these vertices."""
+        start, row = self.points.take(first, axis=1), self.row[first]
+        along, to_place = self.points.take(first + 1, axis=1) - start, places[:2, row] - start[:2]
+        squared = (along[:2] * along[:2]).sum(axis=0) + 1e-9
+        share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
+        point = start + share * along
+        away = ((point[:2] - places[:2, row]) ** 2).sum(axis=0)
+        farthest_first = np.argsort(-away, kind="stable")  # the last to be written stays
+        places[:, row[farthest_first]] = point[:, farthest_first]
+
+    def _move_inside(self, places: Array, first: IntArray) -> None:
+        """Along their rows into the outlines that places (5, F) are off, by these segments.
+
+        An outline that the picture cuts is crossed by a row an odd number of times, or is so on
+        both sides; then there is nothing to be said, and the place stays.
+        """
+        above = self.points[1] <= places[1].take(self.row)
+        across = first[above[first] != above[first + 1]]
+        row, start = self.row[across], self.points.take(across, axis=1)
+        rise = self.points.take(across + 1, axis=1) - start
+        point = start + (places[1, row] - start[1]) / rise[1] * rise
+        count = places.shape[1]
+        before = np.bincount(row, point[0] <= places[0, row], count)
+        off = (before % 2 == 0) & (np.bincount(row, minlength=count) % 2 == 0)
+        left = np.flatnonzero(off[row])
+        if len(left):
+            order = left[np.lexsort((point[0, left], row[left]))]
+            _to_widest(places, point[:, order[::2]], point[:, order[1::2]], row[order[::2]])
+
+
+def _to_widest(places: Array, left: Array, right: Array, row: IntArray) -> None:
+    """Move places (5, F) to the middle of the widest of their spans from left to right."""
+    widest = np.argsort(right[0] - left[0], kind="stable")  # the last to be written stays
+    places[:, row[widest]] = ((left + right) / 2)[:, widest]

@@ -1,0 +1,200 @@
+"""Labels off each other, off marks and edges, each in its place from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.overlay.label_anchors import AnchorFinder, Features
+from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp, text_px
+from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
+from tirgeo_ros.core.types.arrays import Array, Pixels
+
+#: No more are drawn: what cannot be read does not help.
+MOST = 40
+
+UNCERTAIN_BGR: Colour = (165, 165, 165)
+
+_CONSIDERED = 3 * MOST
+#: A label that is in its outline stays in it until the outline is this much smaller.
+_STAYS_WITHIN = 0.8
+#: A label comes to a place only with so much room around it, or it would be gone again soon.
+_ROOM_PX = 4
+
+#: Places, the best first: where the label's middle is, in halves of the room for label and
+#: feature, to the right and down.
+_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
+_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
+_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
+_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside it would seem another's
+
+
+class Label(NamedTuple):
+    """A label in its place."""
+
+    feature: int  # index of the map's labels
+    box: Box
+
+
+class Labels:
+    """Places the labels of one map, frame after frame."""
+
+    def __init__(self, vector_map: VectorMap) -> None:
+        self._texts = vector_map.labels
+        self._anchors = AnchorFinder(vector_map)
+        self._places: dict[int, Place] = {}  # of each shown feature's label
+
+    def place(
+        self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
+    ) -> tuple[list[Label], Anchors]:
+        """Where the labels go, and the points that they tell of.
+
+        A label keeps its place, beside its feature, as long as it can.
+        """
+        shown = np.array([*self._places], np.int64)
+        features = self._anchors.find(lines, marks, shown, _CONSIDERED)
+        room = Room(image, marks.points[:2], taken)
+        places, self._places = self._places, {}
+        labels, rows = [], []
+        for row, seen in enumerate(_Feature.all_of(features)):
+            size = stamp(self._texts[seen.number], room.text_px, TEXT_BGR).size
+            last = places.get(seen.number)
+            wish = _wish(seen, size, room.mark_px, last)
+            found = room.find(wish, last)
+            if found is None:
+                continue
+            self._places[seen.number] = Place(wish.places, found[0])
+            labels.append(Label(seen.number, found[1]))
+            rows.append(row)
+            if len(labels) == MOST:
+                break
+        chosen = np.array(rows, np.int64)
+        points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
+        return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
+
+
+class Place(NamedTuple):
+    """One of some places: where a label was."""
+
+    places: tuple[tuple[int, int], ...]
+    number: int
+
+
+class _Feature(NamedTuple):
+    """One row of ``Features``, in plain numbers."""
+
+    number: int
+    mark: bool
+    inside: bool
+    u: float
+    v: float
+    half_u: float
+    half_v: float
+
+    @classmethod
+    def all_of(cls, seen: Features) -> Iterator[_Feature]:
+        numbers = [each.tolist() for each in (seen.feature, seen.mark, seen.inside)]
+        return map(cls, *numbers, *seen.uv.tolist(), *seen.half.tolist())
+
+
+class Wish(NamedTuple):
+    """A label's size and anchor, px, and which places are good for it."""
+
+    u: float
+    v: float
+    width: int
+    height: int
+    half_u: float  # of the room for label and feature
+    half_v: float
+    mark: bool
+    places: tuple[tuple[int, int], ...]
+
+
+def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Wish:
+    """The wish of a label of this size for a place beside a mark."""
+    half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
+    return Wish(u, v, *size, half_u, half_v, True, _BESIDE)
+
+
+def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: Place | None) -> Wish:
+    width, height = size
+    u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
+    if seen.mark:
+        return wish_beside(u, v, size, mark_px)
+    if not seen.inside:
+        return Wish(u, v, width, height, half_u, half_v, False, _ALONG)
+    fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
+    if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
+        half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
+        return Wish(u, v, width, height, half_u, half_v, False, _UNDER)
+    return Wish(u, v, width, height, half_u, half_v, False, _WITHIN)
+
+
+class Room:
+    """What is free of a picture: with ``marks`` (2, V) better not covered, and boxes taken."""
+
+    def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
+        self._height, self._width = image.shape[:2]
+        self.text_px = text_px(image)
+        self.mark_px = mark_radius_px(image)
+        self._marks = marks
+        self._taken = list(taken)
+
+    def find(self, wish: Wish, last: Place | None = None) -> tuple[int, Box] | None:
+        """The number of a place and its box, which is then taken; the place it had, if it can."""
+        if wish.width > self._width or wish.height > self._height:
+            return None
+        found = self._same(wish, last) or next(self._free(wish), None)
+        if found is not None:
+            self._taken.append(found[1])
+        return found
+
+    def _same(self, wish: Wish, last: Place | None) -> tuple[int, Box] | None:
+        if last is None or last.places is not wish.places:
+            return None
+        box = self._box(wish, last.number)
+        return (last.number, box) if self._is_free(box, wish, 0) else None
+
+    def _free(self, wish: Wish) -> Iterator[tuple[int, Box]]:
+        boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
+        free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
+        yield from ((number, box) for number, box in free if not self._covers_mark(box))
+        yield from free
+
+    def _box(self, wish: Wish, place: int) -> Box:
+        """A place, moved into the picture."""
+        u, v, width, height, half_u, half_v, _, places = wish
+        to_right, down = places[place]
+        left = round(u + to_right * half_u - width / 2)
+        top = round(v + down * half_v - height / 2)
+        if left < 0 or left + width > self._width:
+            left = 0 if left < 0 else self._width - width
+        if top < 0 or top + height > self._height:
+            top = 0 if top < 0 else self._height - height
+        return Box(left, top, left + width, top + height)
+
+    def _is_free(self, box: Box, wish: Wish, room: int) -> bool:
+        if wish.mark and box.meets(_around(wish.u, wish.v)):
+            return False
+        # As Box.meets, but a frame asks this thousands of times.
+        left, top, right, bottom = box
+        if room:
+            left, top, right, bottom = left - room, top - room, right + room, bottom + room
+        for x0, y0, x1, y1 in self._taken:  # a generator takes twice the time
+            if left < x1 and x0 < right and top < y1 and y0 < bottom:
+                return False
+        return True
+
+    def _covers_mark(self, box: Box) -> bool:
+        u, v = self._marks
+        inside = (u > box.left) & (u < box.right) & (v > box.top) & (v < box.bottom)
+        return bool(inside.any())
+
+
+def _around(u: float, v: float) -> Box:
+    return Box(round(u) - 1, round(v) - 1, round(u) + 2, round(v) + 2)

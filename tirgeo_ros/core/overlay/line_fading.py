@@ -1,0 +1,62 @@
+"""Lines that are drawn the fainter, the less their place is known.
+
+A short line is of one opacity; a longer one is cut where its opacity changes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.map.polylines import Polylines, joined
+from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.overlay.line_sampling import STEP_PX, Samples, cut, picked, sampled, short
+from tirgeo_ros.core.types.arrays import Array, IntArray
+
+
+class _Along(NamedTuple):
+    """Longer lines, and their ways from sample to sample."""
+
+    lines: Seen
+    samples: Samples
+    ways: IntArray  # (W,) numbers of the samples at which they begin
+
+
+class Fading(NamedTuple):
+    """Lines with the points at which their opacity is to be told."""
+
+    rays: Array  # (3, N) as Seen has them: of the short lines, then of the others' ways
+    owner: IntArray  # (N,) features
+    few: Seen  # short ones
+    along: _Along | None
+
+    @classmethod
+    def of(cls, lines: Seen) -> Fading:
+        """Short lines at a vertex half-way, others in the middle of each way between samples."""
+        whole = short(lines)
+        if whole.all():
+            return cls(_half_way(lines), lines.owner, lines, None)
+        few, many = picked(lines, np.flatnonzero(whole)), picked(lines, np.flatnonzero(~whole))
+        many, samples = sampled(many, STEP_PX)
+        ways = np.flatnonzero(samples.links())
+        first, last = samples.vertex[ways], samples.vertex[ways + 1]
+        middle = (many.rays.take(first, axis=1) + many.rays.take(last, axis=1)) / 2
+        rays = np.concatenate([_half_way(few), middle], axis=1)
+        owner = np.concatenate([few.owner, many.owner[samples.line[ways]]])
+        return cls(rays, owner, few, _Along(many, samples, ways))
+
+    def cut(self, opacity: Array) -> tuple[Polylines, Array]:
+        """The lines with the opacity (N,) of their points: cut where it changes, one for each."""
+        if self.along is None:
+            return self.few, opacity
+        lines, samples, ways = self.along
+        of_short, of_ways = np.split(opacity, [len(self.few)])
+        along = np.ones(len(samples.line) - 1)
+        along[ways] = of_ways
+        parts, way = cut(lines, samples, along)
+        return joined(parts, self.few), np.concatenate([along[way], of_short])
+
+
+def _half_way(lines: Seen) -> Array:
+    return lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)

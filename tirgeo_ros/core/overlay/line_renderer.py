@@ -1,0 +1,267 @@
+"""The map's ink on a picture: filled areas, lines and marks in the style of their layers.
+
+Lines of one colour and width are drawn on one mask, one pixel wide and anti-aliased. The mask,
+grown, is their width, and grown again their dark halo: half the time of drawing each line twice,
+and a tenth of drawing it wide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.map.layers import Colour, LayerStyle
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.types.arrays import Array, IntArray, Pixels
+
+#: Lines fade in so many steps.
+FADES = 4
+
+#: Rows and columns of a picture.
+_Part = tuple[slice, slice]
+
+_SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
+_PLAIN_PX = 640, 512  # on a picture of this size sizes are as they are given
+_SMALLEST, _LARGEST = 0.75, 4.0  # times that size
+_MARK_PX = 7
+_DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
+_HALO_PX = 1.0  # on each side of a line
+_BLUR_PX = 0.7  # by which an anti-aliased line is wider than it says
+_BLUR_REACH_PX = 2.0  # how far from its middle an anti-aliased line of one pixel has ink
+_FULL = 255
+#: OpenCV's anti-aliased line of one pixel is too weak for its halo once a phone makes the picture
+#: smaller: all of it but the faintest edge is made full.
+_STRONGER = 1.6
+
+
+def drawing_scale(image: Pixels) -> float:
+    """By how much ink is larger on a picture (h, w, ...) than on one of 640x512."""
+    height, width = image.shape[:2]
+    fits = min(width / _PLAIN_PX[0], height / _PLAIN_PX[1])
+    return float(min(max(fits, _SMALLEST), _LARGEST))
+
+
+def mark_radius_px(image: Pixels) -> int:
+    """Half the width of a mark on this picture; its inside stays open, to see what is marked."""
+    return round(_MARK_PX * drawing_scale(image))
+
+
+def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
+    """An open diamond around each mark, a line of one point (2, V) in pixels."""
+    if not len(marks):
+        return marks
+    corners = marks.points[:2, :, None] + radius_px * _DIAMOND[:, None, :]
+    count = _DIAMOND.shape[1]
+    starts = np.arange(len(marks) + 1) * count
+    return Polylines(corners.reshape(2, -1), starts, marks.owner)
+
+
+class Painter:
+    """Draws on one picture after another. It keeps its masks: fresh memory costs as much as ink.
+
+    Not for two threads at once.
+    """
+
+    def __init__(self) -> None:
+        self._mask = self._grown = np.empty((0, 0), np.uint8)
+        self._layer = np.empty((0, 0, 3), np.uint8)
+        self._planes: list[Pixels] = []
+
+    def areas(
+        self,
+        image: Pixels,
+        areas: Polylines,
+        layer: IntArray,
+        styles: Sequence[LayerStyle],
+        within: Pixels | None = None,
+    ) -> None:
+        """Fill areas with the colours of their layers, as far as these have one.
+
+        ``areas`` (2, V) are rings in pixels; those of one owner are one area, where a ring inside
+        another is a hole (even-odd). ``layer`` (rings,) is the index of each ring's style. An
+        area over one of the same layer is one with it; over another layer's it mixes with it.
+        Nothing is filled where ``within`` (h, w) is 0.
+        """
+        if not len(areas):
+            return
+        rings = areas.split_rows(_fixed_point(areas.points[:2]))
+        for number in np.unique(layer).tolist():
+            style = styles[number]
+            if style.fill_bgr is None or style.fill_opacity <= 0:
+                continue
+            mask = self._clean_mask(image)
+            for one in _by_owner(areas.owner, np.flatnonzero(layer == number)):
+                cv2.fillPoly(mask, [rings[i] for i in one], (_FULL,), cv2.LINE_8, _SHIFT)
+            if within is not None:
+                cv2.bitwise_and(mask, within, dst=mask)
+            self._tint(image, style.fill_bgr, style.fill_opacity)
+
+    def strokes(
+        self,
+        image: Pixels,
+        lines: Polylines,
+        layer: IntArray,
+        styles: Sequence[LayerStyle],
+        opacity: Array | None = None,
+    ) -> None:
+        """Draw lines (2, V), in pixels, in the colours and widths of their layers, with halo.
+
+        ``layer`` (lines,) is the index of each line's style, ``opacity`` (lines,) from 0, not
+        drawn, to 1 how strong it is, rounded to quarters. Upper layers lie over lower ones.
+        """
+        scale = drawing_scale(image)
+        fade = np.full(len(lines), FADES) if opacity is None else _fades(opacity)
+        for (colour, width), numbers in _by_pen(layer, styles, scale).items():
+            shift = 0.5 if width % 2 == 0 else 0.0  # an even kernel grows to the right and down
+            alone = len(numbers) == len(lines)
+            chosen = lines if alone else lines.select(numbers)
+            halo = max(round(_HALO_PX * scale), 1)
+            inked = _inked(image, chosen.points, _BLUR_REACH_PX + width + halo)
+            if inked is not None:
+                _draw(self._clean_mask(image), chosen, shift, fade if alone else fade[numbers])
+                self._ink(image, inked, colour, width, halo)
+
+    def thin_strokes(self, image: Pixels, lines: Polylines, colour: Colour) -> None:
+        """Draw lines (2, V), in pixels, thin, with halo, in one colour: a third of ``strokes``."""
+        scale = drawing_scale(image)
+        width, halo = _pen_px(1, scale), max(round(_HALO_PX * scale), 1)
+        inked = _inked(image, lines.points, _BLUR_REACH_PX + width + halo)
+        if inked is None:
+            return
+        runs = lines.split_rows(_fixed_point(lines.points[:2]))
+        cv2.polylines(self._clean_mask(image), runs, False, (_FULL,), width, cv2.LINE_8, _SHIFT)
+        part, mask, grown = image[inked], self._mask[inked], self._grown[inked]
+        cv2.dilate(mask, _disc(1 + 2 * halo), dst=grown)
+        cv2.subtract(part, np.full(4, float(_FULL)), dst=part, mask=grown)
+        cv2.add(part, np.array([*colour, 0.0]), dst=part, mask=mask)
+
+    def _clean_mask(self, image: Pixels) -> Pixels:
+        shape = image.shape[:2]
+        if self._mask.shape == shape:
+            self._mask.fill(0)
+            return self._mask
+        self._mask, self._grown = np.zeros(shape, np.uint8), np.empty(shape, np.uint8)
+        self._layer = np.empty((*shape, 3), np.uint8)
+        self._planes = [np.empty(shape, np.uint8) for _ in range(3)]
+        return self._mask
+
+    def _tint(self, image: Pixels, colour: Colour, opacity: float) -> None:
+        """Lay a colour over the picture where the mask is full."""
+        cv2.convertScaleAbs(image, alpha=1 - opacity, dst=self._layer)
+        cv2.copyTo(self._layer, self._mask, image)
+        light = np.array([*colour, 0.0]) * opacity
+        cv2.add(image, light, dst=image, mask=self._mask)
+
+    def _ink(self, image: Pixels, inked: _Part, colour: Colour, width: int, halo_px: int) -> None:
+        """Lay the mask's lines on the picture: a halo takes light away, then comes colour.
+
+        Each subtracts and adds as much as the mask is strong: through a faint line one sees.
+        """
+        image, mask, grown, coat = (
+            each[inked] for each in (image, self._mask, self._grown, self._layer)
+        )
+        cv2.convertScaleAbs(mask, alpha=_STRONGER, dst=mask)
+        if width > 1:
+            cv2.dilate(mask, _disc(width), dst=mask)
+        cv2.dilate(mask, _disc(1 + 2 * halo_px), dst=grown)
+        cv2.cvtColor(grown, cv2.COLOR_GRAY2BGR, dst=coat)
+        cv2.subtract(image, coat, dst=image)
+        planes = [
+            _times(mask, level, plane[inked])
+            for level, plane in zip(colour, self._planes, strict=True)
+        ]
+        cv2.merge(planes, dst=coat)
+        cv2.add(image, coat, dst=image)
+
+
+def _times(mask: Pixels, level: int, plane: Pixels) -> Pixels:
+    """The mask times the level; the plainest colours need no arithmetic."""
+    if level == _FULL:
+        return mask
+    if level == 0:
+        plane.fill(0)
+    else:
+        cv2.convertScaleAbs(mask, alpha=level / _FULL, dst=plane)
+    return plane
+
+
+def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
+    """The rows and columns of a picture that lines through points (2, V) have ink in."""
+    if not points.size:
+        return None
+    low, high = points[:2].min(axis=1) - reach_px, points[:2].max(axis=1) + reach_px
+    part = []
+    for size, least, most in zip(image.shape[1::-1], low.tolist(), high.tolist(), strict=True):
+        first = min(max(math.floor(least), 0), size)
+        part.append(slice(first, max(min(math.ceil(most) + 1, size), first)))
+    columns, rows = part
+    empty = rows.start == rows.stop or columns.start == columns.stop
+    return None if empty else (rows, columns)
+
+
+def _by_owner(owner: IntArray, numbers: IntArray) -> list[list[int]]:
+    """The numbers of rings, those of one owner together."""
+    numbers = numbers[np.argsort(owner[numbers], kind="stable")]
+    cuts = np.flatnonzero(np.diff(owner[numbers])) + 1
+    ends, ordered = [0, *cuts.tolist(), len(numbers)], numbers.tolist()
+    return [ordered[a:b] for a, b in pairwise(ends)]
+
+
+def _fades(opacity: Array) -> IntArray:
+    return np.asarray(np.rint(np.clip(opacity, 0, 1) * FADES), np.int64)
+
+
+def _by_pen(
+    layer: IntArray, styles: Sequence[LayerStyle], scale: float
+) -> dict[tuple[Colour, int], IntArray]:
+    """The lines of each colour and width, in the order of the uppermost layers that use them."""
+    of_pen: dict[tuple[Colour, int], list[int]] = {}
+    for number in np.flatnonzero(np.bincount(layer)).tolist():
+        style = styles[number]
+        pen = style.line_bgr, _pen_px(style.width_px, scale)
+        of_pen[pen] = [*of_pen.pop(pen, []), number]
+    if len(of_pen) == 1:
+        return {pen: np.arange(len(layer)) for pen in of_pen}
+    return {
+        pen: np.flatnonzero(np.logical_or.reduce([layer == number for number in used]))
+        for pen, used in of_pen.items()
+    }
+
+
+def _pen_px(width_px: int, scale: float) -> int:
+    """How wide a line is drawn to be as wide, blur included, on a picture of another size."""
+    return max(round(scale * (width_px + _BLUR_PX) - _BLUR_PX), 1)
+
+
+def _draw(mask: Pixels, lines: Polylines, shift_px: float, fade: IntArray) -> None:
+    """The faintest first: a strong line is not weakened by a faint one that crosses it."""
+    rows = _fixed_point(lines.points[:2] - shift_px if shift_px else lines.points[:2])
+    for step in np.flatnonzero(np.bincount(fade)).tolist():
+        level = _FULL if step == FADES else round(_FULL / _STRONGER * step / FADES)
+        if level:
+            runs = lines.runs_of(rows, np.flatnonzero(fade == step))
+            cv2.polylines(mask, runs, False, (level,), 1, cv2.LINE_AA, _SHIFT)
+
+
+def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
+    """Points (2, V) in pixels as rows (V, 2) in the unit of drawing."""
+    scaled = uv * (1 << _SHIFT)
+    np.rint(scaled, out=scaled)
+    rows = np.empty(scaled.shape[::-1], np.int32)
+    rows[:, 0], rows[:, 1] = scaled
+    return rows
+
+
+@lru_cache(maxsize=32)
+def _disc(width: int) -> Pixels:
+    """What a line of one pixel is grown with, to become so wide."""
+    if width <= 3:  # a square is faster, and as round as so few pixels can be
+        return np.ones((width, width), np.uint8)
+    offset = np.arange(width) - (width - 1) / 2
+    return (offset[:, None] ** 2 + offset**2 <= (width / 2) ** 2 - 0.25).astype(np.uint8)

@@ -1,0 +1,140 @@
+"""Lines in the picture, looked at here and there: where their uncertainty is computed.
+
+It changes slowly along a line, so that a value every few pixels tells it all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.projection_covariance import FrameConfidence
+from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+
+#: Uncertainty changes little over so many pixels of a line.
+STEP_PX = 48.0
+#: The line covers a narrower band (half-width).
+LEAST_BAND_PX = 2.0
+# Cosine of half a line's turn, up to which its band keeps its width there.
+_SHARPEST = 0.5
+
+
+class Samples(NamedTuple):
+    """Some vertices of lines, the first and the last of each line among them."""
+
+    vertex: IntArray  # (S,)
+    line: IntArray  # (S,) the line's number
+
+    def links(self) -> BoolArray:
+        """(S - 1,) whether a sample and the next one are of the same line."""
+        return np.asarray(self.line[1:] == self.line[:-1])
+
+
+def short(lines: Seen) -> BoolArray:
+    """(lines,) whether the uncertainty changes little along a whole line."""
+    way = np.empty(lines.points.shape[1])
+    way[:-1] = _lengths(lines)
+    way[lines.starts[1:] - 1] = 0.0
+    return np.asarray(np.add.reduceat(way, lines.starts[:-1]) <= 2 * STEP_PX)
+
+
+def picked(lines: Seen, which: IntArray) -> Seen:
+    """The lines of these numbers."""
+    first = lines.starts[which]
+    index, starts = runs(first, lines.starts[which + 1] - first)
+    points, rays = (rows.take(index, axis=1) for rows in (lines.points, lines.rays))
+    return Seen(points, starts, lines.owner[which], rays)
+
+
+def sampled(lines: Seen, step_px: float) -> tuple[Seen, Samples]:
+    """The vertices at which another step along a line begins; lengths are in the larger axis.
+
+    The lines come with more vertices where a segment is much longer than STEP_PX: the uncertainty
+    may change along it. The lens's bend is in the lines already.
+    """
+    length = _lengths(lines)
+    long = np.flatnonzero((length > 2 * STEP_PX) & lines.links())
+    if len(long):
+        pieces = np.ones(len(length), np.int64)
+        pieces[long] = np.ceil(length[long] / STEP_PX)
+        lines = _subdivided(lines, pieces)
+        length = _lengths(lines)
+    way = (np.cumsum(length) / step_px).astype(np.int64)
+    chosen = np.zeros(lines.points.shape[1], bool)
+    chosen[1:-1] = way[1:] != way[:-1]
+    chosen[lines.starts[:-1]] = chosen[lines.starts[1:] - 1] = True
+    vertex = np.flatnonzero(chosen)
+    return lines, Samples(vertex, np.searchsorted(lines.starts, vertex, side="right") - 1)
+
+
+def _lengths(lines: Seen) -> Array:
+    step = lines.points[:, 1:] - lines.points[:, :-1]
+    return np.asarray(np.maximum(*np.abs(step, out=step)))
+
+
+def _subdivided(lines: Seen, pieces: IntArray) -> Seen:
+    both = np.concatenate([lines.points, lines.rays])
+    finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
+    return Seen(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
+
+
+def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
+    """What lines (lines,) have, for samples on them."""
+    return None if sigma_m is None else sigma_m[line]
+
+
+def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:
+    """The lines cut where the value of the way from one sample to the next changes.
+
+    (S - 1,) values; returned with each line's first sample.
+    """
+    links = some.links()
+    changes = value[1:] != value[:-1]
+    opens, closes = links.copy(), links.copy()
+    opens[1:] &= changes | ~links[:-1]
+    first = np.flatnonzero(opens)
+    if len(first) == len(lines) and not (changes & links[1:] & links[:-1]).any():
+        return lines, first
+    closes[:-1] &= changes | ~links[1:]
+    begin, end = some.vertex[first], some.vertex[np.flatnonzero(closes) + 1]
+    count = end - begin + 1
+    starts = np.concatenate([[0], np.cumsum(count)])
+    index = np.arange(starts[-1]) + np.repeat(begin - starts[:-1], count)
+    owner = lines.owner[some.line[first]]
+    return Polylines(lines.points[:2].take(index, axis=1), starts, owner), first
+
+
+def ribbons(
+    frame: FrameConfidence, lines: Seen, some: Samples, sigma_m: Array | None, most_px: float
+) -> Array:
+    """(S - 1, 4, 2) corners of the band between each sample and the next one, pixels.
+
+    nan between two lines, and where the line covers it.
+    """
+    uv = lines.points.take(some.vertex, axis=1)
+    normals, sharpness = _normals(uv, some.links())
+    half = frame.half_width_95(lines.rays.take(some.vertex, axis=1), normals, sigma_m)
+    half = np.fmin(half, most_px)  # nan: nobody knows
+    aside = normals * (half / sharpness)
+    corners = np.stack([uv + aside, uv - aside]).transpose(2, 0, 1)  # (S, 2, 2)
+    quads = np.concatenate([corners[:-1], corners[1:, ::-1]], axis=1)
+    seen = some.links() & (np.maximum(half[:-1], half[1:]) >= LEAST_BAND_PX)
+    return np.where(seen[:, None, None], quads, np.nan)
+
+
+def _normals(uv: Array, links: BoolArray) -> tuple[Array, Array]:
+    """Unit normals (2, S) of lines at their vertices, and the cosine of half the turn there."""
+    step = np.where(links, np.diff(uv, axis=1), 0.0)
+    step /= np.maximum(np.hypot(*step), 1e-9)
+    none = np.zeros((2, 1))
+    before, after = np.hstack([none, step]), np.hstack([step, none])
+    ends = ~(before.any(axis=0) & after.any(axis=0))
+    along = before + after
+    length = np.hypot(*along)
+    back = length < 1e-6  # a line that turns back on itself
+    along = np.where(back, after, along) / np.where(back, 1.0, length)
+    sharpness = np.where(ends, 1.0, np.clip(length / 2, _SHARPEST, 1.0))
+    return np.stack([-along[1], along[0]]), sharpness

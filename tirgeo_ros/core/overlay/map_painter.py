@@ -1,0 +1,129 @@
+"""A map painted into a picture: areas, lines, marks, their uncertainty and their labels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.polylines import joined
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import Seen, View
+from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Label, Labels
+from tirgeo_ros.core.overlay.line_renderer import Painter, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.line_sampling import each, picked
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
+from tirgeo_ros.core.overlay.uncertainty_rendering import (
+    ELLIPSE_BGR,
+    Confidence,
+    Marked,
+    layer_sigmas,
+    with_marks,
+)
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.poses import CameraPose
+
+
+class SeenMap(NamedTuple):
+    """What is in view of a map."""
+
+    areas: Seen
+    lines: Seen
+    marks: Seen
+    hidden: bool  # whether there is something in view of layers that are not shown at this scale
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to draw."""
+        return not (len(self.areas) or len(self.lines) or len(self.marks))
+
+
+class MapPainter:
+    """Paints one map, frame after frame."""
+
+    def __init__(
+        self, config: ConfidenceConfig, vector_map: VectorMap, painter: Painter | None = None
+    ) -> None:
+        self._map = vector_map
+        self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
+        ranges = [style.scale_m_px for style in self._styles]
+        self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
+        sigmas = layer_sigmas(vector_map)
+        self._sigmas = None if np.isnan(sigmas).all() else sigmas
+        self._painter = painter or Painter()
+        self._confidence = Confidence(config)
+        self._labels = Labels(vector_map)
+        #: Whether some layers are shown at some scales only.
+        self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
+
+    def see(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> SeenMap:
+        """Find what is in view: lines and marks up to ``far_m`` ahead.
+
+        ``scale_m_px`` is what a pixel in the middle spans of the ground, nan for none.
+        """
+        found = (
+            view.areas(self._map, pose),
+            view.lines(self._map, pose, far_m),
+            view.marks(self._map, pose, far_m),
+        )
+        areas, lines, marks = (self._shown(seen, scale_m_px) for seen in found)
+        left = len(areas) + len(lines) + len(marks)
+        return SeenMap(areas, lines, marks, hidden=left < sum(map(len, found)))
+
+    def paint(
+        self,
+        image: Pixels,
+        view: View,
+        pose: CameraPose,
+        rates: CameraRates | None,
+        seen: SeenMap,
+        taken: Sequence[Box],
+    ) -> list[Box]:
+        """Paint into (h, w, 3) BGR what is in view; the boxes of its labels, off those taken.
+
+        ``rates`` are the camera's at the pose, None where they are not known.
+        """
+        areas, lines, marks, _ = seen
+        of = self._map.layer
+        frame = self._confidence.frame(view.camera, pose, rates)
+        sigmas = each(self._sigmas, lines.owner)
+        self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
+        self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
+        labels, points = self._labels.place(image, lines, marks, taken)
+        anchors = with_marks(points, marks, view.camera)
+        marked = self._confidence.marked(
+            frame, lines, anchors, mark_radius_px(image), self._sigmas
+        )
+        self._stroke(image, marked, marks)
+        self._write(image, labels, set(anchors.owner[marked.ellipses.uncertain].tolist()))
+        return [label.box for label in labels]
+
+    def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
+        """What is of layers that are shown at this scale."""
+        if not self.minds_scale or not len(seen):
+            return seen
+        if math.isnan(scale_m_px):  # it sees no ground: as coarse as can be
+            scale_m_px = math.inf
+        low, high = self._scales_m_px.T
+        shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
+        return seen if shown.all() else picked(seen, np.flatnonzero(shown))
+
+    def _stroke(self, image: Pixels, marked: Marked, marks: Seen) -> None:
+        lines, opacity, ellipses = marked
+        diamonds = marks_as_lines(marks, mark_radius_px(image))
+        # Under the marks, whose middles are what is meant.
+        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
+        ink = joined(lines, diamonds)
+        strength = np.concatenate([opacity, np.ones(len(diamonds))])
+        self._painter.strokes(image, ink, self._map.layer[ink.owner], self._styles, strength)
+
+    def _write(self, image: Pixels, labels: list[Label], uncertain: set[int]) -> None:
+        size_px = text_px(image)
+        for feature, box in labels:
+            colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
+            stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)

@@ -1,0 +1,255 @@
+"""A map drawn into a picture, given the camera and its pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.draping import Ground, check_heights
+from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import View
+from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
+from tirgeo_ros.core.overlay.clicks import Marker
+from tirgeo_ros.core.overlay.line_renderer import Painter
+from tirgeo_ros.core.overlay.map_absence import MapAbsence
+from tirgeo_ros.core.overlay.map_painter import MapPainter, SeenMap
+from tirgeo_ros.core.overlay.scale_bar_compass import (
+    PlacedBar,
+    PlacedRose,
+    camera_heading_rad,
+    ground_sample_m,
+    height_above_m,
+    place_rose,
+    place_scale_bar,
+)
+from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
+from tirgeo_ros.core.overlay.text_boxes import PlacedNotice, place_notice, status_box
+from tirgeo_ros.core.overlay.text_rendering import Box
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.poses import CameraPose
+
+
+@dataclass(frozen=True, slots=True)
+class LaidMap:
+    """A map laid in a plane, without the layers that it was made from."""
+
+    plane: TangentPlane
+    map: VectorMap
+    features: int  # in the layers
+    level_m: float  # the middle one of the map's own heights; nan where a ground is given
+    first_n: Array | None = None  # (3,) the first of its points, on the ellipsoid
+
+
+class Verdict(NamedTuple):
+    """What the checks say: ``GO`` has no words in the picture."""
+
+    severity: Severity = Severity.NOTE
+    words: str = ""
+
+
+class Drawn(NamedTuple):
+    """What a picture shows."""
+
+    absence: str  # why none of the map is in view, else empty
+    above_m: (
+        float  # of the camera over a ground that was given; nan where none is, or it is beside
+    )
+    boxes: tuple[Box, ...]  # of all that is written: none meets another
+
+
+_GO = Verdict()
+_Written = PlacedBar | PlacedRose | PlacedNotice
+
+
+def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> LaidMap:
+    """Lay layers into a plane: the slow part of a map. Raises ConfigError as VectorMap."""
+    check_heights(layers, ground)
+    features = sum(len(layer.features) for layer in layers)
+    laid = VectorMap.from_layers(layers, plane, ground)
+    level_m = math.nan if _is_given(ground) else _middle_m(layers)
+    return LaidMap(plane, laid, features, level_m, _first_n(layers, plane))
+
+
+class MapDrawing:
+    """Layers of a map, laid into a plane, as a camera sees them.
+
+    The map lies at ``ground_height_m`` where that is given, else on the terrain where there is
+    one, else at its own heights. Raises ConfigError if these are unknown.
+    """
+
+    def __init__(
+        self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
+    ) -> None:
+        self.view: View | None = None
+        self.ground = _ground(config.ground_height_m, terrain)
+        check_heights(layers, self.ground)
+        self._layers = layers
+        self._laid: LaidMap | None = None
+        self._confidence = config.confidence
+        self._painter = Painter()
+        self._map_painting: MapPainter | None = None  # of the map, once it is drawn
+        self._absence: MapAbsence | None = None  # of the map, once it is not in view
+
+    @property
+    def map(self) -> VectorMap | None:
+        """The map that is drawn; None where no plane is known yet."""
+        return self._laid.map if self._laid else None
+
+    @property
+    def laid(self) -> LaidMap | None:
+        """Return the same with what it was laid from; None where no plane is known yet."""
+        return self._laid
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing that could be drawn."""
+        if self._laid:
+            return not self._laid.features
+        return not any(layer.features for layer in self._layers)
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera of the picture that is drawn into."""
+        return self.view.camera if self.view else None
+
+    def set_map(self, new: LaidMap) -> None:
+        """Draw a map that was laid elsewhere, in the present plane."""
+        self._layers = ()
+        self._set(new)
+
+    def set_plane(self, plane: TangentPlane) -> None:
+        """The plane in which poses are given; a map that was laid elsewhere is gone."""
+        self._set(lay_layers(self._layers, plane, self.ground))
+
+    def set_camera(self, camera: Camera) -> None:
+        """The camera of the picture that is drawn into."""
+        if self.view is None or camera != self.view.camera:
+            self.view = View(camera)
+
+    def _set(self, laid: LaidMap) -> None:
+        self._laid, self._map_painting, self._absence = laid, None, None
+
+    def draw(
+        self,
+        image: Pixels,
+        pose: CameraPose,
+        rates: CameraRates | None = None,
+        markers: Sequence[Marker] = (),
+        verdict: Verdict = _GO,
+    ) -> Drawn:
+        """Draw map and markers into (h, w, 3) BGR; there must be a camera and a plane.
+
+        ``rates`` are the camera's at the pose, None where they are not known. A ``verdict`` of
+        the checks is written above, and so is why none of the map is in view.
+        """
+        assert self.view is not None
+        assert self._laid is not None
+        camera = self.view.camera
+        level = self.ground if _is_given(self.ground) else self._laid.level_m
+        seen = camera, pose, self._laid.plane, level
+        painter = self._map_painter()
+        scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
+        above_m = height_above_m(*seen[1:])
+        far_m = self.view.farthest_m(above_m)
+        in_view = painter.see(self.view, pose, scale_m_px, far_m)
+        absence = self._absent(in_view, pose, scale_m_px, far_m)
+        written = [*self._decorations(image, seen)]
+        written += _notices(image, verdict, absence, self._rose_box(written))
+        taken = [status_box(image), *(each.box for each in written)]
+        placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
+        if placed:
+            taken += placed.boxes
+        labels = painter.paint(image, self.view, pose, rates, in_view, taken)
+        if placed:
+            placed.paint(image, self._painter)
+        for each in written:
+            each.paint(image)
+        above_m = above_m if _is_given(self.ground) else math.nan
+        return Drawn(absence, above_m, (*taken, *labels))
+
+    def _absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
+        """Why there is nothing to draw, else empty."""
+        if not seen.empty:
+            return ""
+        if seen.hidden:
+            return f"no layer is shown at this scale ({_sample_words(scale_m_px)})"
+        assert self.view is not None
+        assert self._laid is not None
+        if self._absence is None:
+            self._absence = MapAbsence(self._laid.map, self._laid.plane, self._laid.first_n)
+        return self._absence.why(self.view.camera, pose, far_m)
+
+    def _decorations(
+        self, image: Pixels, seen: tuple[Camera, CameraPose, TangentPlane, Ground]
+    ) -> list[_Written]:
+        bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
+        rose = None
+        if self._confidence.heading_rose:
+            rose = place_rose(image, camera_heading_rad(seen[1]))
+        return [decoration for decoration in (bar, rose) if decoration]
+
+    @staticmethod
+    def _rose_box(written: Sequence[_Written]) -> Box | None:
+        return next((each.box for each in written if isinstance(each, PlacedRose)), None)
+
+    def _map_painter(self) -> MapPainter:
+        assert self.map is not None
+        if self._map_painting is None:
+            self._map_painting = MapPainter(self._confidence, self.map, self._painter)
+        return self._map_painting
+
+
+def _notices(
+    image: Pixels, verdict: Verdict, absence: str, beside: Box | None
+) -> list[PlacedNotice]:
+    """Over each other, at the top of the picture, to the left of the rose."""
+    notices = []
+    if verdict.severity:
+        colour = VERDICT_BGR[verdict.severity]
+        notices.append(place_notice(image, verdict.words, colour, beside=beside))
+    if absence:
+        top = notices[0].box.bottom if notices else 0
+        words = f"NO MAP IN VIEW: {absence}"
+        notices.append(place_notice(image, words, top=top, beside=beside))
+    return notices
+
+
+def _sample_words(scale_m_px: float) -> str:
+    if math.isnan(scale_m_px):
+        return "the picture's middle sees no ground"
+    words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+    return f"{words} a pixel"
+
+
+def _ground(height_m: float, terrain: Terrain | None) -> Ground:
+    if math.isfinite(height_m) or terrain is None:
+        return height_m
+    return terrain
+
+
+def _first_n(layers: Sequence[MapLayer], plane: TangentPlane) -> Array | None:
+    for layer in layers:
+        for feature in layer.features:
+            latitude, longitude, _ = feature.points[0]
+            return plane.ned_from_geodetic(latitude, longitude, 0.0)
+    return None
+
+
+def _is_given(ground: Ground) -> bool:
+    return isinstance(ground, Terrain) or math.isfinite(ground)
+
+
+def _middle_m(layers: Sequence[MapLayer]) -> float:
+    heights = [feature.points[:, 2] for layer in layers for feature in layer.features]
+    return float(np.median(np.concatenate(heights))) if heights else math.nan

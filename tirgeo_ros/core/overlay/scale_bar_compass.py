@@ -1,0 +1,261 @@
+"""What helps to read the picture as a map: a bar of known length on the ground, and north."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
+from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.text_rendering import (
+    TEXT_BGR,
+    Box,
+    Stamp,
+    composed,
+    passing_stamp,
+    stamp,
+    text_px,
+)
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
+
+_LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
+_SAMPLES = 33
+_STEEP = math.cos(math.radians(10))  # of the optical axis: its own heading says little
+_NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # right, to north
+_NEEDLE_TIMES = 1.1  # half its length, by the size of the text
+_LETTER_TIMES = 1.75  # its distance from the needle's middle
+_REACH_TIMES = 2.4  # of needle and letter
+_TICK_TIMES = 0.3
+_SHIFT = 4
+_FULL = 255
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleBar:
+    """A part of a row of the picture that spans a round length on the ground."""
+
+    left: float  # pixels
+    right: float
+    row: float
+    length_m: float
+
+    @property
+    def text(self) -> str:
+        """The length as it is written."""
+        if self.length_m >= 1000:
+            return f"{self.length_m / 1000:g} km"
+        return f"{self.length_m:g} m" if self.length_m >= 1 else f"{self.length_m * 100:g} cm"
+
+
+def ground_sample_m(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
+) -> float:
+    """Ground that a pixel in the middle of the picture spans along its row, m; nan if none."""
+    u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
+    row = _Row.of(camera, u - 0.5, u + 0.5, v, 2)
+    away_m = _away_m(row, _height_m(camera, pose, plane, ground, row.middle), pose)
+    return float(away_m[-1])
+
+
+def scale_bar(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, left: float, row: float
+) -> ScaleBar | None:
+    """A bar that begins at a pixel (left, row) and goes to the right; None without ground there.
+
+    Its length is the largest of 1, 2 and 5 times a power of ten, m, that a quarter of the
+    picture's width holds. On an elevation model the ground is taken as level along the bar.
+    """
+    part = _Row.of(camera, left, left + _LONGEST_PART * camera.width, row, _SAMPLES)
+    away_m = _away_m(part, _height_m(camera, pose, plane, ground, part.middle), pose)
+    if not (away_m[1:] > away_m[:-1]).all():  # nor where it is nan
+        return None
+    length_m = _round_length(float(away_m[-1]))
+    right = float(np.interp(length_m, away_m, part.u))
+    return ScaleBar(left, right, row, length_m) if right - left >= _shortest(camera) else None
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Some pixels of a row."""
+
+    u: Array  # (N,)
+    rays: Array  # (N, 3) in the optical frame, z = 1
+    middle: Array  # (2,) one of them
+
+    @staticmethod
+    @lru_cache(maxsize=8)
+    def of(camera: Camera, left: float, right: float, row: float, count: int) -> _Row:
+        """The same in every frame, and dear: the lens is undone pixel by pixel."""
+        uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
+        return _Row(uv[:, 0], camera.rays(uv), uv[count // 2])
+
+
+def _shortest(camera: Camera) -> float:
+    return _SHORTEST_PART * camera.width
+
+
+def _round_length(most_m: float) -> float:
+    power = 10.0 ** math.floor(math.log10(most_m))
+    return max(step * power for step in (1, 2, 5) if step * power <= most_m)
+
+
+def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
+    """(N,) from the row's first ground point to each one, m; all nan if not all see ground.
+
+    The ground is flat here: the curvature of the earth and the map's plane are together less than
+    0.1 % of a length that is seen from 100 m up, 1 km from the map's origin.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways = height_m / (row.rays @ matrix_from_quat(pose.q_nc)[2])
+        points_c = ways[:, None] * row.rays
+    if not ((ways > 0) & np.isfinite(ways)).all():
+        return np.full(len(ways), np.nan)
+    away = points_c - points_c[0]
+    return np.asarray(np.sqrt((away * away).sum(axis=1)))
+
+
+def _height_m(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, uv: Array
+) -> float:
+    """Of the camera over the ground, on an elevation model over where a pixel (2,) meets it."""
+    if isinstance(ground, Terrain):
+        points, _ = locate(camera, pose, uv[None], plane, ground)
+        return float(points[0, 2] - pose.position_n[2])
+    return height_above_m(pose, plane, ground)
+
+
+def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground) -> float:
+    """Of the camera over the ground below it; nan where the elevation model has none there."""
+    if isinstance(ground, Terrain):
+        latitude, longitude, height = plane.geodetic_from_ned(pose.position_n)
+        return float(height - ground.height_m(latitude, longitude))
+    # The earth falls away from the plane; its curvature differs by less than 1 % from place to
+    # place: by 1 cm of height 4 km from the map's origin.
+    north, east, down = pose.position_n.tolist()
+    away2 = north * north + east * east
+    return float(plane.height_m - down + away2 / (2 * SEMI_MAJOR_AXIS_M) - ground)
+
+
+def camera_heading_rad(pose: CameraPose) -> float:
+    """Where the camera looks: 0 is north, clockwise, 0 to 2 pi.
+
+    The heading of the optical axis; as that comes within 10 degrees of straight down, more and
+    more that of the picture's upper edge.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
+    steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
+    north, east = ahead[:2] + steep * up[:2]
+    return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedBar:
+    """A scale bar with its place: over the left end of the status line."""
+
+    bar: ScaleBar
+    box: Box
+
+    def paint(self, image: Pixels) -> None:
+        """Draw it on the picture (h, w, 3) for which it was placed, to whole pixels."""
+        bar, size_px = self.bar, text_px(image)
+        wide = _pen_px(size_px)
+        left, right = round(bar.left), round(bar.right) + 1
+        tick, row = round(bar.row - _TICK_TIMES * size_px), round(bar.row) + 1
+        parts = [
+            Box(left, row - wide, right, row),
+            Box(left, tick, left + wide, row),
+            Box(right - wide, tick, right, row),
+        ]
+        halo = _halo_px(size_px)
+        for x0, y0, x1, y1 in parts:
+            image[y0 - halo : y1 + halo, max(x0 - halo, 0) : x1 + halo] = 0
+        for x0, y0, x1, y1 in parts:
+            image[y0:y1, x0:x1] = TEXT_BGR
+        text = stamp(bar.text, size_px, TEXT_BGR)
+        text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
+
+
+def place_scale_bar(
+    image: Pixels, camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
+) -> PlacedBar | None:
+    """The scale bar of a picture (h, w, ...); None where no ground is seen, or no room is."""
+    size_px, bottom = text_px(image), status_box(image).top
+    row = bottom - 0.6 * size_px
+    bar = scale_bar(camera, pose, plane, ground, 0.8 * size_px, row)
+    if bar is None or row < 3 * size_px:
+        return None
+    width, height = stamp(bar.text, size_px, TEXT_BGR).size
+    top = round(row - _TICK_TIMES * size_px) - height
+    right = max(bar.right, (bar.left + bar.right + width) / 2)
+    return PlacedBar(bar, Box(0, top, math.ceil(right + size_px / 2), bottom))
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedRose:
+    """A needle to north with the camera's heading, in the upper right corner."""
+
+    rose: Stamp
+    box: Box
+
+    def paint(self, image: Pixels) -> None:
+        """Draw it on the picture (h, w, 3) for which it was placed."""
+        self.rose.lay(image, self.box.left, self.box.top)
+
+
+def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
+    """The rose of a picture (h, w, ...), up being where the camera looks; None without room.
+
+    To the degree, as it is written.
+    """
+    rose = _rose(round(math.degrees(heading_rad)) % 360, text_px(image))
+    height, width = image.shape[:2]
+    box = Box(width - rose.size[0], 0, width, rose.size[1])
+    if box.left < width // 2 or box.bottom > height // 2:
+        return None
+    return PlacedRose(rose, box)
+
+
+@lru_cache(maxsize=16)  # 40 kB each: all of a turn would be 15 MB
+def _rose(heading_deg: int, size_px: int) -> Stamp:
+    heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
+    to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
+    to_right = np.array([-to_north[1], to_north[0]])
+    needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+    letter = stamp("N", size_px, TEXT_BGR)
+    at = np.rint(reach + _LETTER_TIMES * size_px * to_north - np.array(letter.size) / 2)
+    written = passing_stamp(f"{heading_deg:03d}\u00b0", size_px, TEXT_BGR)
+    under = round(reach - written.size[0] / 2), 2 * reach - size_px // 4
+    parts = [
+        (_filled(reach + needle, 2 * reach, size_px), 0, 0),
+        (letter, int(at[0]), int(at[1])),
+        (written, *under),
+    ]
+    return composed(2 * reach, 2 * reach + written.size[1], parts)
+
+
+def _filled(uv: Array, side_px: int, size_px: int) -> Stamp:
+    """A shape with corners (N, 2), in the text's colour, with a dark halo, in a square."""
+    mask = np.zeros((side_px, side_px), np.uint8)
+    points = np.rint(uv * (1 << _SHIFT)).astype(np.int32)
+    cv2.fillPoly(mask, [points], (_FULL,), cv2.LINE_AA, _SHIFT)
+    side = 2 * _halo_px(size_px) + 1
+    return Stamp.of(mask, cv2.dilate(mask, np.ones((side, side), np.uint8)), TEXT_BGR)
+
+
+def _halo_px(size_px: int) -> int:
+    return max(round(size_px / 10), 1)
+
+
+def _pen_px(size_px: int) -> int:
+    return 1 + round(size_px / 8)

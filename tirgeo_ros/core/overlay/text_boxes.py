@@ -1,0 +1,187 @@
+"""Words on the thermal picture: the status line, and a notice where there is no map."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+
+from tirgeo_ros.core.overlay.text_rendering import (
+    LONGEST,
+    TEXT_BGR,
+    Box,
+    Colour,
+    Stamp,
+    line_px,
+    passing_stamp,
+    text_px,
+)
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.quoted_text import cut
+
+NOTICE_BGR: Colour = (80, 200, 255)
+LONGEST_NOTICE = 300  # characters; with more a small picture would be all text
+
+_NOTICE_TIMES = 1.25  # the size of plain text
+#: What is left of the picture under the status line: so little that every colour of its text has
+#: a contrast of 4.5 to 1 on a white picture too (WCAG 2, relative luminance).
+_STRIP_LIGHT = 0.14
+_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # of the size of the status line's text
+_LEAST_DETAIL = 6  # characters; less of a detail says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A text of the status line."""
+
+    text: str
+    colour: Colour = TEXT_BGR
+    detail: str = ""  # follows the text, cut where the line is too long
+    spare: bool = False  # left out first where the line is too long
+
+
+def status_box(image: Pixels) -> Box:
+    """The strip at the bottom of a picture (h, w, ...) that the status line takes."""
+    height, width = image.shape[:2]
+    return Box(0, max(height - line_px(text_px(image)), 0), width, height)
+
+
+def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
+    """Darken a strip at the bottom of the picture and write the fields in it, left to right."""
+    top, size_px = status_box(image).top, text_px(image)
+    _darken(image[top:])
+    left = round(_EDGE_PARTS * size_px)
+    for field in fitted(fields, image.shape[1], size_px):
+        text = _written(field, size_px)
+        text.lay(image, left, image.shape[0] - line_px(size_px))
+        left += text.size[0] + round(_GAP_PARTS * size_px)
+
+
+def _darken(part: Pixels) -> None:
+    part[:] = cv2.convertScaleAbs(part, alpha=_STRIP_LIGHT)
+
+
+def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
+    """As much of the fields as one line of the picture's width takes, in text of a size.
+
+    Spare fields go first, then details are cut, then fields go from the right; the first stays.
+    """
+    kept = list(fields)
+    if _excess_px(kept, width_px, size_px) <= 0:
+        return kept
+    for spare in [field for field in reversed(fields) if field.spare]:
+        if _excess_px(kept, width_px, size_px) > 0:
+            kept.remove(spare)
+    for number, field in enumerate(kept):
+        excess_px = _excess_px(kept, width_px, size_px)
+        if excess_px > 0 and field.detail:
+            kept[number] = _cut(field, _written(field, size_px).size[0] - excess_px, size_px)
+    while len(kept) > 1 and _excess_px(kept, width_px, size_px) > 0:
+        kept.pop()
+    return kept
+
+
+def _excess_px(fields: Sequence[Field], width_px: int, size_px: int) -> int:
+    written = sum(_written(field, size_px).size[0] for field in fields)
+    between = round(_GAP_PARTS * size_px) * (len(fields) - 1)
+    return written + between + 2 * round(_EDGE_PARTS * size_px) - width_px
+
+
+def _cut(field: Field, width_px: int, size_px: int) -> Field:
+    """With as much of its detail as fits, or with none."""
+
+    def cut_at(length: int) -> Field:
+        return replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
+
+    lengths = range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
+    fits = bisect_right(lengths, width_px, key=lambda n: _written(cut_at(n), size_px).size[0])
+    return cut_at(lengths[fits - 1]) if fits else replace(field, detail="")
+
+
+def _written(field: Field, size_px: int) -> Stamp:
+    return passing_stamp(field.text + field.detail, size_px, field.colour)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedNotice:
+    """A notice in its place."""
+
+    lines: tuple[Stamp, ...]
+    box: Box
+    strip: bool  # whether the picture is darkened under it
+
+    def paint(self, image: Pixels) -> None:
+        """Write it on the picture (h, w, 3) for which it was placed, each line in the middle."""
+        top = self.box.top
+        if self.strip:
+            _darken(image[top : self.box.bottom, self.box.left : self.box.right])
+        for text in self.lines:
+            text.lay(image, (self.box.left + self.box.right - text.size[0]) // 2, top)
+            top += text.size[1]
+
+
+def place_notice(
+    image: Pixels,
+    notice: str,
+    colour: Colour = NOTICE_BGR,
+    *,
+    top: int = 0,
+    beside: Box | None = None,
+    most_lines: int = 3,
+    large: bool = False,
+) -> PlacedNotice:
+    """Place a notice across a picture (h, w, ...) from a row on, to the left of a box.
+
+    It has so many lines at most; what is over is cut. A ``large`` one stands where nothing else
+    does; under any other the picture is darkened.
+    """
+    width = beside.left if beside else image.shape[1]
+    size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
+    lines = _notice_lines(cut(notice, LONGEST_NOTICE), size_px, colour, width, most_lines)
+    bottom = min(top + sum(line.size[1] for line in lines), image.shape[0])
+    return PlacedNotice(lines, Box(0, top, width, bottom), strip=not large)
+
+
+def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
+    """Write a notice, as far as ``LONGEST_NOTICE``, across the upper part of the picture."""
+    top = max(image.shape[0] // 8, least_top)
+    place_notice(image, notice, top=top, most_lines=LONGEST_NOTICE, large=True).paint(image)
+
+
+@lru_cache(maxsize=4)  # a notice stays for seconds, and to measure it is dear
+def _notice_lines(
+    text: str, size_px: int, colour: Colour, width_px: int, most: int
+) -> tuple[Stamp, ...]:
+    lines = _wrapped(text, size_px, width_px)
+    if len(lines) > most:
+        rest = " ".join(lines[most - 1 :])
+        lines = [*lines[: most - 1], _cut_to(rest, size_px, width_px)]
+    return tuple(passing_stamp(line, size_px, colour) for line in lines)
+
+
+def _cut_to(text: str, size_px: int, width_px: int) -> str:
+    """As much of a text as a line takes, with an ellipsis."""
+    lengths = range(1, min(len(text), LONGEST))
+    fits = bisect_right(
+        lengths, width_px, key=lambda n: passing_stamp(cut(text, n), size_px, NOTICE_BGR).size[0]
+    )
+    return cut(text, lengths[max(fits - 1, 0)])
+
+
+def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:
+    """Lines of whole words."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        fits = (
+            len(longer) <= LONGEST
+            and passing_stamp(longer, size_px, NOTICE_BGR).size[0] <= width_px
+        )
+        if lines[-1] and not fits:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines

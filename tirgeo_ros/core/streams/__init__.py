@@ -1,0 +1,1 @@
+"""Judge samples by themselves: numbers, stamps, rates and silence."""

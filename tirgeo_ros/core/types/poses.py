@@ -1,0 +1,51 @@
+"""Define states and poses that the core estimates: immutable records with frames and units.
+
+All stamps are integer nanoseconds of the measurement. Frames as in the charter
+(``tirgeo_ros/__init__.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from tirgeo_ros.core.types.arrays import Array
+
+
+class NavSolution(NamedTuple):
+    """The aircraft's navigation state: the IMU's position, ``n`` at the aircraft."""
+
+    stamp_ns: int
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float
+    velocity_n: Array  # (3,) m/s
+    q_nb: Array  # (4,) wxyz
+    angular_rate_b: Array  # (3,) rad/s, bias removed
+    rate_variance_b: tuple[float, float, float]  # of the angular rate, (rad/s)^2
+    covariance: Array  # (9, 9) position NED m2, attitude phi_n rad2, velocity NED m2/s2
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(6, 6): position NED in m2, attitude phi_n in rad2."""
+        return self.covariance[:6, :6]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyPose:
+    """Pose of the body in the ``map`` tangent plane, NED axes."""
+
+    stamp_ns: int
+    position_n: Array  # (3,) m from the map's origin
+    q_nb: Array  # (4,) wxyz
+    covariance: Array  # (6, 6) position m2, attitude phi_n rad2
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Pose of the camera's optical frame in the ``map`` tangent plane, NED axes."""
+
+    stamp_ns: int
+    position_n: Array  # (3,) m from the map's origin
+    q_nc: Array  # (4,) wxyz, optical frame to NED
+    covariance: Array  # (6, 6) position m2, attitude phi_n rad2

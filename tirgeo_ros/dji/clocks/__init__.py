@@ -1,0 +1,1 @@
+"""Convert the aircraft's counters and clocks to this computer's time."""

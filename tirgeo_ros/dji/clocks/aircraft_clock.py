@@ -1,0 +1,238 @@
+"""From the aircraft's clock to this computer's.
+
+The aircraft counts milliseconds from power-up. A message arrives later than it was sent by the
+smallest latency of the link and by whatever queues, bursts and scheduling add: never earlier. So
+``arrival - aircraft time`` lies above a line, the offset of the two clocks with their drift, and
+the line below all points (``dji.clocks.lower_envelope``) is that offset plus the smallest
+latency. The latency itself cannot be seen from one side; the delay of each source is a parameter.
+
+A counter that truncates to its tick, fed from a clock that is not in step with it, makes stamps
+early by 0 to 1 tick, half a tick in the mean; the line is not biased by it, since the smallest
+differences are those of messages sent at a tick. Where messages are sent in step with the counter
+all of them are truncated alike, and the line takes that up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tirgeo_ros.core.config.dji import DjiClockConfig
+from tirgeo_ros.dji.clocks.lower_envelope import LowerEnvelope
+from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
+
+_SECOND_NS = 1_000_000_000
+#: No queue holds messages for longer and is never empty; a clock that is set jumps by more.
+_STEP_NS = 250_000_000
+#: A clock counts as set once so many messages in so long, by the counter and by arrival, were
+#: late by that and hardly ever less: a queue that drains is less late with every message.
+_STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
+#: An aircraft's message is not overtaken by others for longer.
+_LATE_NS = _SECOND_NS
+#: Two messages have to agree that all before were later than this: one may be a wrong count.
+_NEWLY_EARLY_NS = 2_000_000
+#: The offset is settled with so many messages in so long, once it is so close to the line, and no
+#: longer so where it is that far from it.
+_SETTLED_NUMBER, _SETTLED_AFTER_NS = 20, 3 * _SECOND_NS
+_SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
+#: How fast the published offset goes to the line, as a share of time: in haste while not settled,
+#: else beyond the largest drift.
+_HASTE, _SLEW = 0.5, 200e-6
+
+
+class _Stranger(NamedTuple):
+    """A message that fits no offset so far and wants a second one that says the same."""
+
+    number: int
+    offset_ns: int
+    is_counter: bool  # whether the counter has jumped, else the host's clock
+
+
+class _Above(NamedTuple):
+    """A run of messages far above the line: a queue that drains, or another offset."""
+
+    number: int  # of the run's newest
+    length: int
+    first: float  # height of the first of them, nanoseconds
+    least: float
+    aircraft_ns: int  # of the first of them
+    arrival_ns: int
+    is_counter: bool
+
+
+class AircraftClock:
+    """Places one counter of the aircraft on the host's clock.
+
+    Stamps of increasing counts never decrease, and the same count gets the same stamp. Once
+    settled, a step of stamps differs from the counter's by at most 2 ``max_drift_ppm`` + 200 ppm.
+    Before, and again where the line is more than 2 ms off, it may differ by half of itself.
+
+    When the counter starts again or the host's clock is set, stamps go with them: at the second
+    message where that is certain, after half a second where it may be a queue. A message that is
+    alone in being at odds is stamped with its arrival. Each counter needs a clock of its own.
+    """
+
+    def __init__(self, config: DjiClockConfig, tick_ns: int = 1_000_000, bits: int = 32) -> None:
+        self._max_drift = config.max_drift_ppm * 1e-6
+        self._slew = self._max_drift + _SLEW
+        self._window_ns = config.window_s * 1e9
+        self._line = LowerEnvelope(self._window_ns, self._max_drift)
+        self._counter = RunningCounter(tick_ns, bits)
+        self._number = self._began_number = 0
+        self._origin_ns = self._newest_ns = 0  # by the counter
+        self._offset_ns = 0  # of the origin
+        self._published = 0.0  # offset beyond that, of the newest
+        self._settled = False
+        self._early: tuple[float, float] | None = None
+        self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
+        self._stranger = _Stranger(-1, 0, is_counter=False)
+        self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
+
+    def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
+        """Host time of a message, as if it had come with the smallest latency.
+
+        ``ticks`` are the counter's, ``extra_ns`` the time after that tick where the aircraft
+        tells it, ``arrival_ns`` the host's time of the message's last byte.
+        """
+        self._number += 1
+        if extra_ns and not 0 <= extra_ns <= LONGEST_EXTRA_NS:
+            self._counts["bad fractions"] += 1
+            extra_ns = 0
+        if self._number == 1:
+            return self._begin(ticks, extra_ns, arrival_ns)
+        tick_ns = self._counter.time_ns(ticks)
+        aircraft_ns = tick_ns + extra_ns
+        x = float(aircraft_ns - self._origin_ns)
+        y = float(arrival_ns - aircraft_ns - self._offset_ns)
+        step_ns = aircraft_ns - self._newest_ns
+        height = y - self._line.base - self._line.drift * x
+        if height < -_NEWLY_EARLY_NS or height > _STEP_NS or step_ns < -_LATE_NS:
+            if self._is_strange(height, step_ns):
+                return self._take_stranger(ticks, extra_ns, aircraft_ns, arrival_ns)
+            if height < 0:
+                y += self._believed(x, y, height) - height
+            elif self._is_set(height, aircraft_ns, arrival_ns):
+                late_ns = round(height - self._above.least)
+                return self._begin(ticks, extra_ns, arrival_ns - late_ns)
+        self._line.add(x, y)
+        if step_ns > 0:
+            self._counter.go_on(ticks, tick_ns)
+            self._newest_ns = aircraft_ns
+            self._follow(x, float(step_ns))
+        return aircraft_ns + self._offset_ns + int(self._published)
+
+    def lateness_ns(self, ticks: int, arrival_ns: int) -> float:
+        """How much later than with the smallest latency a message is, which is not taken."""
+        if not self._number:
+            return 0.0
+        aircraft_ns = self._counter.time_ns(ticks)
+        y = arrival_ns - aircraft_ns - self._offset_ns
+        return y - self._line.base - self._line.drift * (aircraft_ns - self._origin_ns)
+
+    @property
+    def drift(self) -> float:
+        """How much faster than the counter the host's clock is, as a share."""
+        return self._line.drift
+
+    @property
+    def state(self) -> str:
+        """``waiting`` for a message, ``settling`` or ``settled``.
+
+        Settled: 20 messages in 3 s have come since the offset was begun, and the stamps are on
+        the line below them. While settling stamps may be late by as much as the messages were.
+        """
+        if not self._number:
+            return "waiting"
+        return "settled" if self._settled else "settling"
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """State, offset, spread, drift and what befell the two clocks, as texts."""
+        texts = {"clock state": self.state}
+        if self._number:
+            offset_s = (self._offset_ns + round(self._published)) * 1e-9
+            texts["clock offset [s]"] = f"{offset_s:.6f}"
+            texts["clock drift [ppm]"] = f"{self._line.drift * 1e6:.2f}"
+        spread = self._line.spread
+        if spread is not None:
+            median, p95, highest = (height * 1e-6 for height in spread)
+            texts["clock spread [ms]"] = f"{median:.2f}, p95 {p95:.2f}, max {highest:.2f}"
+        texts["clock wraps"] = str(self._counter.wraps)
+        return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
+
+    def _begin(self, ticks: int, extra_ns: int, arrival_ns: int) -> int:
+        """Begin the offset with this message; returns its stamp, the arrival."""
+        self._newest_ns = self._origin_ns = self._counter.begin(ticks) + extra_ns
+        self._offset_ns = arrival_ns - self._origin_ns
+        self._began_number = self._number
+        self._published = 0.0
+        self._settled = False
+        self._early = None
+        self._line.begin(0.0, 0.0)
+        return arrival_ns
+
+    def _follow(self, x: float, step: float) -> None:
+        """Bring the published offset to the line as fast as the time passed allows."""
+        drift = self._line.drift
+        self._published += drift * step
+        gap = self._line.base + drift * x - self._published
+        if self._settled and abs(gap) > _UNSETTLED_NS:
+            self._settled = False
+        limit = (self._slew if self._settled else _HASTE) * step
+        move = min(max(gap, -limit), limit)
+        self._published += move
+        if not self._settled and abs(gap - move) < _SETTLED_WITHIN_NS:
+            number = self._number - self._began_number
+            self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
+
+    def _is_strange(self, height: float, step_ns: int) -> bool:
+        """Whether no delay and no overtaking explains a message.
+
+        Far above after a pause of the counter as well: what waited in a queue was sent in turn.
+        """
+        if step_ns < -_LATE_NS or (step_ns > _LATE_NS and height > _SECOND_NS):
+            return True
+        return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
+
+    def _take_stranger(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
+        """Begin anew at the second message in a row with the same other offset."""
+        offset_ns = arrival_ns - aircraft_ns
+        known = self._stranger
+        if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
+            self._count_begin(known.is_counter)
+            return self._begin(ticks, extra_ns, arrival_ns)
+        self._counts["stray counts"] += 1
+        is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
+        self._stranger = _Stranger(self._number, offset_ns, is_counter)
+        return arrival_ns
+
+    def _believed(self, x: float, y: float, height: float) -> float:
+        """How far below the line two messages of the last window have been (0 or less)."""
+        known = self._early
+        if known is None or x - known[0] > self._window_ns:
+            self._early = x, y
+            return 0.0
+        known_height = known[1] - self._line.base - self._line.drift * known[0]
+        if height < known_height:
+            self._early = x, y
+        return min(max(height, known_height), 0.0)
+
+    def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
+        """Whether messages have come far above the line for so long that the offset is another."""
+        above = self._above
+        goes_on = above.number == self._number - 1
+        if not goes_on or height < above.first - _DRAINS_NS:
+            is_counter = above.is_counter if goes_on else aircraft_ns < self._newest_ns
+            self._above = _Above(
+                self._number, 1, height, height, aircraft_ns, arrival_ns, is_counter
+            )
+            return False
+        length, least = above.length + 1, min(height, above.least)
+        self._above = above._replace(number=self._number, length=length, least=least)
+        lasted_ns = min(aircraft_ns - above.aircraft_ns, arrival_ns - above.arrival_ns)
+        if length < _STEP_NUMBER or lasted_ns < _STEP_LASTS_NS:
+            return False
+        self._count_begin(above.is_counter)
+        return True
+
+    def _count_begin(self, is_counter: bool) -> None:
+        self._counts["resets" if is_counter else "host steps"] += 1

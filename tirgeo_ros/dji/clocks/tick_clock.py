@@ -1,0 +1,76 @@
+"""How long a tick of the broadcast's counter is: that is told by how fast it runs.
+
+It counts milliseconds in firmware of 3.3 on; DJI's documents of older ones (M100, A3 3.1) say
+ticks of 2.5 ms. Either way its name is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
+from tirgeo_ros.dji.clocks.running_counter import RunningCounter
+
+MILLISECOND_NS, LONG_TICK_NS = 1_000_000, 2_500_000
+_RATIO = LONG_TICK_NS / MILLISECOND_NS
+#: A look takes so long. A queue that comes or goes in it (50 ms) changes its length by a tenth.
+_LOOK_NS = 500_000_000
+_TOLERANCE = 0.1
+#: Looks in a row that say the same: a line that is slow by 2.5 would fill any queue in them.
+_LOOKS = 2
+
+
+def is_long(passed_ns: float, counted_ns: float) -> bool:
+    """Whether a count that was taken for milliseconds is of ticks of 2.5 ms."""
+    return abs(passed_ns - _RATIO * counted_ns) <= _TOLERANCE * passed_ns
+
+
+class TickClock:
+    """An AircraftClock of milliseconds that becomes one of 2.5 ms where the counter shows it.
+
+    It looks until either has been seen twice in a row. Where the ticks are long, stamps of the
+    first second fall behind by 0.6 s; then they go on at their right times.
+    """
+
+    def __init__(self, make: Callable[[int], AircraftClock]) -> None:
+        """``make`` gives a clock for ticks of so many nanoseconds."""
+        self._make = make
+        self._clock = make(MILLISECOND_NS)
+        self._tick_ns = MILLISECOND_NS
+        self._counter = RunningCounter(MILLISECOND_NS, 32)
+        self._begun: tuple[int, int] | None = None  # of a look: arrival, count in ns
+        self._seen: list[int] = []  # ticks by the looks in a row that agree
+
+    def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
+        """The time of a counter's value that came in at ``arrival_ns``, as AircraftClock's."""
+        if len(self._seen) < _LOOKS:
+            self._look(ticks, arrival_ns)
+        return self._clock.stamp_ns(ticks, arrival_ns, extra_ns)
+
+    def _look(self, ticks: int, arrival_ns: int) -> None:
+        if self._begun is None:
+            self._begun = (arrival_ns, self._counter.begin(ticks))
+            return
+        passed_ns = arrival_ns - self._begun[0]
+        if 0 <= passed_ns < _LOOK_NS:
+            return
+        tick_ns = self._tick_by(passed_ns, self._counter.time_ns(ticks) - self._begun[1])
+        self._begun = (arrival_ns, self._counter.begin(ticks))
+        agrees = tick_ns is not None and (not self._seen or self._seen[-1] == tick_ns)
+        self._seen = [*(self._seen if agrees else []), *([] if tick_ns is None else [tick_ns])]
+        if len(self._seen) >= _LOOKS and tick_ns == LONG_TICK_NS:
+            self._tick_ns = LONG_TICK_NS
+            self._clock = self._make(LONG_TICK_NS)
+
+    @staticmethod
+    def _tick_by(passed_ns: int, counted_ns: int) -> int | None:
+        """The tick that a look shows; None where it shows neither."""
+        if abs(passed_ns - counted_ns) <= _TOLERANCE * passed_ns:
+            return MILLISECOND_NS
+        return LONG_TICK_NS if is_long(passed_ns, counted_ns) else None
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """Those of the clock, and its tick where it is not a millisecond."""
+        tick = {"clock tick [ms]": "2.5"} if self._tick_ns == LONG_TICK_NS else {}
+        return self._clock.diagnostics | tick

@@ -1,0 +1,1 @@
+"""Ask the aircraft for activation and subscriptions."""

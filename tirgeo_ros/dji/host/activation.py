@@ -1,0 +1,71 @@
+"""Asks the aircraft who it is and activates an application, without which it only broadcasts."""
+
+from __future__ import annotations
+
+from tirgeo_ros.dji.host.requests import Dialogue, NoAnswerError, Pause, ask
+from tirgeo_ros.dji.protocol.commands import (
+    NOT_ACTIVATED,
+    Activate,
+    Firmware,
+    GetVersion,
+    VersionAck,
+    decode_code,
+    decode_version_ack,
+    explain,
+)
+
+_DONE, _NEW_DEVICE = 0, 3
+#: A new device's first try lets DJI GO fetch the leave from DJI; the second one finds it.
+_SECOND_TRY_S = 1.0
+_UNTOLD: Firmware = (0, 0, 0, 0)
+
+
+class Activation:
+    """Of the application ``app_id``; 0 = none, then it only asks whether one is activated."""
+
+    def __init__(self, app_id: int) -> None:
+        self._app_id = app_id
+        self.version: VersionAck | None = None
+        self.is_done = False
+
+    def forget(self) -> None:
+        """The aircraft may be another one or have been switched off."""
+        self.version, self.is_done = None, False
+
+    def run(self) -> Dialogue[str]:
+        """Activate; "" or why it is not activated.
+
+        NoAnswerError if the aircraft does not answer.
+        """
+        request = GetVersion()
+        self.version = decode_version_ack((yield from ask(request)))
+        if self.version is None:
+            raise NoAnswerError(request)
+        if self._app_id:
+            return (yield from self._activate(self.version))
+        self.is_done = self.version.code != NOT_ACTIVATED
+        return "" if self.is_done else f"it is {explain(request, self.version.code)}"
+
+    def _activate(self, version: VersionAck) -> Dialogue[str]:
+        request = Activate(self._app_id, version.firmware or _UNTOLD)
+        code = yield from self._code(request)
+        if code == _NEW_DEVICE:
+            yield Pause(_SECOND_TRY_S)
+            code = yield from self._code(request)
+        self.is_done = code == _DONE
+        return "" if self.is_done else f"activation failed, {explain(request, code)}"
+
+    def _code(self, request: Activate) -> Dialogue[int]:
+        code = decode_code(request, (yield from ask(request)))
+        if code is None:
+            raise NoAnswerError(request)
+        return code
+
+    @property
+    def aircraft(self) -> str:
+        """Hardware and firmware in words; "" as long as they are not known."""
+        if self.version is None:
+            return ""
+        if self.version.firmware is None:
+            return "aircraft of unknown firmware"
+        return f"{self.version.hardware} with firmware {'.'.join(map(str, self.version.firmware))}"

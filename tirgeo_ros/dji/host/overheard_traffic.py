@@ -1,0 +1,86 @@
+"""What a host and the aircraft say to each other, followed from the side.
+
+A capture of both directions holds the requests that made the packages, which the pushes alone do
+not tell, and the answers (acks), which tell neither what they answer nor what they mean.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import NamedTuple
+
+from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.protocol.commands import (
+    AddPackage,
+    RemovePackage,
+    Request,
+    ResetPackages,
+    decode_code,
+    decode_request,
+)
+from tirgeo_ros.dji.protocol.subscription import PackageTable
+
+# A host waits for an answer before it asks again, so few are open; those without one are dropped.
+_MAX_OPEN = 32
+
+_DONE = 0
+
+
+class _Open(NamedTuple):
+    request: Request
+    before: PackageTable  # what was known when it was sent
+
+
+class HostTraffic:
+    """Frames of both directions in; tells what each asks or answers, and keeps the table true."""
+
+    def __init__(self, packages: PackageTable) -> None:
+        self._packages = packages
+        self._open: OrderedDict[tuple[int, int], _Open] = OrderedDict()  # by session, sequence
+
+    def take(self, frame: Frame) -> Request | None:
+        """The request that a frame is or answers; None for pushes and what is not known.
+
+        A request for packages changes the table as it is sent, since the answer may be missing
+        in the capture; an answer that refuses it changes the table back.
+        """
+        if frame.is_encrypted:
+            return None
+        return self._answered(frame) if frame.is_ack else self._asked(frame)
+
+    def _asked(self, frame: Frame) -> Request | None:
+        request = decode_request(frame.data)
+        if request is None:
+            return None
+        if frame.session:
+            self._await(request, (frame.session, frame.sequence))
+        self._packages.learn(request)
+        return request
+
+    def _await(self, request: Request, number: tuple[int, int]) -> None:
+        same = self._open.pop(number, None)
+        if same is None or same.request != request:
+            self._open[number] = _Open(request, self._packages.copy())
+        else:
+            self._open[number] = same  # sent once more: what was known before the first counts
+        if len(self._open) > _MAX_OPEN:
+            self._open.popitem(last=False)
+
+    def _answered(self, frame: Frame) -> Request | None:
+        asked = self._open.pop((frame.session, frame.sequence), None)
+        if asked is None:
+            return None
+        if decode_code(asked.request, frame.value) not in {_DONE, None}:
+            self._undo(asked)
+        return asked.request
+
+    def _undo(self, asked: _Open) -> None:
+        match asked.request:
+            case ResetPackages():
+                for package in asked.before:
+                    self._packages.add(package)
+            case AddPackage(number) | RemovePackage(number):
+                before = asked.before.get(number)
+                self._packages.remove(number)
+                if before is not None:
+                    self._packages.add(before)

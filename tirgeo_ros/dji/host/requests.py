@@ -1,0 +1,129 @@
+"""Requests to the aircraft one after the other, each sent until it is answered or given up.
+
+A dialogue is a generator: it yields what to ask (and gets the value of the ack, None if there is
+none) or how long to pause. So it reads from top to bottom though nothing in it waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import NamedTuple, TypeVar
+
+from tirgeo_ros.dji.link.framing import Frame, encode_frame
+from tirgeo_ros.dji.protocol.commands import Request, encode_request
+
+#: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host has 2.
+SESSION = 2
+#: The longest request and its ack take 5 ms on the wire at 230400 baud, behind a full line.
+ANSWER_TIMEOUT_S = 0.5
+TRIES = 4
+
+
+class Ask(NamedTuple):
+    """Send a request and wait for its ack."""
+
+    request: Request
+
+
+class Pause(NamedTuple):
+    """Wait."""
+
+    seconds: float
+
+
+T = TypeVar("T")
+Dialogue = Generator[Ask | Pause, "bytes | None", T]
+
+
+class NoAnswerError(Exception):
+    """The aircraft did not answer a request, which it holds; ends a part of a dialogue."""
+
+    def __init__(self, request: Request) -> None:
+        super().__init__(request)
+        self.request = request
+
+
+def ask(request: Request) -> Dialogue[bytes]:
+    """The value of the ack. NoAnswerError if none came."""
+    value = yield Ask(request)
+    if value is None:
+        raise NoAnswerError(request)
+    return value
+
+
+class Exchange:
+    """Runs a dialogue: acks in, frames to send out."""
+
+    def __init__(self) -> None:
+        self._dialogue: Dialogue[None] | None = None
+        self._step: Ask | Pause | None = None
+        self._frame = b""
+        self._sequence: int | None = None
+        self._tries = 0
+        self._until_s = 0.0
+        self.now_s = 0.0  # of the last call, for the dialogue
+        self.counts = dict.fromkeys(
+            ("sent", "sent again", "acks", "acks that nothing waits for", "encrypted acks"), 0
+        )
+
+    def begin(self, dialogue: Dialogue[None]) -> None:
+        """Run this dialogue from the next ``due`` on, instead of any other."""
+        self._dialogue, self._step = dialogue, None
+
+    def take(self, frame: Frame, now_s: float) -> None:
+        """Take a frame that came; acks other than the one that is waited for are counted."""
+        self.now_s = now_s
+        if not frame.is_ack:
+            return
+        if not isinstance(self._step, Ask) or not self._answers(frame):
+            self.counts["acks that nothing waits for"] += 1
+        elif frame.is_encrypted:
+            self.counts["encrypted acks"] += 1
+        else:
+            self.counts["acks"] += 1
+            self._go_on(frame.value)
+
+    def _answers(self, frame: Frame) -> bool:
+        return self._tries > 0 and (frame.session, frame.sequence) == (SESSION, self._sequence)
+
+    def due(self, now_s: float) -> bytes:
+        """The frame to send now; b"" if there is none."""
+        self.now_s = now_s
+        if self._dialogue is not None and self._step is None:
+            self._go_on(None)
+        while self._step is not None and now_s >= self._until_s:
+            if isinstance(self._step, Ask) and self._tries < TRIES:
+                return self._sent(now_s)
+            self._go_on(None)
+        return b""
+
+    def _sent(self, now_s: float) -> bytes:
+        self._tries += 1
+        self._until_s = now_s + ANSWER_TIMEOUT_S
+        self.counts["sent" if self._tries == 1 else "sent again"] += 1
+        return self._frame
+
+    def _go_on(self, value: bytes | None) -> None:
+        """Hand the dialogue what it waits for, up to its next step."""
+        if self._dialogue is None:
+            return
+        try:
+            self._step = self._dialogue.send(value if self._step else None)
+        except StopIteration:
+            self._dialogue = self._step = None
+            return
+        self._until_s = self.now_s
+        if isinstance(self._step, Pause):
+            self._until_s += self._step.seconds
+        else:
+            self._prepare(self._step.request)
+
+    def _prepare(self, request: Request) -> None:
+        """Number the request: each has its own number, its repetitions have the same."""
+        if self._sequence is None:  # not that of a host that ran before: it would be an old one
+            self._sequence = int(self.now_s * 1e3)
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._frame = encode_frame(
+            encode_request(request), session=SESSION, sequence=self._sequence
+        )
+        self._tries = 0

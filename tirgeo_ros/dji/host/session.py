@@ -1,0 +1,252 @@
+"""What the host has to say to the aircraft, and when; nothing at all unless it is configured.
+
+Activation, broadcast rates, subscription: in this order, each until it is done. What fails is
+tried again with growing pauses and does not hold up the rest. When the aircraft falls silent, as
+when it is switched off and on, all is asked for anew.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.host.activation import Activation
+from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, Pause, ask
+from tirgeo_ros.dji.host.subscriber import Subscriber
+from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.protocol.commands import SetRates, decode_code, encode_request, explain
+from tirgeo_ros.dji.protocol.subscription import PackageTable
+
+_SUBSCRIPTION_PUSH = (0x02, 0x05)
+_LOOK_S = 0.5  # between looks at what was done
+_FIRST_PAUSE_S = 1.0  # before what failed is tried again, doubled each time
+_LONGEST_PAUSE_S = 30.0
+_LONGEST_UNANSWERED_S = 5.0  # an aircraft that is switched on later is asked so soon
+#: The aircraft may say nothing for so long; doubled each time, until it has gone well for a while.
+_PATIENCE_S, _LONGEST_PATIENCE_S = 3.0, 60.0
+
+
+class HostState(Enum):
+    """Where the host's side stands."""
+
+    LISTENING = "listening"  # there is nothing to ask for
+    ACTIVATING = "activating"
+    SETTING_RATES = "setting_rates"
+    SUBSCRIBING = "subscribing"
+    READY = "ready"
+    NO_ANSWER = "no_answer"
+    NOT_ACTIVATED = "not_activated"
+    INCOMPLETE = "incomplete"  # rates or packages were refused
+
+
+#: What can be wrong, the worst first.
+_PROBLEMS = {
+    "answer": HostState.NO_ANSWER,
+    "activation": HostState.NOT_ACTIVATED,
+    "rates": HostState.INCOMPLETE,
+    "subscription": HostState.INCOMPLETE,
+}
+
+
+class HostSession:
+    """Frames in, bytes to send out; the clock is the caller's and steady.
+
+    ``packages``: those to subscribe to; from then on kept to what the aircraft pushes. ``key``
+    tells only that encrypted answers can be read: requests go out plain, as DJI's own host sends
+    them. DjiError if a broadcast rate is no code.
+    """
+
+    def __init__(
+        self, config: DjiHostConfig, packages: PackageTable, key: bytes | None = None
+    ) -> None:
+        self._has_key = key is not None
+        self._rates = _rates(config)
+        self._rates_set = self._rates is None
+        self._exchange = Exchange()
+        asks = config.app_id or config.subscribe
+        self._activation = Activation(config.app_id) if asks else None
+        self._subscriber = Subscriber(packages, self._exchange) if config.subscribe else None
+        self._busy = HostState.ACTIVATING if asks else HostState.SETTING_RATES
+        self._problems: dict[str, str] = {}
+        self._heard_s: float | None = None  # the last frame; None: not since it fell silent
+        self._patience_s = _PATIENCE_S
+        self._failures = 0  # rounds in a row that left something undone
+        self._rounds = 0
+        self._listens = self._activation is None and self._rates is None
+        if not self._listens:
+            self._exchange.begin(self._talk())
+
+    @property
+    def state(self) -> HostState:
+        """Where it stands; what is wrong counts more than what is being done."""
+        if self._listens:
+            return HostState.LISTENING
+        return next((state for state, _ in self._wrong), self._busy)
+
+    @property
+    def message(self) -> str:
+        """One line for a person: the aircraft and what is wrong, or else where it stands."""
+        if self._listens:
+            return "listening only: nothing is asked of the aircraft"
+        aircraft = self._activation.aircraft if self._activation else ""
+        problems = [text for _, text in self._wrong] or [self._busy.value.replace("_", " ")]
+        return "; ".join(filter(None, [aircraft, *problems]))
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """State, aircraft, packages and counts, under names that begin with ``host``."""
+        values = {"state": self.state.value, "rounds": str(self._rounds)}
+        if self._activation and self._activation.version:
+            values["aircraft"] = self._activation.aircraft
+            values["serial number"] = self._activation.version.serial
+        values |= self._subscriber.diagnostics if self._subscriber else {}
+        values |= {name: str(count) for name, count in self._exchange.counts.items()}
+        return {f"host {name}": value for name, value in values.items()}
+
+    def take(self, frame: Frame, now_s: float) -> None:
+        """Take a frame that came, of any kind."""
+        if self._listens:
+            return
+        if self._heard_s is None:  # it was switched on just now: no need to wait any longer
+            self._failures = 0
+        self._heard_s = now_s
+        if self._subscriber and (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH:
+            self._subscriber.hear(frame.value, now_s)
+        self._exchange.take(frame, now_s)
+
+    def due(self, now_s: float) -> bytes:
+        """The frame to send now; b"" if there is none."""
+        return self._exchange.due(now_s)
+
+    def restart(self) -> None:
+        """Begin anew: the port was opened again, maybe with another aircraft behind it."""
+        if self._listens:
+            return
+        self._forget()
+        self._failures, self._patience_s = 0, _PATIENCE_S
+        self._exchange.begin(self._talk())
+
+    def _forget(self) -> None:
+        self._heard_s = None
+        self._problems.clear()
+        self._rates_set = self._rates is None
+        for part in (self._activation, self._subscriber):
+            if part is not None:
+                part.forget()
+
+    def _talk(self) -> Dialogue[None]:
+        while True:
+            yield from self._round()
+            yield from self._watch()
+
+    def _round(self) -> Dialogue[None]:
+        """Ask for all that is not done; what is not answered does not hold up the rest."""
+        self._rounds += 1
+        unanswered = ""
+        for part in (self._activate, self._set_rates, self._subscribe):
+            unanswered = (yield from self._tried(part())) or unanswered
+        self._note("answer", unanswered)
+        self._busy = HostState.READY
+        self._failures = self._failures + 1 if self._is_open else 0
+
+    def _tried(self, part: Dialogue[None]) -> Dialogue[str]:
+        try:
+            yield from part
+        except NoAnswerError:
+            return self._unanswered()
+        return ""
+
+    def _activate(self) -> Dialogue[None]:
+        if self._activation is not None and not self._activation.is_done:
+            self._busy = HostState.ACTIVATING
+            self._note("activation", (yield from self._activation.run()))
+
+    def _set_rates(self) -> Dialogue[None]:
+        if self._rates is not None and not self._rates_set:
+            self._busy = HostState.SETTING_RATES
+            code = decode_code(self._rates, (yield from ask(self._rates)))
+            self._rates_set = code == 0
+            refusal = "refused without a code" if code is None else explain(self._rates, code)
+            self._note("rates", "" if code == 0 else f"broadcast rates: {refusal}")
+
+    def _subscribe(self) -> Dialogue[None]:
+        subscriber, activation = self._subscriber, self._activation
+        if subscriber and activation and activation.is_done and subscriber.is_open:
+            self._busy = HostState.SUBSCRIBING
+            refusal = yield from subscriber.run()
+            self._note("subscription", refusal and f"subscription: {refusal}")
+            if refusal:  # it may have been switched off and on meanwhile
+                activation.is_done = False
+
+    def _watch(self) -> Dialogue[None]:
+        """Wait until there is something to ask for."""
+        begun_s = self._exchange.now_s
+        while True:
+            yield Pause(_LOOK_S)
+            now_s = self._exchange.now_s
+            if self._falls_silent(now_s):
+                self._forget()
+                return
+            if self._is_open and now_s - begun_s >= self._pause_s:
+                return
+            if now_s - begun_s > _LONGEST_PATIENCE_S:
+                self._patience_s = _PATIENCE_S
+
+    def _falls_silent(self, now_s: float) -> bool:
+        """Whether nothing comes any more, or no package of those that were added."""
+        if self._heard_s is not None and now_s - self._heard_s > self._patience_s:
+            self._patience_s = min(2 * self._patience_s, _LONGEST_PATIENCE_S)
+            return True
+        return self._subscriber is not None and self._subscriber.note_silence(now_s)
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether something is left to ask for."""
+        activation, subscriber = self._activation, self._subscriber
+        inactive = activation is not None and not activation.is_done
+        return inactive or not self._rates_set or (subscriber is not None and subscriber.is_open)
+
+    @property
+    def _pause_s(self) -> float:
+        """Time from the end of a round to the next one."""
+        if not self._failures:
+            return 0.0
+        longest_s = _LONGEST_UNANSWERED_S if "answer" in self._problems else _LONGEST_PAUSE_S
+        return min(_FIRST_PAUSE_S * 2.0 ** min(self._failures - 1, 10), longest_s)
+
+    @property
+    def _wrong(self) -> list[tuple[HostState, str]]:
+        """What is wrong, the worst first."""
+        told = [
+            (s, self._problems[name]) for name, s in _PROBLEMS.items() if name in self._problems
+        ]
+        packages = self._subscriber.problems if self._subscriber else []
+        return told + [(HostState.INCOMPLETE, text) for text in packages]
+
+    def _note(self, name: str, problem: str) -> None:
+        self._problems.pop(name, None)
+        if problem:
+            self._problems[name] = problem
+
+    def _unanswered(self) -> str:
+        if self._exchange.counts["encrypted acks"]:
+            wrong = "check key" if self._has_key else "set key to the application's"
+            return f"the aircraft's answers are encrypted: {wrong}"
+        if self._heard_s is None:
+            return "the aircraft does not answer"
+        return "the aircraft sends but does not answer: check the wire from the host's TX"
+
+
+def _rates(config: DjiHostConfig) -> SetRates | None:
+    """What to ask for; None for nothing. DjiError if a rate is no code."""
+    for rate in config.broadcast_rates:
+        if rate not in range(RATE_CODES):
+            raise DjiError(
+                f"host.broadcast_rates: {rate:g} is no rate code (0 to {RATE_CODES - 1})"
+            )
+    if not config.broadcast_rates:
+        return None
+    request = SetRates(tuple(int(rate) for rate in config.broadcast_rates))
+    encode_request(request)  # raises for another number of them
+    return request

@@ -1,0 +1,218 @@
+"""Subscribes to packages: says which are refused and why, and goes on with the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask
+from tirgeo_ros.dji.protocol.commands import (
+    PACKAGE_IDS,
+    MatchVersion,
+    RemovePackage,
+    Request,
+    ResetPackages,
+    decode_code,
+    encode_request,
+    explain,
+)
+from tirgeo_ros.dji.protocol.subscription import Package, PackageTable
+from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME
+
+_DONE, _EXISTS, _UNKNOWN_PACKAGE = 0x00, 0x04, 0x05
+_UNKNOWN_TOPIC, _DENIED, _OFFLINE, _NOT_AUTHORISED = 0x22, 0x23, 0x25, 0x50
+#: Refusals that another try does not change: length, version, id, rate, size, none, count, topic.
+_FINAL = frozenset({0x01, 0x02, 0x03, 0x06, 0x07, 0x20, 0x21, _UNKNOWN_TOPIC})
+_NEEDS_ACTIVATION = frozenset({_DENIED, _NOT_AUTHORISED})
+
+#: What a refused package is asked for without: topics that an M600 does not know (they were
+#: promised, or are of other aircraft), and those of RTK hardware that is not there or off.
+_DISPENSABLE = {
+    _UNKNOWN_TOPIC: frozenset({"RTK_CONNECT_STATUS", "GIMBAL_CONTROL_MODE", "HEIGHT_FUSION"}),
+    _OFFLINE: frozenset(name for name in BY_NAME if name.startswith("RTK_")),
+}
+
+#: Pushes of an added package may stay away so long, doubled each time that it is added anew.
+_PATIENCE_S, _LONGEST_PATIENCE_S = 3.0, 60.0
+_PATIENCE_PUSHES = 5  # of a slow package
+
+
+class _Status(Enum):
+    WANTED = "not asked for yet"
+    ADDED = "added"
+    PARTIAL = "added in part"
+    REFUSED = "refused"
+    SILENT = "added but nothing comes"
+
+
+@dataclass
+class _Slot:
+    package: Package
+    status: _Status = _Status.WANTED
+    refusal: int = _DONE
+    reason: str = ""
+    heard_s: float = 0.0  # the last push, or when it was added
+    pushes: int = 0
+    patience_s: float = _PATIENCE_S
+
+    @property
+    def is_on(self) -> bool:
+        return self.status in {_Status.ADDED, _Status.PARTIAL}
+
+    @property
+    def is_open(self) -> bool:
+        """Whether another try may help."""
+        return self.status is not _Status.ADDED and self.refusal not in _FINAL
+
+    def set(self, status: _Status, refusal: int = _DONE, reason: str = "") -> None:
+        self.status, self.refusal, self.reason = status, refusal, reason
+
+    def is_silent(self, now_s: float) -> bool:
+        rate_hz = self.package.rate_hz
+        if not self.is_on or rate_hz <= 0:
+            return False
+        return now_s - self.heard_s > max(self.patience_s, _PATIENCE_PUSHES / rate_hz)
+
+
+class Subscriber:
+    """The subscription of the packages that ``table`` holds at the start.
+
+    While it runs the table is kept to what the aircraft pushes: the packages that it took.
+    DjiError for a package that cannot be asked for.
+    """
+
+    def __init__(self, table: PackageTable, exchange: Exchange) -> None:
+        self._table, self._exchange = table, exchange
+        self._slots = {package.id: _Slot(package) for package in table}
+        for package in table:
+            encode_request(package.request)  # raises now, not in flight
+        self._is_clean = False  # versions match and no package of another host is left
+
+    def hear(self, value: bytes, now_s: float) -> None:
+        """Note a push, by its value."""
+        slot = self._slots.get(value[0]) if value else None
+        if slot is not None:
+            slot.heard_s, slot.patience_s = now_s, _PATIENCE_S
+            slot.pushes += 1
+
+    def forget(self) -> None:
+        """All is to be asked for anew; the table stays until the aircraft is asked."""
+        self._is_clean = False
+        for slot in self._slots.values():
+            slot.set(_Status.WANTED)
+
+    def note_silence(self, now_s: float) -> bool:
+        """Mark the packages that were added and do not come; whether that is all of them."""
+        added = [slot for slot in self._slots.values() if slot.is_on]
+        silent = [slot for slot in added if slot.is_silent(now_s)]
+        for slot in silent:
+            slot.set(_Status.SILENT)
+            slot.patience_s = min(2 * slot.patience_s, _LONGEST_PATIENCE_S)
+        return bool(silent) and len(silent) == len(added)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a package that another try may bring."""
+        return not self._is_clean or any(slot.is_open for slot in self._slots.values())
+
+    @property
+    def problems(self) -> list[str]:
+        """A line for each package that is not on as a whole."""
+        bad = [s for s in self._slots.values() if s.status not in {_Status.ADDED, _Status.WANTED}]
+        return [_joined(f"package {s.package.id} {s.status.value}", s.reason) for s in bad]
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """State and number of pushes of each package."""
+        return {
+            f"package {slot.package.id}": _joined(
+                f"{slot.status.value}, {slot.pushes} pushes", slot.reason
+            )
+            for slot in self._slots.values()
+        }
+
+    def run(self) -> Dialogue[str]:
+        """Ask for all that is open; "" or why nothing can be subscribed to.
+
+        NoAnswerError if the aircraft does not answer.
+        """
+        if not self._is_clean:
+            refusal = yield from self._clean()
+            if refusal:
+                return refusal
+        for slot in self._slots.values():
+            if slot.is_open:
+                yield from self._add(slot)
+                slot.heard_s = self._exchange.now_s
+                if slot.refusal in _NEEDS_ACTIVATION:
+                    return slot.reason
+        return ""
+
+    def _clean(self) -> Dialogue[str]:
+        """Match versions; remove what this or another host left behind."""
+        match = MatchVersion()
+        code = yield from self._code(match)
+        if code != _DONE:
+            return explain(match, code)
+        code = yield from self._code(ResetPackages())
+        if code != _DONE:
+            for number in PACKAGE_IDS:
+                yield from self._code(RemovePackage(number))
+        self._is_clean = True
+        return ""
+
+    def _add(self, slot: _Slot) -> Dialogue[None]:
+        if slot.status in {_Status.PARTIAL, _Status.SILENT}:
+            yield from self._code(RemovePackage(slot.package.id))
+        package, refusals = slot.package, []
+        while True:
+            code = yield from self._put(package)
+            if code == _DONE:
+                break
+            refusals.append(code)
+            fewer = _without(package, _DISPENSABLE.get(code, frozenset()))
+            if fewer is None:
+                slot.set(_Status.REFUSED, code, explain(package.request, code))
+                return
+            package = fewer
+        self._note_added(slot, package, refusals)
+
+    def _note_added(self, slot: _Slot, package: Package, refusals: list[int]) -> None:
+        if not refusals:
+            slot.set(_Status.ADDED)
+            return
+        refusal = _OFFLINE if _OFFLINE in refusals else refusals[-1]
+        missing = [t.name for t in slot.package.topics if t not in package.topics]
+        words = explain(package.request, refusal)
+        slot.set(_Status.PARTIAL, refusal, f"without {', '.join(missing)}: {words}")
+
+    def _put(self, package: Package) -> Dialogue[int]:
+        """Add it; instead of one that has its id already, which an unheard ack leaves."""
+        request = package.request
+        code = yield from self._code(request)
+        if code == _EXISTS:
+            yield from self._code(RemovePackage(package.id))
+            code = yield from self._code(request)
+        return code
+
+    def _code(self, request: Request) -> Dialogue[int]:
+        """The ack's code; the table follows what was done."""
+        value = yield from ask(request)
+        code = decode_code(request, value)
+        if code is None:
+            raise NoAnswerError(request)
+        if code in {_DONE, _UNKNOWN_PACKAGE}:
+            self._table.learn(request)
+        return code
+
+
+def _without(package: Package, names: frozenset[str]) -> Package | None:
+    """The package without these topics; None if that changes nothing or leaves nothing."""
+    topics = tuple(topic for topic in package.topics if topic.name not in names)
+    if not topics or len(topics) == len(package.topics):
+        return None
+    return package._replace(topics=topics)
+
+
+def _joined(state: str, reason: str) -> str:
+    return f"{state}: {reason}" if reason else state

@@ -1,0 +1,195 @@
+"""What an acceleration counts in, told by its size, and whether it is a specific force at all.
+
+The broadcast's acceleration is what DJI Assistant 2 is set to: raw (g) or fused, without gravity.
+Vibration is as large as gravity, so single readings tell nothing; over half a second it averages
+out, and at rest and in any flight of more than moments there remains about 1 g.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tirgeo_ros.dji.sources.readings import AccelerationUnit, Vector
+
+#: The g of DJI's accelerometer is the unit, not gravity at the place: standard gravity by
+#: definition. The 9.801 and 9.8 of DJI's wrappers are rounded, by 0.06 and 0.07 % too small.
+G_M_S2 = 9.80665
+
+#: The first decision takes so long and so many readings, each later look so long.
+_FIRST_NS, _FIRST_NUMBER = 400_000_000, 20
+_LATER_NS = 2_000_000_000
+#: A mean of fewer readings is none.
+_LEAST_NUMBER = 5
+#: Looks in a row that it takes to overturn a decision. A fused acceleration may look like 1 g in
+#: m/s2 for the seconds in which an aircraft gains speed, not for so many.
+_OVERTURN = 3
+#: Of the readings, by which the smallest and the largest are left out: wild ones.
+_TRIMMED = 0.1
+#: Full scale of any IMU on an aircraft, in either unit.
+_LARGEST = 400.0
+#: The mean of a flight stays between half and twice gravity for seconds.
+_LEAST, _MOST = 0.5, 2.0
+#: In g, along down: more is a specific force that points down.
+_UPSIDE = 0.5
+
+
+def factor_of(unit: AccelerationUnit) -> float | None:
+    """To m/s2; None where the road does not tell."""
+    if unit is AccelerationUnit.G:  # by identity: hashing an Enum's member takes longer
+        return G_M_S2
+    return 1.0 if unit is AccelerationUnit.M_S2 else None
+
+
+class Looks:
+    """Means of vectors over a while each: of the first 0.4 s, then of 2 s."""
+
+    def __init__(self) -> None:
+        self._begun_ns: int | None = None
+        self._newest_ns = 0
+        self._span_ns, self._number = _FIRST_NS, _FIRST_NUMBER
+        self._axes: tuple[list[float], list[float], list[float]] = ([], [], [])
+
+    def add(self, stamp_ns: int, vector: Vector) -> Vector | None:
+        """Take a vector; the mean where its time is full, else None."""
+        x, y, z = vector
+        if not (abs(x) < _LARGEST and abs(y) < _LARGEST and abs(z) < _LARGEST):
+            return None
+        begun_ns = self._begun_ns
+        if begun_ns is None or not 0 <= stamp_ns - self._newest_ns <= _FIRST_NS:
+            self._begin()
+            self._begun_ns = begun_ns = stamp_ns
+        self._newest_ns = stamp_ns
+        xs, ys, zs = self._axes
+        xs.append(x)
+        ys.append(y)
+        zs.append(z)
+        if stamp_ns - begun_ns < self._span_ns or len(xs) < self._number:
+            return None
+        return self.mean()
+
+    def mean(self) -> Vector | None:
+        """The mean of what there is, if it is enough for one; the next begins."""
+        if len(self._axes[0]) < _LEAST_NUMBER:
+            return None
+        x, y, z = map(_trimmed_mean, self._axes)
+        self._begin()
+        self._span_ns = _LATER_NS
+        return x, y, z
+
+    def _begin(self) -> None:
+        self._begun_ns = None
+        self._axes = ([], [], [])
+
+
+def _trimmed_mean(values: list[float]) -> float:
+    """The mean without the smallest and the largest tenth.
+
+    A median would do for wild readings, but not for a vibration that comes in two values only.
+    """
+    out = int(_TRIMMED * len(values))
+    kept = sorted(values)[out : len(values) - out]
+    return sum(kept) / len(kept)
+
+
+class UnitBySize:
+    """Tells the unit of readings whose road does not."""
+
+    def __init__(self, configured: str) -> None:
+        """``configured``: auto, g or m/s2, as the parameter ``acceleration_unit``."""
+        self.told = configured == "auto"
+        self.changes = 0
+        self.factor: float | None = None  # to m/s2; 0: no specific force; None: not known yet
+        self.size: float | None = None  # of the newest mean
+        self._looks = Looks()
+        self._against: list[float] = []
+        if not self.told:
+            self.factor = G_M_S2 if configured == "g" else 1.0
+
+    def add(self, stamp_ns: int, acceleration: Vector) -> None:
+        """Take a reading of any size."""
+        if self.told:
+            self._decide(self._looks.add(stamp_ns, acceleration))
+
+    def settle(self) -> None:
+        """Decide by what there is, where nothing more comes."""
+        if self.told and self.factor is None:
+            self._decide(self._looks.mean())
+
+    def _decide(self, mean: Vector | None) -> None:
+        if mean is None:
+            return
+        self.size = math.hypot(*mean)
+        found = _factor_by(self.size)
+        if self.factor is None:
+            self.factor = found
+            return
+        same = not self._against or self._against[-1] == found
+        self._against = [*(self._against if same else []), found]
+        if found == self.factor:
+            self._against = []
+        elif len(self._against) >= _OVERTURN:
+            self.factor, self._against = found, []
+            self.changes += 1
+
+    @property
+    def warning(self) -> str:
+        """What to set right, or empty."""
+        if self.factor != 0.0:
+            return ""
+        return (
+            f"acceleration averages {self.size:.2f}, which is gravity neither in g nor in m/s2: "
+            "no imu/data of it. Set raw acceleration data in DJI Assistant 2 (SDK), not fused"
+        )
+
+    @property
+    def text(self) -> str:
+        """The unit for people, and how it is known."""
+        names = {None: "not known yet", 0.0: "fused, without gravity", 1.0: "m/s2", G_M_S2: "g"}
+        name = names[self.factor]
+        if not self.told:
+            return f"{name} (acceleration_unit)"
+        return name if self.size is None else f"{name} (by its size, {self.size:.3f})"
+
+
+def _factor_by(size: float) -> float:
+    """To m/s2 from the unit in which gravity would have this size; 0 where it is not gravity."""
+    for factor in (G_M_S2, 1.0):
+        if _LEAST <= size * factor / G_M_S2 <= _MOST:
+            return factor
+    return 0.0
+
+
+class ForceCheck:
+    """Looks at what is given out as specific force: its size and its direction."""
+
+    def __init__(self) -> None:
+        self._looks = Looks()
+        self._off = 0
+        self._mean: Vector | None = None
+
+    def add(self, stamp_ns: int, force_b: Vector) -> None:
+        """Take a specific force, FRD, m/s2."""
+        mean = self._looks.add(stamp_ns, force_b)
+        if mean is not None:
+            self._mean = mean
+            right = _LEAST <= math.hypot(*mean) / G_M_S2 <= _MOST
+            self._off = 0 if right else self._off + 1
+
+    @property
+    def warning(self) -> str:
+        """What to set right, or empty."""
+        if self._mean is None:
+            return ""
+        if self._off:
+            return (
+                f"acceleration averages {math.hypot(*self._mean):.2f} m/s2 where gravity has 9.8: "
+                "acceleration_unit is not that of the aircraft, or its data is not raw (DJI "
+                "Assistant 2, SDK)"
+            )
+        if self._mean[2] > _UPSIDE * G_M_S2:
+            return (
+                f"specific force averages {self._mean[2]:+.1f} m/s2 along down where it has -9.8 "
+                "at rest: the aircraft is upside down, or its acceleration has its z axis up (set "
+                "raw data in DJI Assistant 2, SDK)"
+            )
+        return ""

@@ -1,0 +1,92 @@
+"""The direction of the two RTK antennas: by their places, and whether the flight agrees.
+
+RTK yaw is the azimuth of the line from the first antenna to the second. Its angle from the nose
+follows from where the two stand; it is off by 90 or 180 deg when the kit is mounted in another way
+than the parameters say, and the autopilot's own heading, right within some degrees, shows it. It
+is said, never corrected: the autopilot's heading may be what is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from tirgeo_ros.core.config import AircraftConfig
+from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
+
+#: DJI's kits: the first antenna left, the second right.
+KIT_DEG = 90.0
+NOT_SET = (
+    "aircraft.second_antenna_m is not set: RTK yaw is taken for that of DJI's kit, first antenna "
+    "left and second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
+)
+
+_SPAN_NS = 20_000_000_000
+_LEAST_NS = 10_000_000_000
+#: Ten seconds at 5 Hz, with some missing.
+_LEAST_NUMBER = 30
+#: More than a compass is usually off, less than a baseline mounted another way.
+_TOLERANCE_DEG = 15.0
+#: Length of the mean of unit vectors: below it the angles are spread by over 26 deg and their
+#: mean is no mounting.
+_LEAST_AGREEMENT = 0.9
+
+
+def baseline_deg(aircraft: AircraftConfig) -> float:
+    """Return the direction from the first antenna to the second, from the nose, clockwise.
+
+    DJI's kit where there is no second place. Raises ConfigError where the two give no heading.
+    """
+    known_deg = aircraft.baseline_deg
+    return KIT_DEG if known_deg is None else known_deg
+
+
+class BaselineCheck:
+    """The mean of RTK yaw less the aircraft's own heading over the newest 20 s."""
+
+    def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
+        """``offset_deg``: by the antennas' places, from the nose, clockwise."""
+        self._offset_deg = offset_deg
+        self._attitudes = attitudes
+        self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine
+
+    def add(self, stamp_ns: int, yaw_rad: float) -> None:
+        """Take the azimuth of a baseline that is fixed."""
+        q_nb = self._attitudes.near(stamp_ns)
+        if q_nb is None:
+            return
+        seen = self._seen
+        if seen and not 0 <= stamp_ns - seen[-1][0] <= _SPAN_NS:
+            seen.clear()
+        angle = yaw_rad - heading_of(q_nb)
+        seen.append((stamp_ns, math.cos(angle), math.sin(angle)))
+        while stamp_ns - seen[0][0] > _SPAN_NS:
+            seen.popleft()
+
+    @property
+    def seen_deg(self) -> float | None:
+        """The baseline's direction from the nose, 0 to 360; None before ten seconds agree."""
+        seen = self._seen
+        if len(seen) < _LEAST_NUMBER or seen[-1][0] - seen[0][0] < _LEAST_NS:
+            return None
+        cosine = sum(entry[1] for entry in seen) / len(seen)
+        sine = sum(entry[2] for entry in seen) / len(seen)
+        if math.hypot(cosine, sine) < _LEAST_AGREEMENT:
+            return None
+        return math.degrees(math.atan2(sine, cosine)) % 360.0
+
+    @property
+    def warning(self) -> str:
+        """What to set right, or empty."""
+        seen_deg = self.seen_deg
+        if seen_deg is None:
+            return ""
+        off_deg = math.remainder(seen_deg - self._offset_deg, 360.0)
+        if abs(off_deg) <= _TOLERANCE_DEG:
+            return ""
+        return (
+            "by aircraft.rtk_antenna_m and aircraft.second_antenna_m the baseline lies at "
+            f"{self._offset_deg % 360:.4g} deg from the nose, but RTK yaw less the aircraft's own "
+            f"heading is {seen_deg:.1f} deg ({off_deg:+.1f}): correct the two places, or look "
+            "after the aircraft's compass"
+        )

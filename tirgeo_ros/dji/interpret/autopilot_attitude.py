@@ -1,0 +1,116 @@
+"""The autopilot's own attitudes: one stream of them, and the attitude at any instant."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from tirgeo_ros.core.frames.rotations import hamilton, slerp
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.navigation.strapdown import quaternion_of
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.dji.sources.readings import Quaternion, Vector
+
+_SPAN_S = 2.0
+#: Two attitudes further apart are no attitude between: as far as gimbal_node bridges too.
+_LONGEST_GAP_S = 0.25
+#: An attitude is carried on by the rate for so long: five of the broadcast's steps at 100 Hz. At
+#: 10 rad/s2, as fast as a large aircraft starts to turn, the rate's change leaves 0.7 deg.
+_CARRIED_NS = 50_000_000
+#: A better stream has fallen silent after so long, and attitudes of others are taken.
+_SILENT_NS = 100_000_000
+#: A stamp that goes back further is another clock, not another stream.
+_CLOCK_NS = 1_000_000_000
+#: Of a quaternion's norm from one, as the core has it.
+_NORM_SLACK = 0.01
+
+
+def unit_quaternion(q: Quaternion) -> Array | None:
+    """(4,) wxyz of unit norm with w >= 0; None where it is not finite or not of unit norm."""
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not abs(norm - 1.0) < _NORM_SLACK:  # nor is it for NaN and infinity
+        return None
+    scale = math.copysign(1.0 / norm, w)
+    return np.array((w * scale, x * scale, y * scale, z * scale))
+
+
+def heading_of(q_nb: Array) -> float:
+    """Heading of the nose (rad), of a unit quaternion."""
+    w, x, y, z = q_nb.tolist()
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+class Attitudes:
+    """Attitudes of the newest seconds, from the IMU readings that drive, else from all others."""
+
+    def __init__(self, counts: Counter[str]) -> None:
+        """Into ``counts`` go ``attitude_unused``, what came beside a better stream."""
+        self._counts = counts
+        self._history: StampedHistory[Array] = StampedHistory(_SPAN_S, _LONGEST_GAP_S)
+        self._best_ns: int | None = None
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The newest attitude's stamp."""
+        return self._history.newest_ns
+
+    def put(self, stamp_ns: int, q_nb: Array) -> None:
+        """Take an attitude (4,) of the IMU reading that drives."""
+        self._best_ns = stamp_ns
+        self._add(stamp_ns, q_nb)
+
+    def offer(self, stamp_ns: int, q_nb: Array) -> None:
+        """Take an attitude (4,) of another stream, while the better one is silent.
+
+        Two streams differ by milliseconds of delay: mixed, they would shake while turning.
+        """
+        best_ns = self._best_ns
+        if best_ns is not None and -_CLOCK_NS < stamp_ns - best_ns <= _SILENT_NS:
+            self._counts["attitude_unused"] += 1
+            return
+        self._add(stamp_ns, q_nb)
+
+    def _add(self, stamp_ns: int, q_nb: Array) -> None:
+        newest_ns = self._history.newest_ns
+        if newest_ns is not None and 0 <= newest_ns - stamp_ns < _CLOCK_NS:
+            self._counts["attitude_unused"] += 1
+            return
+        self._history.put(stamp_ns, q_nb)
+
+    def at(self, stamp_ns: int) -> Array | Miss:
+        """The attitude (4,) at an instant between two, or why there is none."""
+        found = self._history.around(stamp_ns)
+        if isinstance(found, Miss):
+            return found
+        return found[0] if found[2] == 0.0 else slerp(*found)
+
+    def near(self, stamp_ns: int) -> Array | None:
+        """The attitude (4,) at an instant, else the newest if it is a tenth of a second away."""
+        found = self.at(stamp_ns)
+        if not isinstance(found, Miss):
+            return found
+        newest_ns = self._history.newest_ns
+        if newest_ns is None or abs(stamp_ns - newest_ns) > _SILENT_NS:
+            return None
+        return self._newest(newest_ns)
+
+    def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
+        """The newest attitude (4,) turned on by the rate (rad/s); None where it is too far."""
+        newest_ns = self._history.newest_ns
+        if newest_ns is None or abs(stamp_ns - newest_ns) > _CARRIED_NS:
+            return None
+        step_s = (stamp_ns - newest_ns) * 1e-9
+        x, y, z = angular_rate_b
+        q_nb = hamilton(
+            tuple(self._newest(newest_ns).tolist()),
+            quaternion_of(x * step_s, y * step_s, z * step_s),
+        )
+        return unit_quaternion(q_nb)
+
+    def _newest(self, newest_ns: int) -> Array:
+        found = self._history.around(newest_ns)
+        assert not isinstance(found, Miss)
+        return found[0]

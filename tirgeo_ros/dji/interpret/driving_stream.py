@@ -1,0 +1,53 @@
+"""Which of several IMU streams of one aircraft drives."""
+
+from __future__ import annotations
+
+from tirgeo_ros.dji.sources.readings import ImuOrigin
+
+#: A stream has fallen silent after so long: five samples of the slowest (50 Hz), half of the gap
+#: that the filter bridges.
+_SILENT_NS = 100_000_000
+#: A better stream drives once it has been there for so long without such a silence.
+_STEADY_NS = 100_000_000
+#: A stamp that goes back further is another clock: of what was there nothing holds.
+_CLOCK_NS = 1_000_000_000
+
+_RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
+
+
+class DrivingStream:
+    """Lets one stream through: the best that is there."""
+
+    def __init__(self) -> None:
+        self.driver: ImuOrigin | None = None
+        self.handovers = 0
+        self._newest_ns = 0
+        self._better: ImuOrigin | None = None
+        self._better_since_ns = self._better_newest_ns = 0
+
+    def drives(self, origin: ImuOrigin, stamp_ns: int) -> bool:
+        """Whether a reading of this stream is to be used."""
+        if origin is not self.driver and not self._takes_over(origin, stamp_ns):
+            return False
+        self._newest_ns = stamp_ns
+        return True
+
+    def _takes_over(self, origin: ImuOrigin, stamp_ns: int) -> bool:
+        if self.driver is None:
+            self.driver = origin
+            return True
+        silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
+        if not (silent or self._is_steadily_better(self.driver, origin, stamp_ns)):
+            return False
+        self.driver, self._better = origin, None
+        self.handovers += 1
+        return True
+
+    def _is_steadily_better(self, driver: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:
+        if _RANK[origin] >= _RANK[driver]:
+            return False
+        newest_ns = self._better_newest_ns
+        if origin is not self._better or not 0 <= stamp_ns - newest_ns <= _SILENT_NS:
+            self._better, self._better_since_ns = origin, stamp_ns
+        self._better_newest_ns = stamp_ns
+        return stamp_ns - self._better_since_ns >= _STEADY_NS

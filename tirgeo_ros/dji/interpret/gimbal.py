@@ -1,0 +1,144 @@
+"""Gimbal readings to the camera's attitude, and with the body's of the same instant to joints.
+
+DJI gives no encoder angles. The joints are computed as the whole rotation from body to camera,
+``R_nb^T R_ng``, so that they hold while the aircraft tilts; as samples they say that they are
+computed. Near the end of their chain (roll of 90 deg, the camera across the nose's right side)
+yaw and pitch turn about one axis: the three still give the rotation, yaw by itself means nothing;
+counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+
+import numpy as np
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.frames.rotations import canonical, hamilton, quat_conjugate, rotation_of
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.navigation.strapdown import matrix
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
+from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
+from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
+
+#: For so long a reading waits for the attitude after it: as far apart as two attitudes may be.
+_WAIT_NS = 250_000_000
+_MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
+#: Two streams of one gimbal mix within this; a stamp that goes back further is another clock.
+_CLOCK_NS = 1_000_000_000
+#: Whatever turn an angle is counted in, it is smaller.
+_LARGEST_RAD = 1e3
+#: Roll beyond 84 deg: a thousandth of an angle's error is a hundredth of yaw's.
+_SINGULAR_COSINE = 0.1
+
+GimbalSample = CameraAttitudeSample | JointSample
+
+
+class GimbalMeaning:
+    """The gimbal's readings to samples, each with the body's attitude at its own instant.
+
+    A reading waits at most 0.25 s for that attitude, then goes out without joints; where yaw
+    counts from the nose it cannot go out without. Counted: ``gimbal_refused`` (not finite, or
+    no angle), ``gimbal_out_of_order``, ``gimbal_without_joints``, ``gimbal_without_heading``
+    (dropped) and ``joints_near_singularity``.
+    """
+
+    def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
+        self._from_nose = config.gimbal_reference == "body"
+        self._delay_ns = round(config.delay.gimbal_s * 1e9)
+        self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
+        self._attitudes = attitudes
+        self._counts = counts
+        self._waiting: deque[GimbalReading] = deque()
+        self._newest_ns: int | None = None
+        self._psi_coder: float | None = None
+        self._cameras, self._joints = Sequence(), Sequence()
+
+    @property
+    def waits(self) -> bool:
+        """Whether a reading waits for an attitude."""
+        return bool(self._waiting)
+
+    def take(self, reading: GimbalReading) -> list[GimbalSample]:
+        """Take a reading; samples of those before it, if it is of another clock."""
+        if not all(abs(angle) < _LARGEST_RAD for angle in reading[1:]):
+            self._counts["gimbal_refused"] += 1
+            return []
+        reading = reading._replace(stamp_ns=reading.stamp_ns - self._delay_ns)
+        newest_ns, before = self._newest_ns, []
+        if newest_ns is not None and reading.stamp_ns <= newest_ns:
+            if newest_ns - reading.stamp_ns < _CLOCK_NS:
+                self._counts["gimbal_out_of_order"] += 1
+                return []
+            before = self.flush()
+        self._newest_ns = reading.stamp_ns
+        self._waiting.append(reading)
+        return before
+
+    def resolve(self, now_ns: int) -> list[GimbalSample]:
+        """The samples of readings whose attitude has come or will not come any more.
+
+        ``now_ns``: the newest stamp of any reading, its delay not taken off.
+        """
+        now_ns -= self._attitude_delay_ns
+        found: list[GimbalSample] = []
+        while self._waiting:
+            stamp_ns = self._waiting[0].stamp_ns
+            q_nb = self._attitudes.at(stamp_ns)
+            overdue = now_ns - stamp_ns > _WAIT_NS
+            if isinstance(q_nb, Miss) and q_nb in _MAY_COME and not overdue:
+                break
+            found += self._samples(self._waiting.popleft(), q_nb)
+        return found
+
+    def flush(self) -> list[GimbalSample]:
+        """The samples of all that wait; nothing more comes for them."""
+        found: list[GimbalSample] = []
+        while self._waiting:
+            reading = self._waiting.popleft()
+            found += self._samples(reading, self._attitudes.at(reading.stamp_ns))
+        return found
+
+    def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
+        stamp_ns, roll, pitch, yaw = reading
+        if isinstance(q_nb, Miss):
+            if self._from_nose:
+                self._counts["gimbal_without_heading"] += 1
+                return []
+            self._counts["gimbal_without_joints"] += 1
+            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
+        nose = heading_of(q_nb)
+        if self._from_nose:
+            yaw += nose
+        self._psi_coder = math.remainder(yaw - nose, math.tau)
+        q_ng = _camera_attitude(roll, pitch, yaw)
+        return [self._camera(stamp_ns, q_ng), self._joint(stamp_ns, q_nb, q_ng)]
+
+    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
+        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
+
+    def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
+        q_bg = hamilton(tuple(quat_conjugate(q_nb).tolist()), q_ng)
+        yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
+        if math.cos(roll) < _SINGULAR_COSINE:
+            self._counts["joints_near_singularity"] += 1
+        return JointSample(self._joints.after(stamp_ns), yaw, roll, pitch, computed=True)
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """psi_coder: the gimbal's yaw less the autopilot's of the same instant."""
+        if self._psi_coder is None:
+            return {}
+        return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}
+
+
+def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """``q_ng`` of yaw, then pitch, then roll; in scalars, as there are a hundred a second."""
+    yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
+    pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
+    roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)
+    return hamilton(hamilton(yaw, pitch), roll)

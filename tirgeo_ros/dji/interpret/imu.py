@@ -1,0 +1,176 @@
+"""IMU readings to samples: which stream drives, in which unit, with which attitude."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+import numpy as np
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
+from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, unit_quaternion
+from tirgeo_ros.dji.interpret.driving_stream import DrivingStream
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    AttitudeReading,
+    ImuOrigin,
+    ImuReading,
+    Quaternion,
+    Vector,
+)
+
+#: A stamp that goes back further is another clock and passes; the filter judges it.
+_CLOCK_NS = 1_000_000_000
+
+#: Beyond this, in any unit, a number is none; what an aircraft cannot do the filter judges.
+_LARGEST = 1e6
+#: Held back at most: 5 s at 100 Hz of readings that are too sparse or too wild to tell by.
+_MOST_HELD = 500
+
+_Held = tuple[int, Vector, Vector, "Array | None"]  # stamp, acceleration, rate, attitude
+
+
+class ImuMeaning:
+    """The IMU's readings to samples, and every attitude to the history.
+
+    While the unit of acceleration is not known yet, samples are held back (0.4 s, at least
+    twenty) and given out with it; without gravity they are dropped. Counted: ``imu_refused``
+    (not finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that
+    does not drive, ``imu_out_of_order`` (a stamp not later than the one before),
+    ``imu_went_back`` (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known``
+    (held back, then not to be told), ``imu_without_attitude``, ``imu_attitude_carried`` (from
+    another message's, by the rate), ``attitude_not_unit``, ``imu_handovers`` and
+    ``acceleration_unit_changes``.
+    """
+
+    def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
+        self._delay_ns = round(config.delay.imu_s * 1e9)
+        self._attitudes = attitudes
+        self._counts = counts
+        self._streams = DrivingStream()
+        self._units = {origin: UnitBySize(config.acceleration_unit) for origin in ImuOrigin}
+        self._told = AccelerationUnit.UNKNOWN  # by the stream that drives
+        self._check = ForceCheck()
+        self._held: deque[_Held] = deque()
+        self._held_origin: ImuOrigin | None = None
+        self._newest_ns: int | None = None
+
+    def take(self, reading: ImuReading) -> list[ImuSample]:
+        """The sample of a reading, and those that were held back for it; or none."""
+        stamp_ns, origin, (x, y, z), unit, (p, q, r), q_nb = reading
+        stamp_ns -= self._delay_ns
+        sound = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST  # nor is NaN
+        drives = sound and self._streams.drives(origin, stamp_ns)
+        attitude = None if q_nb is None else self._attitude(q_nb)
+        if attitude is not None:
+            (self._attitudes.put if drives else self._attitudes.offer)(stamp_ns, attitude)
+        if not sound:
+            self._counts["imu_refused"] += 1
+            return []
+        factor = factor_of(unit)
+        if factor is None:
+            by_size = self._units[origin]
+            by_size.add(stamp_ns, reading.acceleration_b)
+            factor = by_size.factor
+        if not drives:
+            self._counts[f"imu_unused_{origin.value}"] += 1
+            return []
+        self._told = unit
+        if attitude is None:
+            attitude = self._carried(stamp_ns, reading.angular_rate_b)
+        entry = (stamp_ns, reading.acceleration_b, reading.angular_rate_b, attitude)
+        if factor is None:
+            self._hold(origin, entry)
+            return []
+        if self._held:
+            return [*self._release(origin, factor), *self._sample(entry, factor)]
+        return self._sample(entry, factor)
+
+    def take_attitude(self, reading: AttitudeReading) -> None:
+        """Take an attitude that came by itself."""
+        attitude = self._attitude(reading.q_nb)
+        if attitude is not None:
+            self._attitudes.offer(reading.stamp_ns - self._delay_ns, attitude)
+
+    def flush(self) -> list[ImuSample]:
+        """The samples that were held back, where they are enough to tell their unit."""
+        if self._held_origin is None:
+            return []
+        by_size = self._units[self._held_origin]
+        by_size.settle()
+        if by_size.factor is None:
+            self._forget_held(0)
+            return []
+        return self._release(self._held_origin, by_size.factor)
+
+    def _attitude(self, q_nb: Quaternion) -> Array | None:
+        attitude = unit_quaternion(q_nb)
+        if attitude is None:
+            self._counts["attitude_not_unit"] += 1
+        return attitude
+
+    def _carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
+        attitude = self._attitudes.carried(stamp_ns, angular_rate_b)
+        carried = "imu_without_attitude" if attitude is None else "imu_attitude_carried"
+        self._counts[carried] += 1
+        return attitude
+
+    def _hold(self, origin: ImuOrigin, entry: _Held) -> None:
+        if origin is not self._held_origin:
+            self._forget_held(0)
+        self._held_origin = origin
+        self._held.append(entry)
+        self._forget_held(_MOST_HELD)
+
+    def _forget_held(self, keep: int) -> None:
+        while len(self._held) > keep:
+            self._held.popleft()
+            self._counts["imu_unit_not_known"] += 1
+
+    def _release(self, origin: ImuOrigin, factor: float) -> list[ImuSample]:
+        """Those held back, in the unit that is known now; not those of another stream."""
+        if origin is not self._held_origin:
+            self._forget_held(0)
+        held, self._held = self._held, deque()
+        return [sample for entry in held for sample in self._sample(entry, factor)]
+
+    def _sample(self, entry: _Held, factor: float) -> list[ImuSample]:
+        stamp_ns, (x, y, z), rate_b, attitude = entry
+        if factor == 0.0:
+            self._counts["imu_without_gravity"] += 1
+            return []
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
+            if self._newest_ns - stamp_ns < _CLOCK_NS:
+                self._counts["imu_out_of_order"] += 1
+                return []
+            self._counts["imu_went_back"] += 1
+        self._newest_ns = stamp_ns
+        force_b = (x * factor, y * factor, z * factor)
+        self._check.add(stamp_ns, force_b)
+        return [ImuSample(stamp_ns, np.array(force_b), np.array(rate_b), attitude)]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What is counted by parts of it; ``imu_held`` are held back now."""
+        return {
+            "imu_handovers": self._streams.handovers,
+            "acceleration_unit_changes": sum(unit.changes for unit in self._units.values()),
+            "imu_held": len(self._held),
+        }
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """The stream that drives, and what its accelerations count in."""
+        driver = self._streams.driver
+        if driver is None:
+            return {"imu_source": "none"}
+        told = self._told is not AccelerationUnit.UNKNOWN
+        unit = f"{self._told.value} (told)" if told else self._units[driver].text
+        return {"imu_source": driver.value, "acceleration_unit": unit}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What to set right about accelerations."""
+        return [*(unit.warning for unit in self._units.values()), self._check.warning]

@@ -1,0 +1,107 @@
+"""Readings of the aircraft in, the core's samples out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
+from tirgeo_ros.dji.interpret.antenna_baseline import NOT_SET, BaselineCheck, baseline_deg
+from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes
+from tirgeo_ros.dji.interpret.gimbal import GimbalMeaning
+from tirgeo_ros.dji.interpret.gps import GpsMeaning
+from tirgeo_ros.dji.interpret.imu import ImuMeaning
+from tirgeo_ros.dji.interpret.rtk import RtkMeaning
+from tirgeo_ros.dji.sources.readings import (
+    AttitudeReading,
+    GimbalReading,
+    GpsReading,
+    ImuReading,
+    Reading,
+    RtkReading,
+)
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+
+
+class Interpreter:
+    """Makes samples of readings, as the parameters say; nothing is lost without a count.
+
+    Stamps are the readings' less ``delay`` of their kind; those of a stream ascend, unless the
+    aircraft's clock goes back by a second or more, which passes for the filter to judge.
+    """
+
+    def __init__(self, config: DjiConfig) -> None:
+        self._counts: Counter[str] = Counter()
+        self._undulation_m = config.geoid_undulation_m
+        self._one_antenna = not config.aircraft.second_antenna_m
+        undulation_m = 0.0 if math.isnan(self._undulation_m) else self._undulation_m
+        attitudes = Attitudes(self._counts)
+        self._baseline = BaselineCheck(baseline_deg(config.aircraft), attitudes)
+        self._imu = ImuMeaning(config, attitudes, self._counts)
+        self._rtk = RtkMeaning(config, undulation_m, self._baseline, self._counts)
+        self._gps = GpsMeaning(config, undulation_m, self._counts)
+        self._gimbal = GimbalMeaning(config, attitudes, self._counts)
+        self._newest_ns = 0
+        self._takers: dict[type, Callable[[Any], list[Any]]] = {
+            ImuReading: self._imu.take,
+            AttitudeReading: self._take_attitude,
+            GpsReading: self._gps.take,
+            RtkReading: self._rtk.take,
+            GimbalReading: self._gimbal.take,
+        }
+
+    def take(self, reading: Reading) -> list[Sample]:
+        """The samples that a reading gives, and those before it that waited for it."""
+        self._newest_ns = reading.stamp_ns
+        samples: list[Sample] = self._takers[type(reading)](reading)
+        if self._gimbal.waits:
+            samples = [*samples, *self._gimbal.resolve(self._newest_ns)]
+        return samples
+
+    def flush(self) -> list[Sample]:
+        """The samples of what waited, at the end of a recording."""
+        return [*self._imu.flush(), *self._gimbal.flush()]
+
+    def _take_attitude(self, reading: AttitudeReading) -> list[Sample]:
+        self._imu.take_attitude(reading)
+        return []
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What became of readings that gave no sample, or gave one in another way than usual."""
+        found = Counter(self._counts)
+        found.update(self._imu.counts)
+        return {name: number for name, number in sorted(found.items()) if number}
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """What is believed of the aircraft now, for people."""
+        unset = math.isnan(self._undulation_m)
+        found = {
+            **self._imu.diagnostics,
+            **self._rtk.diagnostics(self._newest_ns),
+            **self._gps.diagnostics(self._newest_ns),
+            **self._gimbal.diagnostics,
+            "geoid_undulation_m": "0 (not set)" if unset else f"{self._undulation_m:g}",
+        }
+        seen_deg = self._baseline.seen_deg
+        if seen_deg is not None:
+            found["baseline_seen_deg"] = f"{seen_deg:.1f}"
+        return found
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a person should set right."""
+        found = [*self._imu.warnings, self._baseline.warning]
+        if self._one_antenna:
+            found.append(NOT_SET)
+        if math.isnan(self._undulation_m):
+            found.append(
+                "geoid_undulation_m is not set: heights above sea level go out as ellipsoidal, "
+                "wrong by up to 100 m; set the geoid's height where it flies"
+            )
+        return [warning for warning in found if warning]

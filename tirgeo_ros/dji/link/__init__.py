@@ -1,0 +1,1 @@
+"""Exchange frames with the aircraft over a serial port."""

@@ -1,0 +1,192 @@
+"""What to tell a person about the serial link: a word, a line and a level.
+
+The port's own state tells whether it is open; what comes through it tells whether the cable, the
+aircraft's settings, the rate and the key are right.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+from tirgeo_ros.dji.link.serial_link import LinkState
+
+#: So long may nothing come; the slowest stream worth having, 5 Hz of RTK, pauses 0.2 s.
+PATIENCE_S = 2.0
+_STEP_S = 0.1  # between the looks that are remembered
+#: Bytes so soon after a frame are the beginning of one that was cut, not another rate's.
+_CUT_FRAME_S = 0.2
+
+#: Of frames that come, as many locked ones (percent) mean that the key is not the aircraft's. Of
+#: those that a wrong key opens, one in 256 looks right by chance.
+_LOCKED_PERCENT = 90
+
+#: Rates of DJI's own samples and wrapper, the likelier one first.
+USUAL_BAUDS = (921600, 230400, 115200, 1000000)
+
+
+class Level(IntEnum):
+    """How bad it is; the numbers of a DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+class LinkCondition(Enum):
+    """How the link is: the port's states where it is not open, else what comes through it."""
+
+    NO_DEVICE = "no_device"
+    PERMISSION_DENIED = "permission_denied"
+    BUSY = "busy"
+    NOT_A_PORT = "not_a_port"
+    BAUD_REFUSED = "baud_refused"
+    LOST = "lost"
+    WAITING = "waiting"  # just opened
+    SILENT = "silent"  # open, no bytes
+    WRONG_BAUD = "wrong_baud"  # bytes, no frame
+    WRONG_KEY = "wrong_key"  # frames, but encrypted with another key or with one that is not given
+    RECEIVING = "receiving"
+
+
+_LEVELS = {
+    LinkCondition.WAITING: Level.WARN,
+    LinkCondition.SILENT: Level.WARN,
+    LinkCondition.RECEIVING: Level.OK,
+}
+
+
+class LinkReport(NamedTuple):
+    """The condition of the link."""
+
+    condition: LinkCondition
+    level: Level
+    message: str  # one line: the port and what to do
+    since_s: float  # when it began, by the clock of ``look``
+    bytes_per_s: float  # of the last two seconds
+    frames_per_s: float
+
+
+class _Look(NamedTuple):
+    now_s: float
+    byte_count: int
+    frame_count: int
+    locked_count: int
+
+
+class LinkWatch:
+    """Watches the port ``port`` that is read with ``baud``, and with a key or without."""
+
+    def __init__(self, port: str, baud: int, *, has_key: bool = False) -> None:
+        self._port, self._baud, self._has_key = port, baud, has_key
+        self._looks: deque[_Look] = deque()
+        self._heard_bytes_s = self._heard_frame_s = float("-inf")
+        self._opened_s = float("-inf")
+        self._last = _Look(0.0, 0, 0, 0)
+        self._report: LinkReport | None = None
+
+    @property
+    def report(self) -> LinkReport | None:
+        """The condition at the last look; None before the first."""
+        return self._report
+
+    def look(
+        self,
+        now_s: float,
+        state: LinkState,
+        message: str,
+        byte_count: int,
+        frame_count: int,
+        locked_count: int = 0,
+    ) -> LinkReport | None:
+        """Take the port's state and message, and how many bytes and frames came in all.
+
+        Returns the report if the condition is another than at the last look, else None.
+        ``now_s``: a steady clock's. ``locked_count``: of the frames those that no key opened.
+        """
+        if state is LinkState.OPEN:
+            condition = self._listen(_Look(now_s, byte_count, frame_count, locked_count))
+            message = self._message(condition)
+        else:
+            self._looks.clear()
+            condition = LinkCondition(state.value)
+        before, self._report = self._report, self._made(now_s, condition, message)
+        changed = before is None or before.condition is not condition
+        return self._report if changed else None
+
+    def _listen(self, look: _Look) -> LinkCondition:
+        self._note(look)
+        if look.now_s - self._heard_frame_s < PATIENCE_S:
+            return LinkCondition.WRONG_KEY if self._locked else LinkCondition.RECEIVING
+        if look.now_s - self._opened_s < PATIENCE_S:
+            return LinkCondition.WAITING
+        garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
+        if garbage and look.now_s - self._heard_bytes_s < PATIENCE_S:
+            return LinkCondition.WRONG_BAUD
+        return LinkCondition.SILENT
+
+    @property
+    def _locked(self) -> bool:
+        """Whether nearly all frames of the last two seconds are locked."""
+        first, last = self._looks[0], self._last
+        locked = last.locked_count - first.locked_count
+        return 0 < _LOCKED_PERCENT * (last.frame_count - first.frame_count) <= 100 * locked
+
+    def _note(self, look: _Look) -> None:
+        if not self._looks:  # what came before the port was open does not count
+            self._opened_s = look.now_s
+            self._heard_bytes_s = self._heard_frame_s = float("-inf")
+            self._looks.append(look)
+            self._last = look
+        if look.byte_count > self._last.byte_count:
+            self._heard_bytes_s = look.now_s
+        if look.frame_count > self._last.frame_count:
+            self._heard_frame_s = look.now_s
+        self._last = look
+        if look.now_s - self._looks[-1].now_s >= _STEP_S:
+            self._looks.append(look)
+        while len(self._looks) > 1 and look.now_s - self._looks[1].now_s >= PATIENCE_S:
+            self._looks.popleft()
+
+    def _message(self, condition: LinkCondition) -> str:
+        return f"{self._port}: {self._words(condition)}"
+
+    def _words(self, condition: LinkCondition) -> str:
+        if condition is LinkCondition.RECEIVING:
+            return f"receiving at {self._baud} baud"
+        if condition is LinkCondition.WAITING:
+            return "open, nothing understood yet"
+        if condition is LinkCondition.SILENT:
+            return (
+                f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
+                "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
+            )
+        if condition is LinkCondition.WRONG_KEY:
+            wrong = "is not the aircraft's" if self._has_key else "is not set"
+            return (
+                f"frames come, but they are encrypted and the parameter key {wrong}: set it to "
+                "the app key with which the aircraft was activated (DJI's developer site)"
+            )
+        others = ", ".join(str(baud) for baud in USUAL_BAUDS if baud != self._baud)
+        return (
+            f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {self._baud} baud: set baud "
+            f"as in DJI Assistant 2 (SDK tab); usual are {others}"
+        )
+
+    def _made(self, now_s: float, condition: LinkCondition, message: str) -> LinkReport:
+        before = self._report
+        same = before is not None and before.condition is condition
+        since_s = before.since_s if before is not None and same else now_s
+        level = _LEVELS.get(condition, Level.ERROR)
+        return LinkReport(condition, level, message, since_s, *self._rates())
+
+    def _rates(self) -> tuple[float, float]:
+        if not self._looks or self._last.now_s <= self._looks[0].now_s:
+            return 0.0, 0.0
+        first, last = self._looks[0], self._last
+        span_s = last.now_s - first.now_s
+        return (
+            (last.byte_count - first.byte_count) / span_s,
+            (last.frame_count - first.frame_count) / span_s,
+        )

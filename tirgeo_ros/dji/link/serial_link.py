@@ -1,0 +1,201 @@
+"""The serial port: opened, read, and opened anew by itself after the cable was pulled.
+
+Nothing about the cable is raised: ``state`` is a word for it and ``message`` a line for a person.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import threading
+import time
+from contextlib import suppress
+from enum import Enum
+from pathlib import Path
+
+from tirgeo_ros.dji.link.serial_port import Opener, Port, pyserial_opener
+
+#: How long to wait for more once bytes have come. At 921600 baud 3 ms bring 280 bytes, about a
+#: frame: so the port is read 300 times a second at the most and nothing comes later by more.
+_GATHER_S = 0.003
+_READ_BYTES = 65536
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between tries to open
+_IDENTITY_PERIOD_S = 0.4  # a silent port is looked up so often
+
+
+class LinkState(Enum):
+    """How the port is."""
+
+    NO_DEVICE = "no_device"
+    PERMISSION_DENIED = "permission_denied"
+    BUSY = "busy"  # another program has it
+    NOT_A_PORT = "not_a_port"
+    BAUD_REFUSED = "baud_refused"  # its driver does not know the rate
+    OPEN = "open"
+    LOST = "lost"  # it was open and went away
+
+
+_STATES = {
+    errno.EACCES: LinkState.PERMISSION_DENIED,
+    errno.EPERM: LinkState.PERMISSION_DENIED,
+    errno.EBUSY: LinkState.BUSY,
+    errno.EAGAIN: LinkState.BUSY,  # another program's lock
+    errno.ENOTTY: LinkState.NOT_A_PORT,
+    None: LinkState.NOT_A_PORT,
+}
+
+_MESSAGES = {
+    LinkState.NO_DEVICE: "there is no such device: plug the cable in, or set port "
+    "(ls /dev/serial/by-id shows what there is)",
+    LinkState.PERMISSION_DENIED: "permission denied: add the user to the group dialout "
+    "(sudo usermod -aG dialout $USER) and log in anew",
+    LinkState.BUSY: "another program has it: close that one (fuser -v tells which)",
+    LinkState.NOT_A_PORT: "this is no serial port: set port to one",
+    LinkState.BAUD_REFUSED: "the port's driver does not know this rate: set baud",
+    LinkState.OPEN: "open",
+    LinkState.LOST: "the port went away: cable pulled, or another program reads it too; "
+    "it is opened anew once it is back",
+}
+
+
+class SerialLink:
+    """The port at ``port`` with ``baud``, 8 data bits, no parity, 1 stop bit.
+
+    One thread reads; others may write and close. ``opener`` opens the port, pyserial's by
+    default. DjiError if pyserial is not installed.
+    """
+
+    def __init__(self, port: str, baud: int, opener: Opener | None = None) -> None:
+        self._port, self._baud = port, baud
+        self._opener = opener or pyserial_opener()
+        self._handle: Port | None = None
+        self._guard = threading.Lock()  # nobody closes the handle while it is used
+        self._closed = threading.Event()
+        self._poll = select.poll()
+        self._state = LinkState.NO_DEVICE
+        self._reason = ""
+        self._pause_s = 0.0
+        self._next_try_s = self._looked_up_s = time.monotonic()
+        self.openings = 0  # so often was it opened
+        self.gathered_s = 0.0  # since the first byte of the last batch, when that was read
+
+    @property
+    def state(self) -> LinkState:
+        """How the port is now."""
+        return self._state
+
+    @property
+    def message(self) -> str:
+        """The state in a line for a person: port, what to do, cause."""
+        reason = f" ({self._reason})" if self._reason else ""
+        return f"{self._port}: {_MESSAGES[self._state]}{reason}"
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come, in one batch; waits so long for the first byte. b"" if nothing came.
+
+        Opens the port if it is not open and time for a try.
+        """
+        handle = self._handle or self._try_to_open(timeout_s)
+        if handle is None:
+            return b""
+        try:
+            return self._take(handle, timeout_s)
+        except (OSError, ValueError) as error:
+            self._lose(_reason(error))
+            return b""
+
+    def write(self, data: bytes) -> bool:
+        """Send; False if the port is not open or does not take it all."""
+        with self._guard:
+            if self._handle is None:
+                return False
+            try:
+                return self._handle.write(data) == len(data)
+            except (OSError, ValueError):
+                return False  # the next read finds out whether the port is gone
+
+    def close(self) -> None:
+        """Give the port back for good; a read that waits still returns within its time-out."""
+        self._closed.set()
+        self._drop()
+
+    def _take(self, handle: Port, timeout_s: float) -> bytes:
+        number = handle.fileno()
+        if not self._poll.poll(timeout_s * 1e3):
+            self._look_up(number)
+            return b""
+        ready_s = time.monotonic()
+        time.sleep(_GATHER_S)
+        with self._guard:
+            if self._handle is not handle:  # closed meanwhile
+                return b""
+            data = os.read(number, _READ_BYTES)
+        if not data:  # something to read and nothing there: it hung up
+            raise OSError(errno.EIO, "it hung up")
+        self._looked_up_s = time.monotonic()
+        self.gathered_s = self._looked_up_s - ready_s
+        return data
+
+    def _look_up(self, number: int) -> None:
+        """Raise OSError if the silent port's path is gone or is another device's by now."""
+        now_s = time.monotonic()
+        if now_s - self._looked_up_s < _IDENTITY_PERIOD_S:
+            return
+        self._looked_up_s = now_s
+        if not os.path.samestat(Path(self._port).stat(), os.fstat(number)):
+            raise OSError(errno.ENODEV, "another device has its name")
+
+    def _try_to_open(self, timeout_s: float) -> Port | None:
+        wait_s = self._next_try_s - time.monotonic()
+        if self._closed.wait(max(min(wait_s, timeout_s), 0.0)) or wait_s > timeout_s:
+            return None
+        try:
+            handle = self._opener(self._port, self._baud)
+        except (OSError, ValueError) as error:
+            self._refused(error)
+            return None
+        return self._opened(handle)
+
+    def _refused(self, error: OSError | ValueError) -> None:
+        self._pause_s = min(max(2 * self._pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
+        self._next_try_s = time.monotonic() + self._pause_s
+        state = _state(error)
+        if state is LinkState.NO_DEVICE and self._state is LinkState.LOST:
+            return  # as long as it is away the cause is told that it went with
+        self._state, self._reason = state, _reason(error)
+
+    def _opened(self, handle: Port) -> Port | None:
+        with self._guard:
+            if self._closed.is_set():
+                handle.close()
+                return None
+            self._handle = handle
+        self._poll = select.poll()
+        self._poll.register(handle.fileno(), select.POLLIN)
+        self._state, self._reason = LinkState.OPEN, ""
+        self._pause_s, self._looked_up_s = 0.0, time.monotonic()
+        self.openings += 1
+        return handle
+
+    def _lose(self, reason: str) -> None:
+        self._drop()
+        self._state, self._reason = LinkState.LOST, reason
+        self._next_try_s = time.monotonic()
+
+    def _drop(self) -> None:
+        with self._guard:
+            handle, self._handle = self._handle, None
+            if handle is not None:
+                with suppress(OSError, ValueError):  # it may be gone already
+                    handle.close()
+
+
+def _state(error: OSError | ValueError) -> LinkState:
+    if isinstance(error, ValueError):
+        return LinkState.BAUD_REFUSED
+    return _STATES.get(error.errno, LinkState.NO_DEVICE)
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return str(getattr(error, "strerror", None) or error).replace("\n", " ")

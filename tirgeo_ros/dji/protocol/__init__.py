@@ -1,0 +1,1 @@
+"""Decode and encode what frames of DJI's OPEN protocol hold."""

@@ -1,0 +1,119 @@
+"""A table of packages in the form of a YAML file: what a person writes who knows what was asked.
+
+As read from the file::
+
+    packages:
+      0:                     # the package's id, 0 to 4
+        rate_hz: 5
+        with_timestamp: true
+        topics: [GPS_DATE, GPS_TIME, RTK_POSITION, RTK_YAW]   # names or numbers, in their order
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.protocol.commands import PACKAGE_IDS
+from tirgeo_ros.dji.protocol.subscription import MAX_DATA_BYTES, Package, PackageTable
+from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, BY_UID, Topic
+
+_ROOT = "packages"
+_KEYS = ("rate_hz", "with_timestamp", "topics")
+_MAX_RATE_HZ = 400
+
+
+def package_table(tree: object, file: str) -> PackageTable:
+    """The table that a YAML file's content means.
+
+    ``file``: its name, for messages. DjiError, naming file and key, for what is none.
+    """
+    if not isinstance(tree, Mapping) or list(tree) != [_ROOT]:
+        raise DjiError(f"{file}: no table of packages: it needs {_ROOT}: ID: TOPICS and so on")
+    entries = tree[_ROOT]
+    if not isinstance(entries, Mapping) or not entries:
+        raise DjiError(f"{file}: {_ROOT}: needs an entry for each package, by its id")
+    packages = [_package(number, entry, file) for number, entry in entries.items()]
+    _refuse_doubles(packages, file)
+    return PackageTable(packages)
+
+
+def _package(number: object, entry: object, file: str) -> Package:
+    where = f"{file}: {_ROOT}.{number}"
+    if not _is_number(number) or number not in PACKAGE_IDS:
+        raise DjiError(f"{where}: ids of packages are {PACKAGE_IDS[0]} to {PACKAGE_IDS[-1]}")
+    if not isinstance(entry, Mapping):
+        raise DjiError(f"{where}: needs {', '.join(_KEYS)}")
+    _check_keys(entry, where)
+    package = Package(
+        int(number),  # type: ignore[call-overload]
+        _rate(entry["rate_hz"], where),
+        _truth(entry["with_timestamp"], where),
+        _topics(entry["topics"], where),
+    )
+    if package.length - 1 > MAX_DATA_BYTES:
+        raise DjiError(
+            f"{where}: {package.length - 1} bytes, more than the {MAX_DATA_BYTES} of a push"
+        )
+    return package
+
+
+def _check_keys(entry: Mapping[Any, Any], where: str) -> None:
+    for key in entry:
+        if key not in _KEYS:
+            raise DjiError(f"{where}: unknown key {key}{_hint(key, _KEYS)}")
+    for key in _KEYS:
+        if key not in entry:
+            raise DjiError(f"{where}: {key} is missing")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _rate(value: Any, where: str) -> int:
+    if not _is_number(value) or not 1 <= value <= _MAX_RATE_HZ:
+        raise DjiError(f"{where}.rate_hz: {value}: a whole number from 1 to {_MAX_RATE_HZ}")
+    return int(value)
+
+
+def _truth(value: object, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise DjiError(f"{where}.with_timestamp: {value}: true or false")
+    return value
+
+
+def _topics(names: object, where: str) -> tuple[Topic, ...]:
+    if not isinstance(names, list) or not names:
+        raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
+    return tuple(_topic(name, where) for name in names)
+
+
+def _topic(name: Any, where: str) -> Topic:
+    """A topic by its name or its number."""
+    if _is_number(name) and name in BY_UID:
+        return BY_UID[name]
+    if isinstance(name, str) and name in BY_NAME:
+        return BY_NAME[name]
+    shown = f"0x{name:08x}" if _is_number(name) else str(name)
+    raise DjiError(f"{where}.topics: unknown topic {shown}{_hint(name, BY_NAME)}")
+
+
+def _hint(name: object, known: Any) -> str:
+    near = difflib.get_close_matches(str(name), known, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def _refuse_doubles(packages: list[Package], file: str) -> None:
+    """The aircraft refuses a topic that another package holds."""
+    holder: dict[str, int] = {}
+    for package in packages:
+        for topic in package.topics:
+            if topic.name in holder:
+                raise DjiError(
+                    f"{file}: {_ROOT}.{package.id}.topics: {topic.name} stands in package "
+                    f"{holder[topic.name]} already"
+                )
+            holder[topic.name] = package.id

@@ -1,0 +1,12 @@
+"""An aircraft that is not there: what a flight recorded, said again in DJI's serial protocol.
+
+The reverse of the way from bytes to samples (``dji.link.framing``,
+``dji.sources.serial_readings``, ``dji.interpret``), for tests of that way and for a demonstration
+without hardware.
+"""
+
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
+from tirgeo_ros.dji.simulator.answers import A3_NAME, CommandDesk
+from tirgeo_ros.dji.simulator.satellites import POSITION_FLAGS
+
+__all__ = ["A3_NAME", "POSITION_FLAGS", "Aircraft", "CommandDesk", "Outgoing", "frames_of"]

@@ -1,0 +1,241 @@
+"""The aircraft itself: samples of a flight in, frames at their times out, the host answered."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    ImuSample,
+    JointSample,
+    NavigationInput,
+    PositionSample,
+)
+from tirgeo_ros.dji.link.framing import encode_frame
+from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
+from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, Push, encode_push
+from tirgeo_ros.dji.simulator.answers import CommandDesk
+from tirgeo_ros.dji.simulator.gimbal_angles import GimbalAngles
+from tirgeo_ros.dji.simulator.pushed_parts import (
+    AircraftTime,
+    Instant,
+    between,
+    broadcast_of,
+    topic_values,
+)
+from tirgeo_ros.dji.simulator.satellites import Satellites
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+
+_BROADCAST, _PUSH = b"\x02\x00", b"\x02\x05"
+#: Hz of the codes 0 to 7; 5 means the rate as it is and is never one.
+_CODE_HZ = (0, 1, 10, 50, 100, 0, 200, 400)
+#: The gimbal is read between its samples, so frames are made when those of so long are known.
+_AHEAD_S = 0.25
+_AHEAD_NS = round(_AHEAD_S * 1e9)
+#: A sample of the IMU may be so much early, or half of its step, and still be the one that is due.
+_EARLY_NS = 2_500_000
+#: Further apart, nothing is put between two samples of the IMU.
+_LONGEST_STEP_NS = 100_000_000
+#: A stamp that goes back by more is another flight, for which it is switched on anew.
+_RESTART_NS = 1_000_000_000
+_SECOND_NS = 1_000_000_000
+
+
+class Outgoing(NamedTuple):
+    """A frame, and when it leaves the aircraft, in the time of the samples' arrival."""
+
+    time_ns: int
+    data: bytes
+
+
+class Aircraft:
+    """Says what a flight recorded as an A3 or M600 would.
+
+    Samples are taken in the order of their arrival. At each of the IMU there is a broadcast with
+    the parts that are due; what the receivers said stands in it again and again until they say
+    something new. Packages are pushed at their own rates, with inertial values on the line
+    between two samples. Frames come out later than the samples that they are made of, by a
+    quarter of a second of the flight, with their true times.
+    """
+
+    def __init__(
+        self,
+        config: SimulatedAircraftConfig | None = None,
+        activation: Sequence[int] = (0,),
+        places: AircraftConfig | None = None,
+    ) -> None:
+        """``activation``: as for CommandDesk; ``places``: where its antennas stand."""
+        self._config = config = config or SimulatedAircraftConfig()
+        self._places = places or AircraftConfig()
+        self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
+        self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
+        self._counts: Counter[str] = Counter()
+        self._waiting: deque[tuple[int, NavigationInput]] = deque()
+        self._sequence = 0
+        self._switch_on()
+
+    def _switch_on(self) -> None:
+        self._satellites = Satellites(self._config, self._places)
+        self._gimbal = GimbalAngles(
+            joints=self._config.gimbal == "joints",
+            order=self._config.joint_order,
+            max_gap_s=_AHEAD_S,
+        )
+        self._first_ns: int | None = None
+        self._imu: ImuSample | None = None  # the newest that was told
+        self._told_ns = 0
+        self._slots: dict[int, int] = {}  # bit of the mask -> period that it was last told in
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """``broadcasts`` and ``pushes`` made; samples left out: ``invalid``, ``imu_not_later``."""
+        return dict(self._counts)
+
+    def answer(self, data: bytes) -> bytes:
+        """What the aircraft writes back to what the host wrote."""
+        return self.desk.answer(data)
+
+    def take(self, arrival_ns: int, sample: Sample) -> list[Outgoing]:
+        """Take a sample; the frames that are known by now, in the order of their times."""
+        if isinstance(sample, JointSample | CameraAttitudeSample):
+            if not self._gimbal.take(sample):
+                self._counts["invalid"] += 1
+        elif _is_sound(sample):
+            self._waiting.append((arrival_ns, sample))
+        else:
+            self._counts["invalid"] += 1
+        return self._until(arrival_ns - _AHEAD_NS)
+
+    def flush(self) -> list[Outgoing]:
+        """The frames that wait for later samples, at the end of a flight."""
+        return self._until(self._waiting[-1][0]) if self._waiting else []
+
+    def _until(self, arrival_ns: int) -> list[Outgoing]:
+        frames: list[Outgoing] = []
+        while self._waiting and self._waiting[0][0] <= arrival_ns:
+            together_ns = self._waiting[0][0]
+            imu = []
+            while self._waiting and self._waiting[0][0] == together_ns:
+                _, sample = self._waiting.popleft()
+                if isinstance(sample, ImuSample):
+                    imu.append(sample)
+                else:
+                    self._satellites.take(sample)
+            for sample in imu:
+                frames += self._tell(sample, together_ns)
+        return frames
+
+    def _tell(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
+        """The frames of one sample of the IMU and of the time before it."""
+        before = self._imu
+        if before is not None and imu.stamp_ns <= before.stamp_ns:
+            if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
+                self._counts["imu_not_later"] += 1
+                return []
+            self._switch_on()
+            before = None
+        if self._first_ns is None:
+            self._first_ns = imu.stamp_ns
+        latency_ns = arrival_ns - imu.stamp_ns
+        frames = self._pushes(before, imu, latency_ns)
+        frames += self._broadcast(imu, arrival_ns)
+        self._imu = imu
+        return [self._in_order(frame) for frame in frames]
+
+    def _in_order(self, frame: Outgoing) -> Outgoing:
+        """The link keeps the order of what is written to it."""
+        self._told_ns = max(self._told_ns, frame.time_ns)
+        return Outgoing(self._told_ns, frame.data)
+
+    def _broadcast(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
+        due = {bit for bit, code in enumerate(self.desk.rates) if self._is_due(bit, code, imu)}
+        broadcast = broadcast_of(self._instant(imu), self._layout, due.__contains__)
+        if not broadcast.mask:
+            return []
+        self._counts["broadcasts"] += 1
+        return [Outgoing(arrival_ns, self._framed(_BROADCAST + encode_broadcast(broadcast)))]
+
+    def _is_due(self, bit: int, code: int, imu: ImuSample) -> bool:
+        assert self._first_ns is not None
+        if not _CODE_HZ[code]:
+            return False
+        step_ns = imu.stamp_ns - (self._imu.stamp_ns if self._imu else self._first_ns)
+        since_ns = imu.stamp_ns - self._first_ns + min(_EARLY_NS, step_ns // 2)
+        slot = since_ns * _CODE_HZ[code] // _SECOND_NS
+        if self._slots.get(bit) == slot:
+            return False
+        self._slots[bit] = slot
+        return True
+
+    def _pushes(self, before: ImuSample | None, imu: ImuSample, latency_ns: int) -> list[Outgoing]:
+        assert self._first_ns is not None
+        start_ns = imu.stamp_ns - 1 if before is None else before.stamp_ns
+        if imu.stamp_ns - start_ns > _LONGEST_STEP_NS:
+            start_ns = imu.stamp_ns - 1
+        due = sorted(
+            (stamp_ns, package)
+            for package in self.desk.packages
+            for stamp_ns in _grid(self._first_ns, start_ns, imu.stamp_ns, package.rate_hz)
+        )
+        frames = []
+        for stamp_ns, package in due:
+            at = imu if before is None else between(before, imu, stamp_ns)
+            push = self._push(package, self._instant(at))
+            if push is not None:
+                frames.append(Outgoing(stamp_ns + latency_ns, self._framed(_PUSH + push)))
+        self._counts["pushes"] += len(frames)
+        return frames
+
+    def _push(self, package: Package, instant: Instant) -> bytes | None:
+        values = topic_values(instant, tuple(topic.name for topic in package.topics))
+        if values is None:
+            return None
+        time = instant.time
+        return encode_push(Push(package, time.ms, time.rest_ns, values))
+
+    def _instant(self, imu: ImuSample) -> Instant:
+        assert self._first_ns is not None
+        since_ns = imu.stamp_ns - self._first_ns
+        since_ns += round(since_ns * self._config.clock_drift_ppm * 1e-6)
+        q_nb = imu.autopilot_q_nb
+        if not usable_attitude(q_nb):
+            q_nb, imu = None, ImuSample(imu.stamp_ns, imu.specific_force_b, imu.angular_rate_b)
+        return Instant(
+            AircraftTime(since_ns + self._config.clock_start_ms * 1_000_000),
+            AircraftTime(since_ns),
+            imu,
+            self._gimbal.at(imu.stamp_ns, q_nb),
+            self._satellites,
+        )
+
+    def _framed(self, data: bytes) -> bytes:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return encode_frame(data, sequence=self._sequence)
+
+
+def frames_of(aircraft: Aircraft, samples: Iterable[tuple[int, Sample]]) -> Iterator[Outgoing]:
+    """All frames of a flight, from its samples behind the times of their arrival."""
+    for arrival_ns, sample in samples:
+        yield from aircraft.take(arrival_ns, sample)
+    yield from aircraft.flush()
+
+
+def _is_sound(sample: NavigationInput) -> bool:
+    """A receiver without a solution may say anything for its place."""
+    lost = isinstance(sample, PositionSample) and sample.status is FixStatus.NONE
+    return lost or not fault_of(sample)
+
+
+def _grid(first_ns: int, after_ns: int, until_ns: int, rate_hz: int) -> Iterator[int]:
+    """The times of a rate, counted from ``first_ns``, that lie in (after, until]."""
+    number = (after_ns - first_ns) * rate_hz // _SECOND_NS
+    while (stamp_ns := first_ns + -(-number * _SECOND_NS // rate_hz)) <= until_ns:
+        if stamp_ns > after_ns:
+            yield stamp_ns
+        number += 1

@@ -1,0 +1,147 @@
+"""What the aircraft does when the host asks: version, activation, rates, packages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.protocol.broadcast import Layout
+from tirgeo_ros.dji.protocol.commands import (
+    NOT_ACTIVATED,
+    OPCODES,
+    PACKAGE_IDS,
+    SUBSCRIPTION_VERSION,
+    Activate,
+    AddPackage,
+    GetVersion,
+    MatchVersion,
+    RemovePackage,
+    Request,
+    ResetPackages,
+    SetRates,
+    decode_request,
+    encode_code,
+    encode_version_ack,
+)
+from tirgeo_ros.dji.protocol.subscription import MAX_DATA_BYTES, Package, PackageTable
+from tirgeo_ros.dji.protocol.subscription_topics import BY_UID, TOPICS
+from tirgeo_ros.dji.simulator.pushed_parts import TOLD_TOPICS
+
+A3_NAME = "SDK-v1.0 BETA PM820V3PRO-3.2.41.13"
+_LEGACY_NAME = "SDK-v1.0 BETA PM820V3PRO-3.2.15.62"
+_SERIAL = "0670XXXXXXXXXX"
+_KEEP_RATE, _HIGHEST_RATE = 5, 7
+_ANY_HZ = 400  # of a topic whose highest rate is not documented
+#: Rate codes as such an aircraft is usually set up: attitude, force and rate as often as they are
+#: measured, 50 Hz of what is flown by, 10 Hz of the rest; neither device nor compass.
+USUAL_RATES = (7, 7, 7, 3, 7, 3, 3, 3, 2, 3, 3, 3, 2, 2, 0, 0)
+#: Beside packages, which hold the same up to 400 times a second: both would not fit 921600 baud.
+RATES_BESIDE_PACKAGES = (4, 4, 4, 3, 4, *USUAL_RATES[5:])
+#: Codes of the subscription's answers.
+_LENGTH, _VERSION, _ID, _EXISTS, _UNKNOWN, _RATE, _TOO_LARGE = range(1, 8)
+_EMPTY, _UID, _DENIED, _TOPIC_TAKEN = 0x20, 0x22, 0x23, 0x24
+
+
+class CommandDesk:
+    """Reads the host's frames, answers them, and keeps what they set.
+
+    ``activation``: the codes that activations are answered with in turn, the last one again and
+    again; 0 lets the host in.
+    """
+
+    def __init__(
+        self,
+        layout: Layout = Layout.MODERN,
+        packages: Sequence[Package] = (),
+        activation: Sequence[int] = (0,),
+    ) -> None:
+        self.rates: tuple[int, ...] = RATES_BESIDE_PACKAGES if packages else USUAL_RATES
+        self.packages = PackageTable(packages)
+        self.activated = False
+        self._name = _LEGACY_NAME if layout is Layout.LEGACY else A3_NAME
+        self._activation = list(activation)
+        self._reader = FrameReader()
+        self._answered: tuple[tuple[int, int, bytes], bytes] | None = None
+
+    def answer(self, data: bytes) -> bytes:
+        """The acks to what the host wrote, in any pieces."""
+        return b"".join(map(self._answer, self._reader.feed(data)))
+
+    def _answer(self, frame: Frame) -> bytes:
+        if frame.is_ack or frame.is_encrypted or len(frame.data) < 2:
+            return b""
+        asked = (frame.session, frame.sequence, frame.data)
+        if self._answered is None or self._answered[0] != asked:
+            self._answered = (asked, self._ack(frame))
+        return self._answered[1]  # the host asks again where the ack was lost
+
+    def _ack(self, frame: Frame) -> bytes:
+        value = self._done(frame.data)
+        if not value or not frame.session:
+            return b""
+        return encode_frame(value, session=frame.session, sequence=frame.sequence, is_ack=True)
+
+    def _done(self, data: bytes) -> bytes:
+        request = decode_request(data)
+        if isinstance(request, GetVersion):
+            return encode_version_ack(0 if self.activated else NOT_ACTIVATED, _SERIAL, self._name)
+        if request is not None:
+            return encode_code(request, self._do(request))
+        known = (data[0], data[1]) in OPCODES.values()
+        return (_LENGTH).to_bytes(1 if data[0] else 2, "little") if known else b""
+
+    def _do(self, request: Request) -> int:
+        if isinstance(request, Activate):
+            code = self._activation.pop(0) if len(self._activation) > 1 else self._activation[0]
+            self.activated = code == 0
+            return code
+        if isinstance(request, SetRates):
+            return self._set_rates(request.codes)
+        if isinstance(request, MatchVersion):
+            return 0 if request.version == SUBSCRIPTION_VERSION else _VERSION
+        if not self.activated:
+            return _DENIED
+        return self._change_packages(request)
+
+    def _set_rates(self, codes: tuple[int, ...]) -> int:
+        if max(codes) > _HIGHEST_RATE:
+            return 1
+        kept = zip(codes, self.rates, strict=True)
+        self.rates = tuple(old if code == _KEEP_RATE else code for code, old in kept)
+        return 0
+
+    def _change_packages(self, request: Request) -> int:
+        if isinstance(request, AddPackage):
+            code = self._fault(request)
+            if not code:
+                topics = tuple(BY_UID[uid] for uid in request.uids)
+                self.packages.add(
+                    Package(request.id, request.rate_hz, request.with_timestamp, topics)
+                )
+            return code
+        if isinstance(request, RemovePackage):
+            known = self.packages.get(request.id) is not None
+            self.packages.remove(request.id)
+            return 0 if known else _UNKNOWN
+        assert isinstance(request, ResetPackages)
+        self.packages.clear()
+        return 0
+
+    def _fault(self, request: AddPackage) -> int:
+        """Why a package cannot be had, 0 if it can."""
+        known = {topic.uid for topic in TOPICS if topic.name in TOLD_TOPICS}
+        topics = tuple(BY_UID[uid] for uid in request.uids if uid in known)
+        taken = {topic.uid for package in self.packages for topic in package.topics}
+        made = Package(request.id, request.rate_hz, request.with_timestamp, topics)
+        slowest_hz = min((topic.max_hz or _ANY_HZ for topic in topics), default=0)
+        faults = {
+            _ID: request.id not in PACKAGE_IDS,
+            _EXISTS: self.packages.get(request.id) is not None,
+            _EMPTY: not request.uids,
+            _UID: len(topics) < len(request.uids),
+            _TOPIC_TAKEN: taken.intersection(request.uids)
+            or len(set(request.uids)) < len(request.uids),
+            _RATE: not 0 < request.rate_hz <= slowest_hz,
+            _TOO_LARGE: made.length > MAX_DATA_BYTES,
+        }
+        return next((code for code, applies in faults.items() if applies), 0)

@@ -1,0 +1,120 @@
+"""A serial port that is not there: a pseudo-terminal whose other end a program holds.
+
+Linux's: the master is told whether somebody has the port open, and sees the speed it was set to.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import termios
+import tty
+from contextlib import suppress
+from pathlib import Path
+from typing import Final, final
+
+from tirgeo_ros.core.types.errors import DjiError
+
+_READ_BYTES = 65536
+
+
+@final
+class PseudoTerminal:
+    """A port at ``path`` (a symbolic link), with its far end here. A context manager.
+
+    What is written goes to whoever has the port open, as far as there is room: nothing here
+    waits for a reader. With a ``baud``, a reader who set another speed gets noise, as from a wire.
+    DjiError where the port cannot be made.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], baud: int | None = None) -> None:
+        self.path: Final = Path(path)
+        self.dropped = 0  # bytes that nobody took
+        self._speed = None if baud is None else _speed_of(baud)
+        self._noise = random.Random(0)  # noqa: S311 noise, not a secret
+        self._master: int | None = None
+        self.plug()
+
+    @property
+    def is_plugged(self) -> bool:
+        """Whether the port is there."""
+        return self._master is not None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether somebody has the port open."""
+        if self._master is None:
+            return False
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not poll.poll(0)  # else: hung up
+
+    def write(self, data: bytes) -> int:
+        """Send; the number of bytes that the port took. The others are counted in ``dropped``."""
+        taken = 0
+        if self._master is not None and self.is_open:
+            if self._speed is not None and termios.tcgetattr(self._master)[4] != self._speed:
+                data = self._noise.randbytes(len(data))
+            with suppress(BlockingIOError):
+                taken = os.write(self._master, data)
+        self.dropped += len(data) - taken
+        return taken
+
+    def read(self) -> bytes:
+        """What the one who has the port open wrote; b"" where nothing is there."""
+        if self._master is None:
+            return b""
+        try:
+            return os.read(self._master, _READ_BYTES)
+        except OSError:  # nothing there (EAGAIN), or nobody has it open (EIO)
+            return b""
+
+    def pull(self) -> None:
+        """Pull the cable: who has the port open is hung up, and the port is gone."""
+        if self._hang_up():
+            with suppress(FileNotFoundError):
+                self.path.unlink()
+
+    def plug(self) -> None:
+        """Plug the cable in again: a new port under the same path."""
+        if self._master is not None:
+            return
+        try:
+            self._master, slave = os.openpty()
+            tty.setraw(slave)
+            os.set_blocking(self._master, False)
+            name = os.ttyname(slave)
+            os.close(slave)
+            if self.path.is_symlink():  # of a run that was killed
+                self.path.unlink()
+            self.path.symlink_to(name)
+        except OSError as error:
+            self._hang_up()
+            raise DjiError(
+                f"{self.path}: no pseudo-terminal can be made there: {error.strerror or error}"
+            ) from None
+
+    def close(self) -> None:
+        """Take the port away for good."""
+        self.pull()
+
+    def _hang_up(self) -> bool:
+        master, self._master = self._master, None
+        if master is not None:
+            os.close(master)
+        return master is not None
+
+    def __enter__(self) -> PseudoTerminal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _speed_of(baud: int) -> int:
+    """The system's number of a speed; DjiError for one that it has not."""
+    speed = getattr(termios, f"B{baud}", None)
+    if not isinstance(speed, int):
+        raise DjiError(f"{baud} is no speed of a serial port")
+    return speed

@@ -1,0 +1,277 @@
+"""What the aircraft knows at an instant, as parts of a broadcast and as topics of a push."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS
+from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
+from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout
+from tirgeo_ros.dji.protocol.broadcast_parts import (
+    Battery,
+    Device,
+    Gimbal,
+    GimbalAngles,
+    GpsFused,
+    GpsPosition,
+    HardSync,
+    Quaternion,
+    Rc,
+    RelativePosition,
+    RtkPosition,
+    Status,
+    Time,
+    Vector,
+)
+from tirgeo_ros.dji.simulator.satellites import Satellites
+
+#: What no flight records: in the air, position mode; sticks at rest; a battery that lasts.
+_STATUS = Status(2, 6, 0, 0)
+_RC = Rc(0, 0, 0, 0, 8000, -4545)
+_BATTERY = Battery(5700, 24_600, -28_000, 80)
+_DEVICE = Device(6, 0)
+_MAG = (210, -480, 1310)
+_NOTHING_NEAR = RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+_LEVEL_FIVE = 5
+_GIMBAL_WELL = 0x7801  # mounted; escs, drone data
+
+
+class AircraftTime(NamedTuple):
+    """The aircraft's clock, since power-up."""
+
+    total_ns: int
+
+    @property
+    def ms(self) -> int:
+        """As 32 bits, which wrap after 49.7 days."""
+        return self.total_ns // 1_000_000 & 0xFFFFFFFF
+
+    @property
+    def rest_ns(self) -> int:
+        """Since that millisecond."""
+        return self.total_ns % 1_000_000
+
+    @property
+    def ticks(self) -> int:
+        """Of 2.5 ms, as 32 bits."""
+        return self.total_ns // LONG_TICK_NS & 0xFFFFFFFF
+
+
+class Instant(NamedTuple):
+    """The aircraft at one instant."""
+
+    time: AircraftTime
+    since_start: AircraftTime  # since it was switched on here
+    imu: ImuSample
+    gimbal: Gimbal | None
+    satellites: Satellites
+
+    @property
+    def now_ns(self) -> int:
+        """The flight's time."""
+        return self.imu.stamp_ns
+
+
+def between(before: ImuSample, after: ImuSample, stamp_ns: int) -> ImuSample:
+    """The inertial values on the line between two samples."""
+    if stamp_ns == after.stamp_ns:
+        return after
+    fraction = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    q, p = before.autopilot_q_nb, after.autopilot_q_nb
+    return ImuSample(
+        stamp_ns,
+        before.specific_force_b + fraction * (after.specific_force_b - before.specific_force_b),
+        before.angular_rate_b + fraction * (after.angular_rate_b - before.angular_rate_b),
+        None if q is None or p is None else slerp(q, p, fraction),
+    )
+
+
+def broadcast_of(instant: Instant, layout: Layout, wanted: Callable[[int], bool]) -> Broadcast:
+    """The broadcast of an instant; ``wanted`` says of each bit of the mask whether it is due."""
+    modern = layout is Layout.MODERN
+    found = {
+        name: make(instant)
+        for bit, name, make in _PARTS
+        if wanted(bit) and (modern or name not in {"relative_position", "compass"})
+    }
+    if modern:
+        return Broadcast(layout, **found)
+    return Broadcast(layout, **{name: _old(part) for name, part in found.items()})
+
+
+def _old(part: Any) -> Any:
+    """A part as the old layout has it."""
+    if isinstance(part, Time):
+        return Time(part.time_ms, part.time_ns, None, None, part.sync_flag)
+    if isinstance(part, Status):
+        return Status(part.flight)
+    if isinstance(part, Battery):
+        return Battery(None, None, None, part.percentage)
+    return part._replace(detail=None) if hasattr(part, "detail") else part
+
+
+def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | None:
+    """The values of a package's topics; None where one of them is not known yet."""
+    found = {name: _TOPICS[name](instant) for name in names}
+    return None if any(value is None for value in found.values()) else found
+
+
+def _time(i: Instant) -> Time:
+    return Time(i.time.ms, i.time.rest_ns, i.time.ticks, 0, 0)
+
+
+def _quaternion(i: Instant) -> Quaternion | None:
+    q = i.imu.autopilot_q_nb
+    return None if q is None else _four(q)
+
+
+def _four(q: Array) -> Quaternion:
+    w, x, y, z = q.tolist()
+    return w, x, y, z
+
+
+def _three(v: Array) -> Vector:
+    x, y, z = v.tolist()
+    return x, y, z
+
+
+def _force_g(i: Instant) -> Vector:
+    return _three(i.imu.specific_force_b / G_M_S2)
+
+
+def _force(i: Instant) -> Vector:
+    return _three(i.imu.specific_force_b)
+
+
+def _force_up(i: Instant) -> Vector:
+    x, y, z = _force(i)
+    return x, y, -z
+
+
+def _force_over_ground(i: Instant) -> Vector | None:
+    return _over_ground(i, i.imu.specific_force_b, up=True)
+
+
+def _rate(i: Instant) -> Vector:
+    return _three(i.imu.angular_rate_b)
+
+
+def _rate_over_ground(i: Instant) -> Vector | None:
+    return _over_ground(i, i.imu.angular_rate_b, up=False)
+
+
+def _over_ground(i: Instant, v_b: Array, *, up: bool) -> Vector | None:
+    q = i.imu.autopilot_q_nb
+    if q is None:
+        return None
+    north, east, down = _three(matrix_from_quat(q) @ v_b)
+    return north, east, -down if up else down
+
+
+def _hard_sync(i: Instant) -> HardSync | None:
+    q = _quaternion(i)
+    if q is None:
+        return None
+    rest_ns = i.time.total_ns % LONG_TICK_NS
+    ticks = i.since_start.ticks
+    return HardSync(i.time.ticks, rest_ns, ticks, 0, 0, q, _force_g(i), _rate(i))
+
+
+def _gimbal_angles(i: Instant) -> GimbalAngles | None:
+    if i.gimbal is None:
+        return None
+    return GimbalAngles(i.gimbal.pitch_deg, i.gimbal.roll_deg, i.gimbal.yaw_deg)
+
+
+def _gps_fused(i: Instant) -> GpsFused:
+    place = i.satellites.position(i.now_ns)
+    detail = i.satellites.gps(i.now_ns).detail
+    return GpsFused(place.lon_rad, place.lat_rad, place.altitude_m, detail.nsv if detail else 0)
+
+
+def _gps_position(i: Instant) -> GpsPosition:
+    gps = i.satellites.gps(i.now_ns)
+    return GpsPosition(gps.lon_1e7, gps.lat_1e7, gps.hfsl_mm)
+
+
+def _rtk_position(i: Instant) -> RtkPosition:
+    rtk = i.satellites.rtk(i.now_ns)
+    return RtkPosition(rtk.lon_deg, rtk.lat_deg, rtk.hfsl_m)
+
+
+def _rtk(name: str) -> Callable[[Instant], Any]:
+    return lambda i: getattr(i.satellites.rtk(i.now_ns), name)
+
+
+def _gps(name: str) -> Callable[[Instant], Any]:
+    return lambda i: getattr(i.satellites.gps(i.now_ns), name)
+
+
+def _place(name: str) -> Callable[[Instant], Any]:
+    return lambda i: getattr(i.satellites.position(i.now_ns), name)
+
+
+def _always(value: Any) -> Callable[[Instant], Any]:
+    return lambda _: value
+
+
+#: Bit of the mask, name in ``Broadcast``, and how the part is made.
+_PARTS: tuple[tuple[int, str, Callable[[Instant], Any]], ...] = (
+    (0, "time", _time),
+    (1, "quaternion_wxyz", _quaternion),
+    (2, "acceleration_as_packed", _force_g),
+    (3, "velocity", lambda i: i.satellites.velocity(i.now_ns)),
+    (4, "angular_rate_radps", _rate),
+    (5, "position", lambda i: i.satellites.position(i.now_ns)),
+    (5, "relative_position", _always(_NOTHING_NEAR)),
+    (6, "gps", lambda i: i.satellites.gps(i.now_ns)),
+    (7, "rtk", lambda i: i.satellites.rtk(i.now_ns)),
+    (8, "mag", _always(_MAG)),
+    (9, "rc", _always(_RC)),
+    (10, "gimbal", lambda i: i.gimbal),
+    (11, "status", _always(_STATUS)),
+    (12, "battery", _always(_BATTERY)),
+    (13, "device", _always(_DEVICE)),
+    (14, "compass", _always(0)),
+)
+
+_TOPICS: Mapping[str, Callable[[Instant], Any]] = {
+    "QUATERNION": _quaternion,
+    "ACCELERATION_GROUND": _force_over_ground,
+    "ACCELERATION_BODY": _force_up,
+    "ACCELERATION_RAW": _force,
+    "VELOCITY": lambda i: i.satellites.velocity(i.now_ns),
+    "ANGULAR_RATE_FUSIONED": _rate_over_ground,
+    "ANGULAR_RATE_RAW": _rate,
+    "ALTITUDE_FUSIONED": _place("altitude_m"),
+    "ALTITUDE_BAROMETER": _place("altitude_m"),
+    "HEIGHT_FUSION": _place("height_m"),
+    "GPS_FUSED": _gps_fused,
+    "GPS_DATE": _gps("date"),
+    "GPS_TIME": _gps("time"),
+    "GPS_POSITION": _gps_position,
+    "GPS_VELOCITY": _gps("vel_ned_cmps"),
+    "GPS_DETAILS": _gps("detail"),
+    "RTK_POSITION": _rtk_position,
+    "RTK_VELOCITY": _rtk("vel_cmps"),
+    "RTK_YAW": _rtk("yaw_deg"),
+    "RTK_POSITION_INFO": _rtk("pos_flag"),
+    "RTK_YAW_INFO": _rtk("yaw_flag"),
+    "COMPASS": _always(_MAG),
+    "RC": _always(_RC),
+    "GIMBAL_ANGLES": _gimbal_angles,
+    "GIMBAL_STATUS": _always(_GIMBAL_WELL),
+    "STATUS_FLIGHT": _always(_STATUS.flight),
+    "STATUS_DISPLAYMODE": _always(_STATUS.mode),
+    "BATTERY_INFO": _always(_BATTERY),
+    "HARD_SYNC": _hard_sync,
+    "GPS_CONTROL_LEVEL": _always(_LEVEL_FIVE),
+    "GPS_SIGNAL_LEVEL": _always(_LEVEL_FIVE),
+}
+
+#: What the aircraft can be subscribed to; firmware 3.2.41 lacks some of what others have.
+TOLD_TOPICS = frozenset(_TOPICS)

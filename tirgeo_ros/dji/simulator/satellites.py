@@ -1,0 +1,184 @@
+"""The aircraft's two satellite receivers, as it tells of them between their epochs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import datetime, timedelta, timezone
+from typing import TypeVar
+
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.dji.interpret.antenna_baseline import baseline_deg
+from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, Position, Rtk, Vector, Velocity
+
+SatelliteSample = PositionSample | VelocitySample | HeadingSample
+S = TypeVar("S", bound=SatelliteSample)
+
+#: NovAtel's numbers, which DJI gives: narrow-lane integer, narrow-lane float, single point, none.
+POSITION_FLAGS: Mapping[FixStatus, int] = {
+    FixStatus.FIXED: 50,
+    FixStatus.FLOAT: 34,
+    FixStatus.SINGLE: 16,
+    FixStatus.NONE: 0,
+}
+_YAW_FIXED = 50
+_FIX_3D = 3.0
+#: A receiver that has been silent for longer has no solution.
+_SILENT_NS = 1_000_000_000
+#: The dates in the aircraft's messages are those of its maker's time zone.
+_GMT8 = timezone(timedelta(hours=8))
+#: What no flight records and nobody here reads.
+_HDOP, _PDOP, _USED_GPS, _USED_GLONASS = 90.0, 150.0, 9, 5
+_GOOD_HEALTH = 5
+
+
+class Satellites:
+    """The newest of what each receiver said, in the units of the aircraft's messages."""
+
+    def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
+        self._undulation_m = config.geoid_undulation_m
+        self._baseline_deg = baseline_deg(places)
+        self._positions: dict[Source, PositionSample] = {}
+        self._velocities: dict[Source, VelocitySample] = {}
+        self._heading: HeadingSample | None = None
+        self._gps_epochs = 0
+        self._first_height_m: float | None = None
+
+    def take(self, sample: SatelliteSample) -> None:
+        """A receiver's new epoch."""
+        if isinstance(sample, HeadingSample):
+            self._heading = sample
+        elif isinstance(sample, VelocitySample):
+            self._velocities[sample.source] = sample
+        else:
+            self._gps_epochs += sample.source is Source.GPS_POSITION
+            self._positions[sample.source] = sample
+
+    def rtk(self, now_ns: int) -> Rtk:
+        """The RTK receiver; flags of no solution, and zeros, where it is silent."""
+        position = _recent(self._positions.get(Source.RTK_POSITION), now_ns)
+        heading = _recent(self._heading, now_ns)
+        lon_deg, lat_deg, height_m = self._degrees(position)
+        return Rtk(
+            *_date_and_time(now_ns if position is None else position.stamp_ns),
+            lon_deg,
+            lat_deg,
+            height_m,
+            _cm_s(_recent(self._velocities.get(Source.RTK_VELOCITY), now_ns)),
+            0 if heading is None else self._baseline_yaw_deg(heading),
+            0 if position is None else POSITION_FLAGS[position.status],
+            0 if heading is None else _YAW_FIXED,
+        )
+
+    def gps(self, now_ns: int) -> Gps:
+        """The ordinary receiver; no fix, and zeros, where it is silent."""
+        position = _recent(self._positions.get(Source.GPS_POSITION), now_ns)
+        velocity = _recent(self._velocities.get(Source.GPS_VELOCITY), now_ns)
+        lon_deg, lat_deg, height_m = self._degrees(position)
+        return Gps(
+            *_date_and_time(now_ns if position is None else position.stamp_ns),
+            round(lon_deg * 1e7),
+            round(lat_deg * 1e7),
+            round(height_m * 1e3),
+            _cm_s(velocity),
+            self._detail(position, velocity),
+        )
+
+    def position(self, now_ns: int) -> Position:
+        """The fused position: here the receiver's, with heights above the sea and the start."""
+        sources = (Source.RTK_POSITION, Source.GPS_POSITION)
+        found = [_recent(self._positions.get(source), now_ns) for source in sources]
+        best = next((sample for sample in found if sample is not None), None)
+        if best is None:
+            return Position(0.0, 0.0, 0.0, 0.0, 0)
+        height_m = best.height_m - self._undulation_m
+        self._first_height_m = height_m if self._first_height_m is None else self._first_height_m
+        above_m = height_m - self._first_height_m
+        return Position(best.latitude_rad, best.longitude_rad, height_m, above_m, _GOOD_HEALTH)
+
+    def velocity(self, now_ns: int) -> Velocity:
+        """The fused velocity: here the receiver's, north, east, up."""
+        sources = (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
+        found = [_recent(self._velocities.get(source), now_ns) for source in sources]
+        best = next((sample for sample in found if sample is not None), None)
+        if best is None:
+            return Velocity((0.0, 0.0, 0.0), 0)
+        north, east, down = best.velocity_n.tolist()
+        return Velocity((north, east, -down), 1)
+
+    def _degrees(self, position: PositionSample | None) -> tuple[float, float, float]:
+        """Longitude, latitude, height above the sea."""
+        if position is None or position.status is FixStatus.NONE:
+            return 0.0, 0.0, 0.0
+        lon_deg = math.degrees(position.longitude_rad)
+        return (
+            lon_deg if abs(lon_deg) <= 180 else math.remainder(lon_deg, 360),
+            math.degrees(position.latitude_rad),
+            position.height_m - self._undulation_m,
+        )
+
+    def _baseline_yaw_deg(self, heading: HeadingSample) -> int:
+        """Where the second antenna is, from the first, in whole degrees of -180 to 179.
+
+        A flight whose headings were made of whole degrees with the same two places gives these
+        back; with others they are rounded a second time, by the same amount each time.
+        """
+        yaw_deg = round(math.degrees(heading.heading_rad) + self._baseline_deg)
+        return (yaw_deg + 180) % 360 - 180
+
+    def _detail(
+        self, position: PositionSample | None, velocity: VelocitySample | None
+    ) -> GpsDetail:
+        fixed = position is not None and position.status is not FixStatus.NONE
+        horizontal_m, vertical_m = _sigmas(None if position is None else position.covariance_n)
+        speed_m_s, _ = _sigmas(None if velocity is None else velocity.covariance_n)
+        return GpsDetail(
+            _HDOP,
+            _PDOP,
+            _FIX_3D if fixed else 0.0,
+            vertical_m * 1e3,
+            horizontal_m * 1e3,
+            speed_m_s * 1e2,
+            _USED_GPS * fixed,
+            _USED_GLONASS * fixed,
+            (_USED_GPS + _USED_GLONASS) * fixed,
+            self._gps_epochs & 0xFFFF,
+        )
+
+
+def _recent(sample: S | None, now_ns: int) -> S | None:
+    return None if sample is None or now_ns - sample.stamp_ns > _SILENT_NS else sample
+
+
+def _cm_s(velocity: VelocitySample | None) -> Vector:
+    """NED in cm/s."""
+    if velocity is None:
+        return 0.0, 0.0, 0.0
+    north, east, down = (100 * velocity.velocity_n).tolist()
+    return north, east, down
+
+
+def _sigmas(covariance_n: Array | None) -> tuple[float, float]:
+    """Standard deviations: of a horizontal axis, root mean square of the two, and of the vertical.
+
+    Zero where the flight does not tell.
+    """
+    if covariance_n is None:
+        return 0.0, 0.0
+    north, east, down = covariance_n.diagonal().tolist()
+    return math.sqrt(max(0.0, north + east) / 2), math.sqrt(max(0.0, down))
+
+
+def _date_and_time(stamp_ns: int) -> tuple[int, int]:
+    """As the numbers yyyymmdd and hhmmss."""
+    at = datetime.fromtimestamp(stamp_ns // 1_000_000_000, _GMT8)
+    date = at.year * 10_000 + at.month * 100 + at.day
+    return date, at.hour * 10_000 + at.minute * 100 + at.second

@@ -1,0 +1,101 @@
+"""What psdk_ros2 (M300, M350) sends, as readings or parts of them: plain numbers in.
+
+Some of its topics are not what their type or frame says; the names here tell the axes that come
+in. Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
+(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more). Nothing is
+judged: what is not finite goes on as it is.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from tirgeo_ros.core.frames.axes import quat_turned_both
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    AttitudeReading,
+    GimbalReading,
+    GpsReading,
+    ImuOrigin,
+    ImuReading,
+    Place,
+    Quaternion,
+    Vector,
+)
+
+#: What psdk_ros2 multiplies the aircraft's g with. It is taken off again: how much a g is, is said
+#: once for all roads (the standard's is 0.07 % more).
+_PSDK_GRAVITY = 9.8
+#: What psdk_ros2 takes for the angle from east to north: 0.012 deg too much.
+_PSDK_QUARTER_TURN = 1.571
+#: The pi of single precision that psdk_ros2 makes degrees with: 0.16 m of latitude at 52 deg.
+_PSDK_PI: float = struct.unpack("<f", struct.pack("<f", math.pi))[0]
+#: The fused height is called ellipsoidal in one document, barometric in another, and is found to
+#: be more than 100 m off: it is handed on as one that is hardly known.
+_FUSED_HEIGHT_SIGMA_M = 200.0
+
+
+def attitude(stamp_ns: int, q_wxyz: Quaternion) -> AttitudeReading:
+    """``attitude``: FLU to ENU."""
+    return AttitudeReading(stamp_ns, quat_turned_both(*q_wxyz))
+
+
+def imu(stamp_ns: int, q_wxyz: Quaternion, rate_flu: Vector, force_flu: Vector) -> ImuReading:
+    """``imu``: attitude FLU to ENU, rate (rad/s), and specific force of 9.8 to the g."""
+    p, q, r = rate_flu
+    x, y, z = (force / _PSDK_GRAVITY for force in force_flu)
+    q_nb = quat_turned_both(*q_wxyz)
+    return ImuReading(
+        stamp_ns, ImuOrigin.MESSAGE, (x, -y, -z), AccelerationUnit.G, (p, -q, -r), q_nb
+    )
+
+
+def gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
+    """``gimbal_angles``: roll to the right, pitch down, yaw from east against the clock.
+
+    Absolute, although its frame is the gimbal's base.
+    """
+    x, y, z = angles_rad
+    yaw = (_PSDK_QUARTER_TURN - z + math.pi) % math.tau - math.pi
+    return GimbalReading(stamp_ns, x, -y, yaw)
+
+
+def place(degrees_and_height: Vector) -> Place:
+    """``gps_position``, ``rtk_position``: latitude, longitude (deg), height above the sea (m)."""
+    latitude, longitude, height_msl_m = degrees_and_height
+    return Place(math.radians(latitude), math.radians(longitude), height_msl_m)
+
+
+def fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
+    """``gps_position_fused``: degrees made with another pi, and a height of no certain kind."""
+    latitude, longitude, height = degrees_and_height
+    to_rad = _PSDK_PI / 180
+    where = Place(latitude * to_rad, longitude * to_rad, height)
+    return GpsReading(stamp_ns, where, vertical_sigma_m=_FUSED_HEIGHT_SIGMA_M)
+
+
+def velocity_enu(velocity_m_s: Vector) -> Vector:
+    """``velocity_ground_fused``, which is what its frame says; NED.
+
+    ``gps_velocity`` and ``rtk_velocity`` are NED already, whatever their frames say.
+    """
+    east, north, up = velocity_m_s
+    return north, east, -up
+
+
+def baseline_yaw_deg(yaw: int) -> int:
+    """``rtk_yaw``: an int16 that comes as uint16."""
+    return yaw - 0x10000 if yaw >= 0x8000 else yaw
+
+
+def gps_details(stamp_ns: int, fix: float, accuracies: Vector) -> GpsReading:
+    """``gps_details``: horizontal, vertical (mm) and speed's accuracy (cm/s)."""
+    horizontal_mm, vertical_mm, speed_cm_s = accuracies
+    return GpsReading(
+        stamp_ns,
+        fix=int(fix) if math.isfinite(fix) else 0,
+        horizontal_sigma_m=horizontal_mm * 1e-3,
+        vertical_sigma_m=vertical_mm * 1e-3,
+        velocity_sigma_m_s=speed_cm_s * 1e-2,
+    )

@@ -1,0 +1,93 @@
+"""What the aircraft said, before it is made sense of: one record for every road in.
+
+A road (the serial link, a capture, the topics of psdk_ros2, a bag of dji_sdk) brings axes, units
+and order of the fields into the form given here. What needs knowledge of the aircraft is left:
+flags, heights above sea level, the antennas' direction, repeats (``dji.interpret``). Vectors are
+tuples, since there are hundreds a second.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+
+
+class AccelerationUnit(Enum):
+    """What an acceleration counts in, as far as its road tells."""
+
+    G = "g"
+    M_S2 = "m/s2"
+    UNKNOWN = "unknown"  # the broadcast's: as set in DJI Assistant 2
+
+
+class ImuOrigin(Enum):
+    """Which of the aircraft's streams an IMU reading comes from; the better ones come first."""
+
+    HARD_SYNC = "hard_sync"
+    SUBSCRIPTION = "subscription"
+    BROADCAST = "broadcast"
+    MESSAGE = "message"  # a ROS message
+
+
+class ImuReading(NamedTuple):
+    """Specific force and rate of one instant, with the attitude of the same message if any."""
+
+    stamp_ns: int
+    origin: ImuOrigin
+    acceleration_b: Vector  # FRD, specific force in ``unit``: (0, 0, -1 g) at rest
+    unit: AccelerationUnit
+    angular_rate_b: Vector  # FRD, rad/s
+    q_nb: Quaternion | None  # FRD to NED
+
+
+class AttitudeReading(NamedTuple):
+    """The aircraft's attitude."""
+
+    stamp_ns: int
+    q_nb: Quaternion  # FRD to NED
+
+
+class Place(NamedTuple):
+    """Where an antenna is."""
+
+    latitude_rad: float
+    longitude_rad: float
+    height_msl_m: float  # above mean sea level
+
+
+class GpsReading(NamedTuple):
+    """What the ordinary GPS says; the parts that a message has."""
+
+    stamp_ns: int
+    place: Place | None = None
+    velocity_n: Vector | None = None  # NED, m/s
+    fix: int | None = None  # 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GPS and DR, 5 time only
+    horizontal_sigma_m: float | None = None
+    vertical_sigma_m: float | None = None
+    velocity_sigma_m_s: float | None = None
+
+
+class RtkReading(NamedTuple):
+    """What the RTK receiver says of one epoch; the parts that a message has."""
+
+    stamp_ns: int
+    place: Place | None = None
+    position_flag: int | None = None  # NovAtel's numbers; 50 = narrow-lane integer
+    velocity_n: Vector | None = None  # NED, m/s
+    yaw_deg: int | None = None  # azimuth of the antennas' baseline, any turn
+    yaw_flag: int | None = None
+
+
+class GimbalReading(NamedTuple):
+    """The gimbal's angles: yaw, then pitch, then roll, from level axes."""
+
+    stamp_ns: int
+    roll_rad: float  # right side down
+    pitch_rad: float  # camera up
+    yaw_rad: float  # clockwise, from north (or from the nose: ``gimbal_reference``)
+
+
+Reading = ImuReading | AttitudeReading | GpsReading | RtkReading | GimbalReading

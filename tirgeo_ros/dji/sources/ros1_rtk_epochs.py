@@ -1,0 +1,65 @@
+"""What DJI's ROS 1 wrapper says of one RTK epoch on five topics, put together again.
+
+The wrapper publishes position, velocity, yaw and the two flags one after another when a packet
+comes in. Yaw and flags have no header: what tells of which epoch they are is when they were
+recorded.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from tirgeo_ros.dji.sources.readings import RtkReading
+
+#: Half of RTK's 200 ms: what comes later is nearer to the epoch after.
+_HALF_EPOCH_NS = 100_000_000
+
+
+class Epoch(NamedTuple):
+    """An epoch and when the last of its messages came."""
+
+    arrival_ns: int
+    reading: RtkReading
+
+
+class RtkEpochs:
+    """Collects parts in the order of their arrival; an epoch ends where the next begins.
+
+    That is with a part that it has already, or one more than half an epoch after its first. Its
+    stamp is that of the position, else of the velocity, which have headers, else its first part's.
+    """
+
+    def __init__(self) -> None:
+        self._begun_ns = 0
+        self._arrival_ns = 0
+        self._parts: dict[str, Any] = {}
+        self._stamp_ns: int | None = None
+        self._stamped_by = ""
+
+    def take(self, part: RtkReading, arrival_ns: int) -> list[Epoch]:
+        """Take what one message says; the epoch that it ends."""
+        given = {name: value for name, value in part._asdict().items() if value is not None}
+        stamp_ns = given.pop("stamp_ns")
+        done = self.due(arrival_ns)
+        if not given.keys().isdisjoint(self._parts):
+            done = self.flush()
+        if not self._parts:
+            self._begun_ns, self._stamp_ns = arrival_ns, stamp_ns
+        if "place" in given or ("velocity_n" in given and "place" not in self._parts):
+            self._stamp_ns = stamp_ns
+        self._parts |= given
+        self._arrival_ns = arrival_ns
+        return done
+
+    def due(self, now_ns: int) -> list[Epoch]:
+        """The epoch, if nothing more of it can come."""
+        over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
+        return self.flush() if over else []
+
+    def flush(self) -> list[Epoch]:
+        """The epoch as far as it has come."""
+        parts, self._parts = self._parts, {}
+        if not parts or self._stamp_ns is None:
+            return []
+        reading = RtkReading(self._stamp_ns)._replace(**parts)
+        return [Epoch(self._arrival_ns, reading)]

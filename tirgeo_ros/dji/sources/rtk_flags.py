@@ -1,0 +1,85 @@
+"""Values of RTK and their flags that come in messages of their own, put together again.
+
+DJI's wrappers for ROS send the flag of a position or a yaw without a header, milliseconds before
+or after the values that it belongs to: nothing says which. A value that does not wait for its flag
+gets that of the epoch before, and where the fix is just lost it passes for fixed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tirgeo_ros.dji.sources.readings import RtkReading
+
+#: A value and its flag come within this, or one of them was lost: a fifth of RTK's 200 ms.
+HOLD_NS = 40_000_000
+
+Waiting = deque[tuple[int, RtkReading]]  # with their arrivals
+
+
+@dataclass(slots=True)
+class _Flag:
+    arrival_ns: int
+    reading: RtkReading  # nothing but the flag
+    served: set[str] = field(default_factory=set)  # topics whose value has it
+
+
+class EpochFlags:
+    """Gives each value the flag of its own epoch, by the order of their arrival.
+
+    Of each topic the value that waits longest takes the flag that waits longest, so that bursts
+    come out right as well. Neither waits for longer than ``HOLD_NS``: a value then goes without a
+    flag, a flag that served none without a value, and whoever takes them judges by the newest. All
+    times are of one clock; where it goes back, what waits is let go.
+    """
+
+    def __init__(self, name: Literal["position_flag", "yaw_flag"]) -> None:
+        """``name`` is the flag's in RtkReading."""
+        self._name = name
+        self._values: dict[str, Waiting] = {}  # by topic
+        self._flags: deque[_Flag] = deque()
+        self.alone: Counter[str] = Counter()  # values of each topic whose own flag did not come
+
+    def value(self, topic: str, reading: RtkReading, arrival_ns: int) -> list[RtkReading]:
+        """A value came; what is complete now, or has waited long enough."""
+        done = self.due(arrival_ns)
+        self._values.setdefault(topic, deque()).append((arrival_ns, reading))
+        return done + self._paired(topic)
+
+    def flag(self, flag: int, arrival_ns: int) -> list[RtkReading]:
+        """A flag came; what is complete now, or has waited long enough."""
+        done = self.due(arrival_ns)
+        self._flags.append(_Flag(arrival_ns, self._with(RtkReading(arrival_ns), flag)))
+        return done + [reading for topic in self._values for reading in self._paired(topic)]
+
+    def due(self, now_ns: int) -> list[RtkReading]:
+        """What has waited long enough; to be called every now and then."""
+        done = []
+        while self._flags and _is_over(self._flags[0].arrival_ns, now_ns):
+            flag = self._flags.popleft()
+            done += [] if flag.served else [flag.reading]
+        for topic, values in self._values.items():
+            while values and _is_over(values[0][0], now_ns):
+                self.alone[topic] += 1
+                done.append(values.popleft()[1])
+        return done
+
+    def _paired(self, topic: str) -> list[RtkReading]:
+        done, values = [], self._values[topic]
+        for flag in self._flags:
+            if values and topic not in flag.served:
+                flag.served.add(topic)
+                number = getattr(flag.reading, self._name)
+                done.append(self._with(values.popleft()[1], number))
+        return done
+
+    def _with(self, reading: RtkReading, flag: int) -> RtkReading:
+        if self._name == "yaw_flag":
+            return reading._replace(yaw_flag=flag)
+        return reading._replace(position_flag=flag)
+
+
+def _is_over(arrival_ns: int, now_ns: int) -> bool:
+    return not 0 <= now_ns - arrival_ns < HOLD_NS

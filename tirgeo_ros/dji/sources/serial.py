@@ -1,0 +1,124 @@
+"""The serial link as a whole, without the port: bytes in, readings out, and what to send.
+
+What was read goes through framing, telemetry and the host's side; the port itself is
+``dji.link.serial_link``'s, so that a capture and a test go the same way.
+"""
+
+from __future__ import annotations
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
+from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, TickClock
+from tirgeo_ros.dji.host.session import HostSession
+from tirgeo_ros.dji.link.encryption import parse_key
+from tirgeo_ros.dji.link.framing import PLAIN, Frame, FrameReader
+from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.sources.readings import Reading
+from tirgeo_ros.dji.sources.serial_readings import PUSH_SET, Clocks, Telemetry
+
+#: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
+_PAUSE_S = 0.05
+_BITS_A_BYTE = 10  # with start and stop
+
+
+class SerialRoad:
+    """What came over the link, as readings; ``due`` is what the host has to say."""
+
+    def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
+        """Raise DjiError for a key that is none."""
+        key = parse_key(config.key)
+        self._frames = FrameReader(key)
+        self._broadcast = TickClock(lambda tick_ns: AircraftClock(config.clock, tick_ns))
+        self._subscription = AircraftClock(config.clock)
+        self._hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
+        clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
+        self._telemetry = Telemetry(clocks, packages)
+        self._host = HostSession(config.host, packages, key)
+        self._heard_s: float | None = None
+        self._locked = 0
+        self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
+
+    def take(
+        self, data: bytes, arrival_ns: int, now_s: float, gathered_ns: int = 0
+    ) -> list[Reading]:
+        """What these bytes say that were read at ``arrival_ns``; ``now_s`` is a steady clock's.
+
+        The first of them was there ``gathered_ns`` before. The line brings those behind it no
+        faster than its rate: by that each frame has a time of its own, at which it was whole.
+
+        To be called without bytes as well, now and then: a frame whose rest does not come is
+        given up after a pause.
+        """
+        if data:
+            self._heard_s = now_s
+            first_ns = arrival_ns - gathered_ns - self.bytes * self._byte_ns
+            frames = self._frames.feed(data)
+            ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
+            arrivals = [min(end_ns, arrival_ns) for end_ns in ends]
+        elif self._heard_s is not None and now_s - self._heard_s > _PAUSE_S:
+            self._heard_s = None
+            frames = self._frames.rescan()
+            arrivals = [arrival_ns] * len(frames)
+        else:
+            return []
+        return self._read(frames, arrivals, now_s)
+
+    def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
+        """The port was opened anew: what was cut is given up, the host begins again."""
+        self._heard_s = None
+        frames = self._frames.rescan()
+        readings = self._read(frames, [arrival_ns] * len(frames), now_s)
+        self._host.restart()
+        return readings
+
+    def _read(self, frames: list[Frame], arrivals: list[int], now_s: float) -> list[Reading]:
+        readings = []
+        for frame, arrival_ns in zip(frames, arrivals, strict=True):
+            self._locked += _is_locked(frame)
+            self._host.take(frame, now_s)
+            readings += self._telemetry.read(frame, arrival_ns)
+        return readings
+
+    def due(self, now_s: float) -> bytes:
+        """What is to be sent now; nothing where the node only listens."""
+        return self._host.due(now_s)
+
+    @property
+    def bytes(self) -> int:
+        """How many bytes came in all."""
+        return self._frames.counts["bytes"]
+
+    @property
+    def frames(self) -> int:
+        """How many frames came in all."""
+        return self._frames.counts["frames"]
+
+    @property
+    def locked(self) -> int:
+        """How many of the frames were encrypted, and not opened by the key or by none."""
+        return self._locked
+
+    @property
+    def host_message(self) -> str:
+        """What the host's side says to a person."""
+        return self._host.message
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """Counts of frames, clocks that run, and the host's side."""
+        found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
+        found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
+        clocks: dict[str, AircraftClock | TickClock] = {
+            "broadcast": self._broadcast,
+            "subscription": self._subscription,
+            "hard sync": self._hard_sync,
+        }
+        for name, clock in clocks.items():
+            found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
+        return found | self._host.diagnostics
+
+
+def _is_locked(frame: Frame) -> bool:
+    """Whether a frame's data is unread, or makes no sense: what an aircraft sends is pushed."""
+    opened = frame.encryption != PLAIN and not frame.is_ack
+    return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)

@@ -1,0 +1,235 @@
+"""From the frames of the serial link to readings, each at its own time.
+
+Broadcast (set 02, id 00) and subscription (02, 05) are read; from a capture that holds both
+directions, what the packages hold as well. What the aircraft packs in other units, axes and orders
+is brought into those of ``dji.sources.readings`` here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any, NamedTuple, Protocol
+
+from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
+from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
+from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, GpsPosition, HardSync, Rtk
+from tirgeo_ros.dji.protocol.plausibility import doubtful
+from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    AttitudeReading,
+    GimbalReading,
+    GpsReading,
+    ImuOrigin,
+    ImuReading,
+    Place,
+    Reading,
+    RtkReading,
+    Vector,
+)
+
+PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
+_RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
+_GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
+_RAW_DEG = math.radians(1e-7)
+
+
+class StampSource(Protocol):
+    """Give stamps for a counter of the aircraft: live ones or those of captures."""
+
+    def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
+        """The time of a counter's value that came in at ``arrival_ns``."""
+
+
+class Clocks(NamedTuple):
+    """A clock for each counter of the aircraft: they may start and step apart."""
+
+    broadcast: StampSource  # ms
+    subscription: StampSource  # ms
+    hard_sync: StampSource  # ticks of 2.5 ms; a sync command resets it
+
+
+class Telemetry:
+    """Frames in, readings out; what cannot be read is counted."""
+
+    def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
+        self._clocks = clocks
+        self._packages = packages
+        self._traffic = HostTraffic(packages)
+        self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
+        self._known: Place | None = None  # where the aircraft is, by what has no doubtful order
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What came, in all.
+
+        ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts whose
+        length fits no layout; ``unknown_package``: pushes that their package, as far as it is
+        known, cannot be; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
+        ``implausible``: pushes with values that cannot be, which are left out;
+        ``axes_swapped``: GPS_POSITION with the latitude first.
+        """
+        return dict(self._counts)
+
+    def read(self, frame: Frame, arrival_ns: int) -> list[Reading]:
+        """The readings of a frame that came in at ``arrival_ns``, in the order of their use."""
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
+            return self._read_broadcast(frame.value, arrival_ns)
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
+            return self._read_push(frame.value, arrival_ns)
+        self._traffic.take(frame)
+        self._counts["other"] += 1
+        return []
+
+    def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
+        parts = decode_broadcast(value)
+        if parts is None:
+            self._counts["unknown_layout"] += 1
+            return []
+        self._counts["broadcast"] += 1
+        stamp_ns = arrival_ns
+        if parts.time is not None:
+            stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
+        elif parts.mask:
+            self._counts["untimed"] += 1
+        readings = _inertial(
+            stamp_ns,
+            ImuOrigin.BROADCAST,
+            AccelerationUnit.UNKNOWN,
+            (parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz),
+        )
+        if parts.position is not None:
+            self._known = Place(parts.position.lat_rad, parts.position.lon_rad, 0.0)
+        if parts.gps is not None:
+            readings.append(_gps(stamp_ns, parts.gps))
+        if parts.rtk is not None:
+            readings.append(_rtk(stamp_ns, parts.rtk))
+        if parts.gimbal is not None:
+            angles = parts.gimbal
+            readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
+        return readings
+
+    def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
+        push = decode_push(value, self._packages)
+        if push is None:
+            self._counts["unknown_package"] += 1
+            return []
+        self._counts["subscription"] += 1
+        stamp_ns = self._sent_ns(push, arrival_ns)
+        values = self._believed(push)
+        readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
+        readings += _inertial(
+            stamp_ns,
+            ImuOrigin.SUBSCRIPTION,
+            AccelerationUnit.M_S2,
+            tuple(map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))),
+        )
+        if (fused := values.get("GPS_FUSED")) is not None:
+            self._known = Place(fused.lat_rad, fused.lon_rad, 0.0)
+        readings += self._satellites(stamp_ns, values)
+        if (angles := values.get("GIMBAL_ANGLES")) is not None:
+            readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
+        return readings
+
+    def _believed(self, push: Push) -> dict[str, Any]:
+        """What can be true of a push; of a package that is not as known much cannot."""
+        doubts = doubtful(push)
+        if not doubts:
+            return push.values
+        self._counts["implausible"] += 1
+        return {name: value for name, value in push.values.items() if name not in doubts}
+
+    def _sent_ns(self, push: Push, arrival_ns: int) -> int:
+        if push.time_ms is not None:
+            return self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
+        steady = self._steady.setdefault(push.package.id, SteadyStamps())
+        return steady.stamp_ns(arrival_ns)
+
+    def _hard_sync(self, tick: HardSync | None, arrival_ns: int) -> list[Reading]:
+        if tick is None:
+            return []
+        # Not by the push's own time, which is cut to milliseconds.
+        stamp_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
+        given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
+        return _inertial(stamp_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
+
+    def _satellites(self, stamp_ns: int, values: dict[str, Any]) -> list[Reading]:
+        readings: list[Reading] = []
+        if not _RTK_TOPICS.isdisjoint(values):
+            position = values.get("RTK_POSITION")
+            if position is not None:
+                position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
+                self._known = position
+            flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
+            velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
+            readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
+        if not _GPS_TOPICS.isdisjoint(values):
+            position = values.get("GPS_POSITION")
+            place = None if position is None else self._gps_place(position)
+            velocity = _metres(values.get("GPS_VELOCITY"))
+            quality = _quality(values.get("GPS_DETAILS"))
+            readings.append(GpsReading(stamp_ns, place, velocity, *quality))
+        return readings
+
+    def _gps_place(self, raw: GpsPosition) -> Place:
+        """GPS_POSITION, longitude first; the documents disagree, so other positions decide."""
+        longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
+        if self._is_swapped(latitude, longitude):
+            self._counts["axes_swapped"] += 1
+            latitude, longitude = longitude, latitude
+        return Place(latitude, longitude, raw.z_raw * 1e-3)
+
+    def _is_swapped(self, latitude: float, longitude: float) -> bool:
+        if self._known is None:
+            return abs(latitude) > math.pi / 2 >= abs(longitude)
+        lat, lon = self._known.latitude_rad, self._known.longitude_rad
+        as_given = abs(latitude - lat) + abs(longitude - lon)
+        return abs(longitude - lat) + abs(latitude - lon) < as_given
+
+
+def _inertial(
+    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, parts: tuple[Any, ...]
+) -> list[Reading]:
+    """``parts``: acceleration, rate, attitude; what of them can be used together."""
+    acceleration, rate, q_nb = parts
+    if acceleration is not None and rate is not None:
+        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q_nb)]
+    return [] if q_nb is None else [AttitudeReading(stamp_ns, q_nb)]
+
+
+def _gimbal(stamp_ns: int, roll_deg: float, pitch_deg: float, yaw_deg: float) -> GimbalReading:
+    angles = (math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+    return GimbalReading(stamp_ns, *angles)
+
+
+def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
+    place = Place(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
+    return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
+
+
+def _quality(
+    detail: GpsDetail | None,
+) -> tuple[int | None, float | None, float | None, float | None]:
+    """Fix, and sigmas in m, m and m/s."""
+    if detail is None:
+        return None, None, None, None
+    fix = int(detail.fix) if math.isfinite(detail.fix) else 0
+    return fix, detail.hacc_mm * 1e-3, detail.vacc_mm * 1e-3, detail.sacc_cmps * 1e-2
+
+
+def _rtk(stamp_ns: int, rtk: Rtk) -> RtkReading:
+    place = _place_deg(rtk.lat_deg, rtk.lon_deg, rtk.hfsl_m)
+    velocity = _metres(rtk.vel_cmps)
+    return RtkReading(stamp_ns, place, rtk.pos_flag, velocity, rtk.yaw_deg, rtk.yaw_flag)
+
+
+def _place_deg(latitude_deg: float, longitude_deg: float, height_msl_m: float) -> Place:
+    return Place(math.radians(latitude_deg), math.radians(longitude_deg), height_msl_m)
+
+
+def _metres(cm_s: Vector | None) -> Vector | None:
+    return None if cm_s is None else (cm_s[0] * 1e-2, cm_s[1] * 1e-2, cm_s[2] * 1e-2)

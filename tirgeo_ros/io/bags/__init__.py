@@ -1,0 +1,1 @@
+"""Read and write bags: MCAP of ROS 2, and ROS 1."""

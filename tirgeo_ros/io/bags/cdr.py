@@ -1,0 +1,110 @@
+"""Message classes, definitions and CDR of ROS 2 Jazzy without ROS, through rosbags."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from rosbags.interfaces import Msgdef
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from tirgeo_ros.core.types.errors import BagError, MessageError
+
+# What the decoders raise for bytes that are no such message.
+_UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
+# Fast CDR reckons up to 7 bytes too many for each empty list and sends them, whatever is in them.
+_MOST_SURPLUS = 64
+
+
+@cache
+def _store() -> Typestore:
+    """One store for the process: it takes a quarter of a second to make and is only read."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, int]]:
+    mark = data[:2]
+    if mark == b"\0\1":
+        return definition.deserialize_cdr_le
+    if mark == b"\0\0":
+        return definition.deserialize_cdr_be
+    raise ValueError("no plain CDR")
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """The stamp of a message that begins with a header, without decoding the rest of it.
+
+    Raises MessageError where its bytes end before it.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
+    except (IndexError, struct.error):
+        raise MessageError(f"{len(data)} bytes hold no header") from None
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+class Cdr:
+    """Serialises and deserialises messages by type name (``sensor_msgs/msg/Imu``).
+
+    The store's own ways allow no bytes behind a message, and copy and look up more.
+    """
+
+    def __init__(self) -> None:
+        self._store = _store()
+
+    def types(self, typename: str) -> type:
+        """The message class. Raises BagError for a type that is not in common_interfaces."""
+        return self._definition(typename).cls
+
+    def serialize(self, message: Any, typename: str) -> bytes:
+        """A message as CDR, little endian, with its encapsulation header."""
+        definition = self._definition(typename)
+        size = definition.getsize_cdr(0, message, self._store)
+        data = bytearray(4 + size)
+        data[1] = 1  # little endian
+        definition.serialize_cdr_le(memoryview(data)[4:], 0, message, self._store)
+        return bytes(data)
+
+    def deserialize(self, data: bytes, typename: str, topic: str = "") -> Any:
+        """The message in CDR bytes. Raises MessageError naming ``topic`` where there is none."""
+        definition = self._definition(typename)
+        try:
+            message, end = _decoder(definition, data)(data[4:], 0, definition.cls, self._store)
+        except _UNREADABLE as error:
+            raise MessageError(
+                f"{topic or typename}: {len(data)} bytes are no {typename}: {error}"
+            ) from None
+        surplus = len(data) - 4 - end
+        if surplus > _MOST_SURPLUS:
+            raise MessageError(
+                f"{topic or typename}: {surplus} bytes are left over behind a {typename}"
+            )
+        return message
+
+    def from_ros1(self, data: bytes, typename: str, topic: str = "") -> bytes:
+        """A message as ROS 1 sends it to CDR. Raises MessageError where it is no such message.
+
+        The fields are those of ROS 2, without the ``seq`` of ROS 1's headers.
+        """
+        self.types(typename)
+        try:
+            return bytes(self._store.ros1_to_cdr(data, typename))
+        except _UNREADABLE as error:
+            raise MessageError(
+                f"{topic or typename}: {len(data)} bytes are no {typename} of ROS 1: {error}"
+            ) from None
+
+    def definition(self, typename: str) -> str:
+        """The text of the definition with all that it is made of, as an MCAP schema holds it."""
+        self.types(typename)
+        return self._store.generate_msgdef(typename, ros_version=2)[0]
+
+    def _definition(self, typename: str) -> Msgdef[Any]:
+        try:
+            return self._store.get_msgdef(typename)
+        except KeyError:
+            raise BagError(f"message type {typename} is not known") from None

@@ -1,0 +1,273 @@
+"""Where the messages of an MCAP file are, also of one that is cut off or damaged.
+
+A whole file says it in its summary. Any other is walked from its first record: what stands there
+is found, what is broken is stepped over and noted.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from mmap import mmap
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
+from mcap.stream_reader import StreamReader
+
+from tirgeo_ros.io.files.bounded_unpacking import unpacked
+from tirgeo_ros.io.files.mapped_file import part_of_file
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_CHUNK_TIMES = struct.Struct("<QQ")
+_FOOTER_SIZE = _RECORD.size + 20
+_COMPRESSION_AT = _RECORD.size + 28  # of the compression's name in a chunk
+_LOOSE_SIZE = 1 << 20  # messages outside chunks are taken together up to this size
+_PRIVATE = 0x80  # opcodes from here on belong to applications and are stepped over
+
+# What the parsers raise for bytes that are no such record.
+_BROKEN = (
+    McapError,
+    RuntimeError,
+    struct.error,
+    ValueError,
+    MemoryError,
+    OverflowError,
+)
+
+#: channel, log time (ns), publish time (ns), data
+RawMessage = tuple[int, int, int, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A range of a file that holds messages: a chunk, or loose messages."""
+
+    start_ns: int  # log time of the first message
+    end_ns: int
+    offset: int
+    length: int
+    channels: frozenset[int] | None = None  # those in it, where known
+
+
+@dataclass(slots=True)
+class Contents:
+    """Segments, channels and schemas of a file, and what is wrong with it."""
+
+    segments: list[Segment] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    count: int | None = None  # messages in the file, where known
+    empty: set[int] = field(default_factory=set)  # channels that are known to have no message
+    losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
+
+    def add(self, opcode: int, body: bytes) -> None:
+        """Take in a schema or a channel."""
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(ReadDataStream(BytesIO(body)))
+            self.schemas.setdefault(schema.id, schema)
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(body)))
+            self.channels.setdefault(channel.id, channel)
+
+
+def header_of(data: mmap) -> Header | None:
+    """The file's header; None where it is broken."""
+    try:
+        opcode, length = _RECORD.unpack_from(data, len(MAGIC))
+        begin = len(MAGIC) + _RECORD.size
+        body = data[begin : begin + length] if opcode == Opcode.HEADER else b""
+        header: Header = Header.read(ReadDataStream(BytesIO(body)))
+    except _BROKEN:
+        return None
+    return header
+
+
+def contents_of(data: mmap) -> Contents:
+    """What a file that begins with the magic holds."""
+    try:
+        found = _summary(data)
+    except _BROKEN as error:
+        walked = _walked(data)
+        walked.losses.setdefault(len(data), f"no usable index at the end ({_reason(error)})")
+        return walked
+    return found or _walked(data)
+
+
+def _summary(data: mmap) -> Contents | None:
+    """The contents by the summary; None where a sound file has no index."""
+    footer = _footer(data)
+    if not footer.summary_start:
+        return None
+    summary = data[footer.summary_start :]
+    covered = len(summary) - len(MAGIC) - 4
+    if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
+        raise McapError("checksum of the index is wrong")
+    found, numbers = Contents(), {}
+    for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
+        if isinstance(record, Schema):
+            found.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            found.channels[record.id] = record
+        elif isinstance(record, Statistics):
+            found.count = record.message_count
+            numbers = record.channel_message_counts
+        elif isinstance(record, ChunkIndex):
+            found.segments.append(_indexed(record))
+    found.empty = {key for key in found.channels if numbers and not numbers.get(key)}
+    return found if found.segments and found.channels else None
+
+
+def _footer(data: mmap) -> Footer:
+    at = len(data) - len(MAGIC) - _FOOTER_SIZE
+    if at < len(MAGIC) or data[-len(MAGIC) :] != MAGIC:
+        raise McapError("the file ends early")
+    opcode, length = _RECORD.unpack_from(data, at)
+    if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _RECORD.size:
+        raise McapError("no footer")
+    footer: Footer = Footer.read(ReadDataStream(BytesIO(data[at + _RECORD.size :])))
+    return footer
+
+
+def _indexed(index: ChunkIndex) -> Segment:
+    return Segment(
+        index.message_start_time,
+        index.message_end_time,
+        index.chunk_start_offset,
+        index.chunk_length,
+        frozenset(index.message_index_offsets) or None,
+    )
+
+
+def _walked(data: mmap) -> Contents:
+    """The contents by every record from the first one on."""
+    found = Contents(count=0)
+    for offset, length in _ranges(data, found):
+        number, first_ns, last_ns = 0, sys.maxsize, 0
+        for _, log_time_ns, _, _ in read_segment(data, offset, length, found):
+            number += 1
+            first_ns, last_ns = min(first_ns, log_time_ns), max(last_ns, log_time_ns)
+        if number:
+            found.segments.append(Segment(first_ns, last_ns, offset, length))
+            found.count = (found.count or 0) + number
+    return found
+
+
+def _ranges(data: mmap, found: Contents) -> Iterator[tuple[int, int]]:
+    """Ranges of whole records, one with each chunk; broken places go to ``found.losses``."""
+    at = start = len(MAGIC)
+    while at < len(data):
+        opcode, end = _record_at(data, at)
+        if opcode == Opcode.DATA_END:
+            break
+        if end > len(data) and opcode == Opcode.CHUNK and not _next_chunk(data, at + 1):
+            at = len(data)  # the last chunk, cut off: its beginning can be read
+            break
+        if opcode is None or end > len(data):
+            yield start, at - start
+            following = _next_chunk(data, at + 1) or len(data)
+            found.losses[at] = f"{following - at} bytes from byte {at} are not readable"
+            at = start = following
+            continue
+        at = end
+        if opcode == Opcode.CHUNK or at - start > _LOOSE_SIZE:
+            yield start, at - start
+            start = at
+    yield start, at - start
+
+
+def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
+    """Opcode (None: there is no such record) and end of the record at an offset."""
+    if at + _RECORD.size > len(data):
+        return None, len(data)
+    opcode, length = _RECORD.unpack_from(data, at)
+    known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
+    return (opcode if known else None), at + _RECORD.size + length
+
+
+def _next_chunk(data: mmap, at: int) -> int | None:
+    """Offset of the next record that has all the marks of a compressed chunk."""
+    found = []
+    for name in (b"zstd", b"lz4"):
+        marker = struct.pack("<I", len(name)) + name
+        place = data.find(marker, at + _COMPRESSION_AT)
+        while place >= 0 and not _is_chunk(data, place - _COMPRESSION_AT, len(marker)):
+            place = data.find(marker, place + 1)
+        found += [place - _COMPRESSION_AT] if place >= 0 else []
+    return min(found, default=None)
+
+
+def _is_chunk(data: mmap, at: int, marker_size: int) -> bool:
+    opcode, length = _RECORD.unpack_from(data, at)
+    size_at = at + _COMPRESSION_AT + marker_size
+    if opcode != Opcode.CHUNK or size_at + 8 > len(data):
+        return False
+    (size,) = struct.unpack_from("<Q", data, size_at)
+    return bool(length == size + size_at + 8 - at - _RECORD.size)
+
+
+def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Iterator[RawMessage]:
+    """The messages in a range of records; what is broken goes to ``found.losses``."""
+    part = part_of_file(data, offset, length)
+    at = 0
+    while at < len(part):
+        opcode, end = _record_at(part, at)
+        body, place = part[at + _RECORD.size : end], offset + at
+        if opcode == Opcode.CHUNK:
+            inside = _unpacked(body, end - at - _RECORD.size, place, found)
+            yield from _messages(inside, place, found)
+        elif opcode is None or end > len(part):
+            found.losses[place] = f"{len(part) - at} bytes from byte {place} are not readable"
+            return
+        elif opcode in {Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL}:
+            yield from _messages(part[at:end], place, found)
+        at = end
+
+
+def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
+    """The records in a chunk; of one that is cut off those up to the cut, of a broken one none."""
+    cut = len(body) < size
+    try:
+        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+    except _BROKEN as error:
+        found.losses[offset] = f"the chunk at byte {offset} is damaged ({_reason(error)})"
+        return b""
+    inside, fault = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if not (cut or fault) and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
+        fault = "is damaged (its checksum is wrong)"
+    if cut or fault:
+        found.losses[offset] = f"the chunk at byte {offset} {fault or 'is cut off'}"
+    return inside if cut or not fault else b""
+
+
+def _messages(records: bytes, offset: int, found: Contents) -> Iterator[RawMessage]:
+    """Messages among records; schemas and channels are taken in on the way."""
+    at, end = 0, len(records)
+    while at + _RECORD.size <= end:
+        opcode, length = _RECORD.unpack_from(records, at)
+        at += _RECORD.size
+        if at + length > end or not opcode:
+            found.losses.setdefault(offset, f"the record at byte {offset} is cut off")
+            return
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+            channel, _, log_time, publish_time = _MESSAGE.unpack_from(records, at)
+            if channel in found.channels:
+                yield channel, log_time, publish_time, records[at + _MESSAGE.size : at + length]
+            else:
+                found.losses[offset] = f"messages at byte {offset} are of no known topic"
+        elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            found.add(opcode, records[at : at + length])
+        at += length
+
+
+def _reason(error: BaseException) -> str:
+    lines = str(error).splitlines()
+    return lines[0] if lines else type(error).__name__

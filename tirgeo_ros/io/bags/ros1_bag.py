@@ -1,0 +1,144 @@
+"""ROS 1 bags, read without ROS; the messages' types and bytes through rosbags.
+
+The reader of rosbags itself takes whole bags alone. Of a flight that ended in a crash or with an
+empty battery there is a bag without an index, so the file is walked here (``ros1_contents``).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator
+from mmap import mmap
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from tirgeo_ros.core.types.errors import BagError, MessageError
+from tirgeo_ros.io.bags.ros1_contents import Chunk, Connection, contents_of
+from tirgeo_ros.io.bags.ros1_records import MAGIC
+from tirgeo_ros.io.bags.time_order import Placed, in_time_order
+from tirgeo_ros.io.files.mapped_file import mapped
+
+# What the decoders raise for bytes that are no such message.
+_UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
+#: What the types' generator raises for a definition that is none.
+_UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
+
+
+class Ros1Message(NamedTuple):
+    """A message as it stands in a bag."""
+
+    topic: str
+    typename: str  # sensor_msgs/msg/Imu
+    record_ns: int  # when the recorder had it
+    connection: int
+    data: bytes
+
+
+class Ros1Bag:
+    """Reads a bag, also a cut, damaged or unfinished one as far as it goes.
+
+    Raises BagError if the file is absent, not a ROS 1 bag of version 2.0, encrypted, or without
+    messages. ``damage`` says after an iteration what was lost. Memory: one chunk and those that
+    overlap it in time.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._read = 0
+        self._unknown: Counter[int] = Counter()
+        self._stores: dict[tuple[str, str], Typestore | str] = {}
+        with mapped(self.path) as data:
+            if data[: len(MAGIC)] != MAGIC:
+                raise BagError(f"{self.path}: not a ROS 1 bag of version 2.0")
+            self._contents = contents_of(data, str(self.path))
+        if not self._contents.chunks:
+            raise BagError(f"{self.path}: no message can be read; {self.damage or 'it has none'}")
+
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        """Every topic in the bag with the names of its types, of which there should be one."""
+        found: dict[str, set[str]] = {}
+        for connection in self._contents.connections.values():
+            found.setdefault(connection.topic, set()).add(connection.typename)
+        return {topic: tuple(sorted(types)) for topic, types in sorted(found.items())}
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Record times of the first and of the last message."""
+        chunks = self._contents.chunks
+        return min(c.start_ns or 0 for c in chunks), max(c.end_ns or 0 for c in chunks)
+
+    @property
+    def damage(self) -> str | None:
+        """What could not be read, in one line; complete after an iteration over all topics."""
+        losses = [what for _, what in sorted(self._contents.losses.items())]
+        if self._unknown:
+            losses.append(f"{self._unknown.total()} messages are of topics that nothing names")
+        if not losses:
+            return None
+        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
+        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
+        """Messages in order of the times when they were recorded, of these topics."""
+        self._read = 0
+        self._unknown.clear()
+        with mapped(self.path) as data:
+            chunks = self._contents.chunks
+            parts = ((chunk.start_ns or 0, self._loaded(data, chunk, topics)) for chunk in chunks)
+            yield from in_time_order(parts, self.path)
+
+    def _loaded(
+        self, data: mmap, chunk: Chunk, topics: Collection[str] | None
+    ) -> Iterator[Placed[Ros1Message]]:
+        """The messages of a chunk."""
+        for number, raw in enumerate(self._contents.messages(data, chunk)):
+            connection = self._contents.connections.get(raw.connection)
+            if connection is None:
+                self._unknown[raw.connection] += 1
+            elif topics is None or connection.topic in topics:
+                name, typename, _ = connection
+                message = Ros1Message(name, typename, raw.record_ns, raw.connection, raw.data)
+                self._read += 1
+                yield raw.record_ns, chunk.offset, number, message
+
+    def decoded(self, message: Ros1Message) -> Any:
+        """The message with the fields of its definition in the bag; times have sec, nanosec.
+
+        Raises MessageError where its bytes are no such message, or its type is not defined.
+        """
+        store = self._store(self._contents.connections[message.connection])
+        try:
+            return store.deserialize_ros1(message.data, message.typename)
+        except _UNREADABLE as error:
+            raise MessageError(
+                f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
+            ) from None
+
+    def _store(self, connection: Connection) -> Typestore:
+        key = connection.typename, connection.definition
+        if key not in self._stores:
+            self._stores[key] = _store_of(connection)
+        store = self._stores[key]
+        if isinstance(store, str):
+            raise MessageError(f"{connection.topic}: {store}")
+        return store
+
+
+def _store_of(connection: Connection) -> Typestore | str:
+    """The types that a connection's definition makes; text if it makes none.
+
+    A store for each: two wrappers in one bag may mean different things by one name.
+    """
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(connection.definition, connection.typename))
+        store.get_msgdef(connection.typename)
+    except _UNDEFINED:
+        return f"the bag does not define {connection.typename}"
+    return store

@@ -1,0 +1,49 @@
+"""Messages of a bag's parts in order of time, with a bound on those that wait for their turn."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+from tirgeo_ros.core.types.errors import BagError
+
+#: The most that may wait. Parts of a recording overlap by a second or so.
+MOST_BYTES = 384 << 20
+_BESIDE_BYTES = 600  # what a message takes beside its data
+
+
+class Message(Protocol):
+    """A message of a bag."""
+
+    @property
+    def data(self) -> bytes:
+        """As it stands in the bag."""
+
+
+M = TypeVar("M", bound=Message)
+#: A message behind what it is ordered by: time, then its place in the file.
+Placed = tuple[int, int, int, M]
+
+
+def in_time_order(parts: Iterable[tuple[int, Iterable[Placed[M]]]], name: object) -> Iterator[M]:
+    """Yield the messages of parts, which come in the order of their first times (ns).
+
+    Raises BagError, naming ``name``, where too many overlap.
+    """
+    waiting: list[Placed[M]] = []
+    for start_ns, loaded in parts:
+        ready = bisect_left(waiting, (start_ns,))
+        yield from (message for *_, message in waiting[:ready])
+        del waiting[:ready]
+        room = MOST_BYTES - sum(len(message.data) + _BESIDE_BYTES for *_, message in waiting)
+        for placed in loaded:
+            room -= len(placed[3].data) + _BESIDE_BYTES
+            if room < 0:
+                raise BagError(
+                    f"{name}: more than {MOST_BYTES >> 20} MiB of messages overlap in time; "
+                    "write it anew in order of time, in chunks of a megabyte (mcap sort)"
+                )
+            waiting.append(placed)
+        waiting.sort()
+    yield from (message for *_, message in waiting)

@@ -1,0 +1,1 @@
+"""Convert between coordinate reference systems."""

@@ -1,0 +1,181 @@
+"""Coordinate reference systems: from a map's own to longitudes and latitudes in WGS84."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+import numpy as np
+import pyproj
+from pyproj.crs import Datum  # type: ignore[attr-defined]
+from pyproj.exceptions import CRSError, ProjError
+
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import MapError
+
+_REMEDY = (
+    "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "
+    "in the style sheet"
+)
+#: What to tell of positions whose datum nothing says.
+ASSUMED = (
+    "taken for WGS84, which is right to 2 m for a datum of today, and 100 m off or more for an "
+    "old one"
+)
+_WGS84_AXIS_M = 6378137.0
+#: A shift less exact than this is told. EPSG gives 1 m to most of the datums of plates (ETRS89
+#: and the like), which services for RTK work in too, and 2 or 3 m to some (NAD83(2011), GDA2020).
+_EXACT_M = 1.0
+_PLATE_M = 3.0
+_ROUNDING_DEG = 1e-9  # a tenth of a millimetre
+_NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
+
+
+def known(name: str) -> bool:
+    """Whether a name is that of a system on the Earth's surface."""
+    return _system(name) is not None
+
+
+def checked_system(name: str, where: str) -> pyproj.CRS:
+    """The system of a code, a WKT or a PROJ text.
+
+    Raises MapError if it is unknown, or is none of the Earth's surface.
+    """
+    system = _system(name)
+    if system is not None:
+        return system
+    other = _any_system(name)
+    if other is not None:
+        raise MapError(
+            f"{where}: {_short(name)!r} is a {other.type_name}, and a map needs longitudes and "
+            f"latitudes or a plane; {_REMEDY}"
+        )
+    raise MapError(f"{where}: unknown coordinate reference system {_short(name)!r}; {_REMEDY}")
+
+
+def _system(name: str) -> pyproj.CRS | None:
+    system = _any_system(name)
+    return system if system and (system.is_geographic or system.is_projected) else None
+
+
+@lru_cache(maxsize=32)
+def _any_system(name: str) -> pyproj.CRS | None:
+    try:
+        return pyproj.CRS.from_user_input(name)
+    except (CRSError, ProjError, UnicodeError, ValueError):
+        return None
+
+
+def _short(name: str) -> str:
+    line = " ".join(name.split())
+    return line if len(line) <= 60 else line[:57] + "..."
+
+
+def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ...]]:
+    """Points (N, 3) x, y, z as longitude, latitude (deg), ellipsoidal height (m); and remarks.
+
+    x comes before y whatever the system's own order. Heights of a compound system are those of
+    another zero, so they become nan; heights of a plain one are the ellipsoid's, as they are.
+
+    Raises MapError for an unknown system, and for one whose datum PROJ cannot bring to WGS84.
+    """
+    system = checked_system(name, where)
+    laid = np.array(points, float)
+    remarks: tuple[str, ...] = ()
+    if system.is_compound:
+        if np.isfinite(laid[:, 2]).any():
+            remarks = (
+                f"{where}: heights of {system.name} are none above the ellipsoid: left out",
+            )
+        laid[:, 2] = np.nan
+    transformer = _transformer(system, where)
+    laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
+    if len(laid):
+        remarks += _shift_remarks(transformer, system, where)
+    return laid, remarks
+
+
+def _transformer(system: pyproj.CRS, where: str) -> pyproj.Transformer:
+    try:
+        return pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
+    except ProjError:
+        raise MapError(
+            f"{where}: there is no way from {system.name} to WGS84: is it of the Earth?"
+        ) from None
+
+
+def _shift_remarks(
+    transformer: pyproj.Transformer, system: pyproj.CRS, where: str
+) -> tuple[str, ...]:
+    """What the step between the datums lacks; it is that of the last point transformed."""
+    try:
+        step = transformer.get_last_used_operation()
+    except ProjError:  # there is one way alone, which changes no number
+        step = transformer
+    if "Ballpark" in step.description:
+        return _ballpark_remarks(system, where)
+    exact = _PLATE_M if _of_a_plate(system) else _EXACT_M
+    if step.accuracy > exact:
+        return (f"{where}: from {system.name} to WGS84 is known to {step.accuracy:g} m only",)
+    return ()
+
+
+def _of_a_plate(system: pyproj.CRS) -> bool:
+    """Whether the datum is a known one of WGS84's size: made to agree with it."""
+    datum = system.datum
+    if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
+        return False
+    return "id" in datum.to_json_dict() or _is_datum(datum.name)
+
+
+def _is_datum(name: str) -> bool:
+    """Whether PROJ knows a datum of this name, or one that goes by it."""
+    try:
+        Datum.from_name(name)
+    except CRSError:
+        return False
+    return True
+
+
+def _as_large(system: pyproj.CRS) -> bool:
+    ellipsoid = system.ellipsoid
+    return ellipsoid is not None and abs(ellipsoid.semi_major_metre - _WGS84_AXIS_M) < 1.0
+
+
+def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
+    """Without a known way, a datum as large as WGS84's is taken for it.
+
+    Another is hundreds of metres off.
+    """
+    if not _as_large(system):
+        raise MapError(
+            f"{where}: the way from the datum of {system.name} to WGS84 is not known; "
+            f"give its EPSG code or +towgs84 under crs in the style sheet"
+        )
+    datum = system.datum.name if system.datum else ""
+    if _of_a_plate(system):
+        return ()
+    if not datum or _NO_DATUM.search(datum):
+        return (f"{where}: {system.name} names no datum: {ASSUMED}",)
+    return (f"{where}: the datum {_short(datum)!r} of {system.name} is not known: {ASSUMED}",)
+
+
+def in_range(points: Array) -> BoolArray:
+    """Which points (N, 3) are a longitude and a latitude in degrees."""
+    right: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
+    return right
+
+
+def range_fault(x: float, y: float, *, all_are: bool) -> str:
+    """What is wrong with a vertex that is none; and what to do where all are such."""
+    swapped = " (are the two swapped?)" if abs(x) <= 90 < abs(y) <= 180 else ""
+    remedy = f"; {_REMEDY}" if all_are else ""
+    return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{swapped}{remedy}"
+
+
+def once_around(longitudes: Array) -> Array:
+    """Longitudes (deg) between -180 and 180; what is beyond by rounding is on the edge."""
+    beyond = np.abs(longitudes) > 180
+    rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
+    around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
+    return np.where(beyond, around, longitudes)

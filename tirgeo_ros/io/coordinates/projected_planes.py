@@ -1,0 +1,51 @@
+"""Planes of metres that pictures of the ground are laid in: UTM, or any projected system."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyproj
+
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.coordinates.crs import checked_system
+
+
+class Plane:
+    """A projected system; without a name the UTM zone of some places (n, 2), degrees.
+
+    Raises MapError for a name that is unknown or no projected system in metres.
+    """
+
+    def __init__(self, name: str | None, degrees: Array) -> None:
+        self.system = _named(name) if name else _utm(degrees)
+        self._way = pyproj.Transformer.from_crs("EPSG:4326", self.system, always_xy=True)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        authority = self.system.to_authority()
+        code = f" ({':'.join(authority)})" if authority else ""
+        return f"{self.system.name}{code}"
+
+    def metres(self, degrees: Array) -> Array:
+        """(n, 2) x, y of longitudes and latitudes (n, 2)."""
+        return np.stack(self._way.transform(*degrees.T), axis=1)
+
+    def degrees(self, metres: Array) -> Array:
+        """(n, 2) longitudes and latitudes of x, y (n, 2)."""
+        x, y = metres.T
+        return np.stack(self._way.transform(x, y, direction="INVERSE"), axis=1)
+
+
+def _named(name: str) -> pyproj.CRS:
+    system = checked_system(name, "--crs").to_2d()
+    if not system.is_projected or any(axis.unit_name != "metre" for axis in system.axis_info):
+        raise MapError(f"--crs {name}: {system.name} is no plane in metres; give a projected one")
+    return system
+
+
+def _utm(degrees: Array) -> pyproj.CRS:
+    """The zone of the middle, also beyond the 84th parallel, where UTM proper ends."""
+    longitude, latitude = np.median(degrees, axis=0)
+    zone = int((longitude + 180) // 6) % 60 + 1
+    return pyproj.CRS.from_epsg((32600 if latitude >= 0 else 32700) + zone)

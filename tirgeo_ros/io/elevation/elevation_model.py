@@ -1,0 +1,222 @@
+"""Elevation models from GeoTIFF and whatever else rasterio reads, as they are."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pyproj
+
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import GridOf, Terrain
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import ElevationError
+from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
+from tirgeo_ros.io.files.file_list import named_files
+from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
+from tirgeo_ros.io.files.whole_files import PathLike
+
+#: Of what GDAL has unpacked: each pixel is read once. Else it would keep 5 % of all memory.
+_CACHE_MB = 64
+#: Metres in a unit of height, by the names that files give it.
+_UNITS_M = {
+    "m": 1.0,
+    "metre": 1.0,
+    "meter": 1.0,
+    "metres": 1.0,
+    "meters": 1.0,
+    "cm": 0.01,
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "us survey foot": 1200 / 3937,
+    "us-ft": 1200 / 3937,
+    "ftus": 1200 / 3937,
+}
+
+
+def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = False) -> Terrain:
+    """The elevation model of a raster file, in any coordinate system, whole.
+
+    ``dem`` is a file, or several with commas: tiles of one grid, of which the first that has a
+    height gives it. ``undulation_m`` is the height of the files' zero above the ellipsoid; it is
+    added. No data and masked pixels become nan. A file's heights are those of its pixels' middles,
+    whether it calls them areas or points. ``notes`` of the result says what a person should know:
+    more than one band, heights in feet, a vertical datum that is no ellipsoid's. ``network``:
+    what a file names elsewhere may be fetched.
+
+    Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
+    read, has no coordinate system of the Earth, or is too large.
+    """
+    paths = named_files(os.fspath(dem))
+    if not paths:
+        raise ElevationError(f"{os.fspath(dem)!r}: names no elevation model")
+    try:
+        with bounded_memory():
+            return read_map(partial(_loaded, paths, undulation_m), network=network)
+    except MemoryError:
+        raise ElevationError(f"{paths[0]}: does not fit into memory") from None
+
+
+def _loaded(paths: list[str], undulation_m: float) -> Terrain:
+    rasterio = _rasterio(paths[0])
+    check_closed()
+    with ExitStack() as opened:
+        opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
+        tiles, notes = [], []
+        for path in paths:
+            with _readable(rasterio, path):
+                source = opened.enter_context(rasterio.open(path))
+            tile, said = _tile(path, source, undulation_m)
+            tiles.append(tile)
+            notes += said
+        return _terrain(rasterio, tiles, _joined(notes))
+
+
+@contextmanager
+def _readable(rasterio: Any, path: str) -> Iterator[None]:
+    try:
+        yield
+    except (rasterio.errors.RasterioError, OSError) as error:
+        first = str(error).partition("\n")[0]
+        hint = elsewhere(f"{path} {first}")
+        raise ElevationError(f"{path}: cannot be read as a raster: {first}{hint}") from None
+
+
+def ground_of(config: OverlayConfig) -> Ground | None:
+    """The ground under the map, as the parameters say; None where neither of them does.
+
+    ``ground_height_m`` stands before ``dem``. Raises ElevationError as ``load_terrain``.
+    """
+    if math.isfinite(config.ground_height_m):
+        return config.ground_height_m
+    if not config.dem:
+        return None
+    return load_terrain(config.dem, config.dem_undulation_m, network=config.network)
+
+
+def _rasterio(path: PathLike) -> Any:
+    try:
+        return importlib.import_module("rasterio")
+    except ImportError:
+        raise ElevationError(
+            f"{os.fspath(path)}: elevation models need rasterio: pip install 'tirgeo[dem]'"
+        ) from None
+
+
+def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple[str, str]]]:
+    """An open file as a tile, and what to tell of it: (file, note)."""
+    if source.crs is None or source.transform.is_identity:
+        raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
+    a, b, c, d, e, f = (float(x) for x in tuple(source.transform)[:6])
+    if not all(map(math.isfinite, (c, f, a * e - b * d))) or not a * e - b * d:
+        raise ElevationError(f"{path}: its pixels cover no ground; place it (gdal_edit -a_ullr)")
+    if source.dtypes[0].startswith("complex"):
+        raise ElevationError(f"{path}: complex numbers are no heights")
+    system = _system(path, source)
+    unit_m, unit_note = _unit(source)
+    notes = [_bands_note(source), unit_note, _datum_note(system, undulation_m)]
+    scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
+    return Tile(path, source, scale, offset_m), [(path, note) for note in notes if note]
+
+
+def _joined(notes: list[tuple[str, str]]) -> tuple[str, ...]:
+    """A line for each note, however many files it is of."""
+    owners: dict[str, list[str]] = {}
+    for path, note in notes:
+        owners.setdefault(note, []).append(path)
+    return tuple(
+        f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {note}"
+        for note, paths in owners.items()
+    )
+
+
+def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrain:
+    name = tiles[0].name
+    heights, transform = read_grid(tiles, partial(_readable, rasterio))
+    system = _system(name, tiles[0].source)
+    try:
+        return Terrain(heights, _grid_of(system, transform, heights.shape), notes)
+    except ElevationError as error:
+        raise ElevationError(f"{name}: {error}") from None
+    except pyproj.exceptions.ProjError:
+        raise ElevationError(
+            f"{name}: there is no way from WGS84 to its coordinate system {system.name!r}: is it "
+            "of the Earth?"
+        ) from None
+
+
+def _system(name: str, source: Any) -> pyproj.CRS:
+    try:
+        system = pyproj.CRS.from_user_input(source.crs.to_wkt())
+    except pyproj.exceptions.CRSError:
+        raise ElevationError(f"{name}: its coordinate system is not known to PROJ") from None
+    if not (system.is_geographic or system.is_projected):
+        raise ElevationError(
+            f"{name}: its coordinate system {system.name!r} is none of the Earth's surface; give "
+            "it one (gdal_edit -a_srs)"
+        )
+    return system
+
+
+def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:
+    """The way from latitude and longitude to the file's pixels, counted from the first's middle.
+
+    rasterio's transform is that of the pixels' corners, of files of points too.
+    """
+    flat = pyproj.Transformer.from_crs("EPSG:4326", system.to_2d(), always_xy=True)
+    to_pixel = ~transform
+    a, b, c, d, e, f = (float(x) for x in tuple(to_pixel)[:6])
+    unwrapped = _unwrapped(system, transform, shape)
+
+    def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
+        x, y = flat.transform(np.degrees(longitude_rad), np.degrees(latitude_rad))
+        x = unwrapped(np.where(np.isfinite(x), x, np.nan))
+        y = np.where(np.isfinite(y), y, np.nan)
+        return a * x + b * y + (c - 0.5), d * x + e * y + (f - 0.5)
+
+    return grid_of
+
+
+def _unwrapped(
+    system: pyproj.CRS, transform: Any, shape: tuple[int, ...]
+) -> Callable[[Array], Array]:
+    """What brings a longitude to the turn that the file counts in: 0 to 360, or over 180."""
+    if not system.is_geographic:
+        return lambda x: x
+    unit = system.axis_info[0].unit_conversion_factor  # radians in a unit
+    turn = 2 * np.pi / unit
+    a, b, c = (float(x) for x in tuple(transform)[:3])
+    middle = a * shape[1] / 2 + b * shape[0] / 2 + c
+    return lambda x: middle + (x - middle + turn / 2) % turn - turn / 2
+
+
+def _bands_note(source: Any) -> str:
+    return f"{source.count} bands; the first one is taken" if source.count > 1 else ""
+
+
+def _unit(source: Any) -> tuple[float, str]:
+    """Metres in a unit of the file's heights, and what to tell of it."""
+    name = (source.units[0] or "").strip()
+    unit_m = _UNITS_M.get(name.lower())
+    if unit_m is None and name:
+        return 1.0, f"heights in {name!r}, which is not known; they are taken as metres"
+    if unit_m not in {None, 1.0}:
+        return unit_m or 1.0, f"heights in {name}; they are turned into metres"
+    return 1.0, ""
+
+
+def _datum_note(system: pyproj.CRS, undulation_m: float) -> str:
+    """A word where the file says that its heights are no ellipsoid's and nobody corrects them."""
+    vertical = [part for part in system.sub_crs_list if part.is_vertical]
+    if not vertical or undulation_m:
+        return ""
+    return f"heights above {vertical[0].name}, not the ellipsoid; set dem_undulation_m"

@@ -1,0 +1,187 @@
+"""The heights of raster files as one grid: of a single file, or of tiles side by side."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.types.errors import ElevationError
+
+#: More nodes than this are kept in a file that is mapped, and read where they are asked for: as
+#: float32 a quarter of a gigabyte.
+MOST_IN_MEMORY = 64_000_000
+#: More are refused: they would take more than some seconds to read, and to look through.
+_MOST_BYTES = 600_000_000
+_AT_ONCE = 12_000_000  # nodes read from a file
+#: Of a pixel: by so much tiles may be beside each other's grid. The surface moves as far.
+_OFF_PIXELS = 0.01
+
+Heights = npt.NDArray[np.floating]
+#: Turns the errors of reading a named file into those of this package.
+Guard = Callable[[str], AbstractContextManager[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """An open file, and how its numbers become metres above the ellipsoid."""
+
+    name: str
+    source: Any  # of rasterio
+    scale: float
+    offset_m: float
+
+
+class _Placed(NamedTuple):
+    tile: Tile
+    column: int  # of its first pixel on the grid
+    row: int
+
+
+def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
+    """Heights (rows, columns) of tiles on one grid, nan where none has one; and its transform.
+
+    Where tiles overlap, the first that has a height gives it. Raises ElevationError, naming
+    the tile, for one of another system or another grid than the first one's, and where there is
+    no room.
+    """
+    corners = [_corner(tile, tiles[0]) for tile in tiles]
+    left, top = (min(each) for each in zip(*corners, strict=True))
+    placed = [
+        _Placed(tile, column - left, row - top)
+        for tile, (column, row) in zip(tiles, corners, strict=True)
+    ]
+    columns = max(each.column + each.tile.source.width for each in placed)
+    rows = max(each.row + each.tile.source.height for each in placed)
+    dtype = np.result_type(*map(_dtype, tiles))
+    if rows * columns * dtype.itemsize > _MOST_BYTES:
+        raise ElevationError(
+            f"{tiles[0].name}: {columns} x {rows} pixels, and at most "
+            f"{_MOST_BYTES // dtype.itemsize / 1e6:g} million are taken; cut out the flight's "
+            "surroundings (gdal_translate -projwin)"
+        )
+    strips = _strips(placed, (rows, columns), dtype, guard)
+    heights = _kept(strips, (rows, columns), dtype, tiles[0].name)
+    return heights, _moved(tiles[0].source.transform, left, top)
+
+
+def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
+    """Column and row of a tile's first pixel on the first one's grid."""
+    source = tile.source
+    if source.crs != first.source.crs:
+        raise ElevationError(
+            f"{tile.name}: another coordinate system than that of {first.name}; bring the tiles "
+            "into one (gdalwarp -t_srs)"
+        )
+    inverse = ~first.source.transform
+    places = ((0, 0), (source.width, 0), (0, source.height))
+    moves = [_from(_applied(inverse, _applied(source.transform, at)), at) for at in places]
+    turn = _turn(first.source, moves[0][0])
+    moves = [(across - turn, down) for across, down in moves]
+    column, row = (round(each) for each in moves[0])
+    if max(abs(x) for move in moves for x in _from(move, (column, row))) > _OFF_PIXELS:
+        raise ElevationError(
+            f"{tile.name}: its pixels are not on the grid of {first.name}; make one model of the "
+            "tiles (gdalwarp A.tif B.tif OUT.tif)"
+        )
+    return column, row
+
+
+def _turn(source: Any, columns: float) -> float:
+    """Of so many columns those that are whole turns of the Earth, where tiles meet at 180 deg."""
+    a, b = (float(x) for x in tuple(source.transform)[:2])
+    if not source.crs.is_geographic or b:
+        return 0.0
+    return round(columns * a / 360) * 360 / a
+
+
+def _applied(transform: Any, at: tuple[float, float]) -> tuple[float, float]:
+    a, b, c, d, e, f = tuple(transform)[:6]
+    return a * at[0] + b * at[1] + c, d * at[0] + e * at[1] + f
+
+
+def _from(to: tuple[float, float], start: tuple[float, float]) -> tuple[float, float]:
+    return to[0] - start[0], to[1] - start[1]
+
+
+def _moved(transform: Any, columns: int, rows: int) -> Any:
+    """The transform of a grid that begins so many columns and rows further on."""
+    a, b, _, d, e, _ = tuple(transform)[:6]
+    west, north = _applied(transform, (columns, rows))
+    return type(transform)(a, b, west, d, e, north)
+
+
+def _dtype(tile: Tile) -> type[np.floating]:
+    """As wide as the file's; float32 is known to 0.5 mm on a high mountain."""
+    return np.float64 if tile.source.dtypes[0] == "float64" else np.float32
+
+
+def _strips(
+    placed: Sequence[_Placed], shape: tuple[int, int], dtype: npt.DTypeLike, guard: Guard
+) -> Iterator[Heights]:
+    """The grid from its first row to its last, some rows at once."""
+    rows, columns = shape
+    step = max(_AT_ONCE // columns, 1)
+    block = placed[0].tile.source.block_shapes[0][0]
+    step = max(step // block * block, min(block, step))  # no block is cut if it may be whole
+    for begin in range(0, rows, step):
+        strip = np.full((min(step, rows - begin), columns), np.nan, dtype)
+        for each in reversed(placed):
+            with guard(each.tile.name):
+                _paste(each, strip, begin)
+        yield strip
+
+
+def _paste(placed: _Placed, strip: Heights, begin: int) -> None:
+    """A tile's heights into a strip of the grid from row ``begin`` on, but for its gaps."""
+    source = placed.tile.source
+    first = max(begin - placed.row, 0)
+    last = min(begin + len(strip) - placed.row, source.height)
+    if first < last:
+        window = ((first, last), (0, source.width))
+        part = _heights(placed.tile, source.read(1, masked=True, window=window))
+        row = first + placed.row - begin
+        place = strip[row : row + len(part), placed.column : placed.column + source.width]
+        np.copyto(place, part, where=np.isfinite(part))
+
+
+def _kept(
+    strips: Iterator[Heights], shape: tuple[int, int], dtype: npt.DTypeLike, name: str
+) -> Heights:
+    """Strips as one array, in memory or in a file without a name that goes with it."""
+    if shape[0] * shape[1] <= MOST_IN_MEMORY:
+        heights = np.empty(shape, dtype)
+        row = 0
+        for strip in strips:
+            heights[row : row + len(strip)] = strip
+            row += len(strip)
+        return heights
+    size = shape[0] * shape[1] * np.dtype(dtype).itemsize
+    with tempfile.TemporaryFile(prefix="tirgeo-dem-") as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)  # said now rather than in the middle
+            for strip in strips:
+                file.write(strip.data)
+        except OSError as error:
+            raise ElevationError(
+                f"{name}: {shape[1]} x {shape[0]} pixels need {size / 1e9:.1f} GB in "
+                f"{tempfile.gettempdir()} ({error.strerror}); cut out the flight's surroundings "
+                "(gdal_translate -projwin), or name a folder with room in TMPDIR"
+            ) from None
+        file.flush()
+        return np.memmap(file, dtype, "r", shape=shape)
+
+
+def _heights(tile: Tile, band: Any) -> Heights:
+    """Numbers of a file in metres above the ellipsoid; nan where there is no height."""
+    heights: Heights = np.ma.filled(band.astype(_dtype(tile), copy=False), np.nan)
+    if (tile.scale, tile.offset_m) != (1.0, 0.0):
+        heights = (heights * tile.scale + tile.offset_m).astype(heights.dtype, copy=False)
+    heights[~np.isfinite(heights)] = np.nan
+    return heights

@@ -1,0 +1,1 @@
+"""Read and write files safely: whole outputs, bounded inputs."""

@@ -1,0 +1,107 @@
+"""Reading of maps that does not reach the network, whatever the file asks for.
+
+GDAL follows what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or
+WFS, and a dozen more, which no option turns off together. So it works in a thread for which the
+kernel opens no socket (seccomp, Linux); where that cannot be, GDAL is not asked. PROJ is told not
+to fetch its grids.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import platform
+import re
+import struct
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
+
+from tirgeo_ros.core.types.errors import ConfigError
+
+T = TypeVar("T")
+_thread = threading.local()  # unable: why this thread could not be kept from the network
+
+#: What marks a place that is not on this machine, in a path or in a message of GDAL's.
+_ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
+HINT = " (over the network only with the parameter network: true)"
+
+_SET_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER = 38, 22, 2  # of prctl (linux/prctl.h)
+#: Machine to its number in a filter (linux/audit.h) and the numbers of socket and io_uring_setup.
+_MACHINES = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
+_LOAD, _JUMP_IF, _RETURN = 0x20, 0x15, 0x06  # instructions of a filter (linux/bpf_common.h)
+_ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
+
+
+def read_map(work: Callable[[], T], *, network: bool) -> T:
+    """What ``work`` returns or raises; without ``network`` in a thread that has none."""
+    set_network_enabled(active=network)
+    if network:
+        return work()
+    found: list[T] = []
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            _thread.unable = _close_network()
+            found.append(work())
+        except BaseException as error:  # noqa: BLE001  raised again below
+            raised.append(error)
+
+    thread = threading.Thread(target=run, name="without network", daemon=True)
+    thread.start()
+    thread.join()
+    if raised:
+        raise raised[0]
+    return found[0]
+
+
+def check_closed() -> None:
+    """Raise ConfigError in a thread of ``read_map`` that could not be kept from the network.
+
+    Readers that follow what a file names call it before they open one.
+    """
+    why = getattr(_thread, "unable", "")
+    if why:
+        raise ConfigError(
+            f"GDAL cannot be kept from the network here ({why}): use a map that needs none of it, "
+            "or set network: true"
+        )
+
+
+def elsewhere(text: str) -> str:
+    """The hint for a message that tells of another place; else ""."""
+    return HINT if _ELSEWHERE.search(text) else ""
+
+
+def _close_network() -> str:
+    """Have the kernel refuse every socket to this thread and those that it starts; or why not."""
+    if platform.system() != "Linux" or platform.machine() not in _MACHINES:
+        return f"{platform.system()} on {platform.machine()}"
+    program = _program(*_MACHINES[platform.machine()])
+    steps = ctypes.create_string_buffer(program, len(program))
+    # struct sock_fprog: number of instructions, and where they are.
+    head = struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(steps))
+    whole = ctypes.create_string_buffer(head, len(head))
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
+    for words in ((_SET_NO_NEW_PRIVS, 1, 0), (_SET_SECCOMP, _FILTER, ctypes.addressof(whole))):
+        if libc.prctl(*words, 0, 0):
+            return os.strerror(ctypes.get_errno())
+    return ""
+
+
+def _program(machine: int, *calls: int) -> bytes:
+    """The filter: of this machine's calls, refuse those that begin a connection."""
+    steps = [
+        (_LOAD, 0, 0, 4),  # seccomp_data.arch
+        (_JUMP_IF, 0, len(calls) + 1, machine),
+        (_LOAD, 0, 0, 0),  # seccomp_data.nr
+        *((_JUMP_IF, len(calls) - i, 0, call) for i, call in enumerate(calls)),
+        (_RETURN, 0, 0, _ALLOW),
+        (_RETURN, 0, 0, _REFUSE),
+    ]
+    return b"".join(struct.pack("HBBI", *step) for step in steps)

@@ -1,0 +1,187 @@
+"""Conditions on the properties of a feature: ``kind == hydrant and flow >= 60``.
+
+    condition = comparison {"and" comparison}
+    comparison = property ("==" | "!=" | "<" | "<=" | ">" | ">=") value
+               | property "in" "[" value {"," value} "]"
+
+A property and a value are a word, a number, or a text in quotes. Nothing is evaluated but this.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.maps.label_rule import shown_value, table_names
+from tirgeo_ros.io.parameters.suggestions import nearest
+
+_LONGEST = 1000  # characters of a condition
+_MOST_VALUES = 6  # of a property, told where none of them fits
+_TOKEN = re.compile(
+    r"\s*(?:(?P<text>\"[^\"]*\"|'[^']*')|(?P<sign>[=!<>]=|[<>\[\],])"
+    r"|(?P<word>[^\s\"'\[\],=!<>]+)|(?P<odd>\S))"
+)
+_ORDER: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """A value as it is written; a number too where it is one without quotes."""
+
+    text: str
+    number: float | None
+
+    def equals(self, value: Any) -> bool:
+        number = None if self.number is None else _number(value)
+        return _text(value) == self.text if number is None else number == self.number
+
+
+@dataclass(frozen=True, slots=True)
+class _Comparison:
+    field: str
+    sign: str
+    values: tuple[_Value, ...]
+
+    def holds(self, value: Any) -> bool:
+        if self.sign in _ORDER:
+            number, bound = _number(value), self.values[0].number
+            return number is not None and bound is not None and _ORDER[self.sign](number, bound)
+        return any(each.equals(value) for each in self.values) != (self.sign == "!=")
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Comparisons that must all hold.
+
+    A property that a feature has not is as an empty text: ``!=`` holds for it, the others do
+    not. ``<`` and its like hold for numbers, and for texts that are numbers.
+    """
+
+    comparisons: tuple[_Comparison, ...]
+    source: str  # begins every message about it
+
+    @classmethod
+    def parsed(cls, text: str, source: str) -> Condition:
+        """The condition of a text; raises ConfigError, led by ``source``, if it is none."""
+        if len(text) > _LONGEST:
+            raise ConfigError(f"{source}: longer than {_LONGEST} characters")
+        try:
+            return cls(tuple(_comparisons(_Tokens(text))), source)
+        except ValueError as error:
+            raise ConfigError(
+                f"{source}: {text!r} is no condition: {error}; write it as: kind == hydrant, "
+                "flow >= 60 and kind in [pump, well]"
+            ) from None
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The property of each comparison."""
+        return tuple(each.field for each in self.comparisons)
+
+    def columns(self, known: Collection[str]) -> tuple[str | None, ...]:
+        """The table's own name of each field, None where it has none."""
+        return table_names(self.fields, known)
+
+    def holds(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> bool:
+        """Whether a feature with these properties is meant."""
+        return all(
+            each.holds(properties.get(name) if name else None)
+            for each, name in zip(self.comparisons, columns, strict=True)
+        )
+
+    def unknown(self, known: Collection[str], where: str) -> Iterator[str]:
+        """What to tell of each field that a table has not."""
+        for name, column in zip(self.fields, self.columns(known), strict=True):
+            if column is None:
+                hint = nearest(name, known) or ": it has none"
+                yield f"{self.source}: {where} has no property {name!r}{hint}"
+
+    def unmet(self, known: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
+        """What to tell where none of the rows is meant: which values there are."""
+        found = []
+        for name in dict.fromkeys(filter(None, self.columns(known))):
+            values = sorted({_text(row.get(name))[:40] for row in rows} - {""})
+            more = ", ..." if len(values) > _MOST_VALUES else ""
+            found.append(f"{name} is {', '.join(values[:_MOST_VALUES])}{more}")
+        told = f": {'; '.join(found)}" if found else ""
+        return f"{self.source}: no feature of {where} is so{told}"
+
+
+class _Tokens:
+    """The words and signs of a condition, one after the other."""
+
+    def __init__(self, text: str) -> None:
+        self._found = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(text)]
+        self._at = 0
+
+    def more(self) -> bool:
+        return self._at < len(self._found)
+
+    def take(self, what: str, *signs: str) -> str:
+        """The next one, which must be one of these signs or words."""
+        kind, text = self._next(what)
+        if kind == "text" or text not in signs:
+            raise ValueError(f"{text} stands where {what} should")
+        return text
+
+    def value(self, what: str) -> _Value:
+        kind, text = self._next(what)
+        if kind == "text":
+            return _Value(text[1:-1], None)
+        if kind != "word":
+            raise ValueError(f"{text} stands where {what} should")
+        return _Value(text, _number(text))
+
+    def _next(self, what: str) -> tuple[str, str]:
+        if not self.more():
+            raise ValueError(f"it ends where {what} should stand")
+        self._at += 1
+        return self._found[self._at - 1]
+
+
+def _comparisons(tokens: _Tokens) -> Iterator[_Comparison]:
+    yield _comparison(tokens)
+    while tokens.more():
+        tokens.take("and", "and")
+        yield _comparison(tokens)
+
+
+def _comparison(tokens: _Tokens) -> _Comparison:
+    field = tokens.value("a property").text
+    sign = tokens.take("==, !=, <, <=, >, >= or in", "==", "!=", *_ORDER, "in")
+    if sign == "in":
+        return _Comparison(field, sign, tuple(_listed(tokens)))
+    value = tokens.value("a value")
+    if sign in _ORDER and value.number is None:
+        raise ValueError(f"{sign} needs a number, and {value.text} is none")
+    return _Comparison(field, sign, (value,))
+
+
+def _listed(tokens: _Tokens) -> Iterator[_Value]:
+    tokens.take("[", "[")
+    yield tokens.value("a value")
+    while tokens.take(", or ]", ",", "]") == ",":
+        yield tokens.value("a value")
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float | str) or "_" in str(value):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return None if number != number else number  # noqa: PLR0124  nan alone
+
+
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else shown_value(value)

@@ -1,0 +1,190 @@
+"""From a table to features on the Earth: checked, in WGS84, labelled."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.map.layers import GeoFeature
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
+from tirgeo_ros.io.maps.condition import Condition
+from tirgeo_ros.io.maps.feature_faults import Faults
+from tirgeo_ros.io.maps.label_rule import LabelRule
+from tirgeo_ros.io.maps.table import Shapes, Table
+from tirgeo_ros.io.maps.wanted_properties import Wanted
+
+_LONGEST_NAME = 40  # characters of what a bad feature is called
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """The features of a table that are drawn, and what to tell of the others."""
+
+    features: list[GeoFeature]
+    notes: tuple[str, ...]  # a line each
+    refusal: str | None  # why nothing of the table can be drawn; None where something could
+
+
+def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
+    """The features of a table on the Earth.
+
+    ``crs`` stands above what the table says of its system. A feature with a vertex that is not
+    finite or not on the Earth is left out. Raises MapError for a system that is unknown,
+    ConfigError for a label of an unknown field.
+    """
+    columns = wanted.label.columns(table.fields, table.where)
+    shapes, remarks = _on_earth(table, crs)
+    shapes = _without_repeats(Shapes(_radians(shapes.points), *_parts(shapes)), table.faults)
+    owners = dict.fromkeys(shapes.feature.tolist())
+    texts = {i: wanted.label.text(columns, table.properties[i]) for i in owners}
+
+    def name(number: int) -> str:
+        row = table.properties[number]
+        return _name(row, wanted.label.text(columns, row))
+
+    bad = table.faults.notes(table.where, name, texts)
+    features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
+    notes = (*table.left_out, *bad, *_bare(table), *remarks, *unmet)
+    refusal = table.faults.refusal(table.where, name) or table.empty
+    return Laid(features, tuple(map(shown, notes)), None if texts else refusal)
+
+
+def _name(row: Mapping[str, Any], label: str) -> str:
+    """What to call a feature in a message: its label, or else its name or id."""
+    for rule in map(LabelRule.of_field, ("name", "id")):
+        label = label or rule.text(rule.columns(row, ""), row)
+    return label[:_LONGEST_NAME]
+
+
+def _bare(table: Table) -> tuple[str, ...]:
+    """What to tell of features without a geometry, which most formats allow."""
+    told = table.faults.numbers.union(table.shapes.feature.tolist())
+    bare = len(table.properties) - len(told) - table.set_aside
+    return (f"{table.where}: {bare} features without a geometry left out",) if bare else ()
+
+
+def _parts(shapes: Shapes) -> tuple[IntArray, IntArray, BoolArray]:
+    return shapes.starts, shapes.feature, shapes.closed
+
+
+def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
+    """The shapes in WGS84 (deg), without those of bad features; and remarks."""
+    shapes = _finite(table)
+    points = shapes.points
+    remarks: tuple[str, ...] = ()
+    system = crs or table.crs
+    if system is not None:
+        points, remarks = to_wgs84(points, system, table.where)
+    elif table.no_crs and len(points):
+        remarks = (f"{table.where}: {table.no_crs}: {ASSUMED}",)
+    shapes = _in_range(shapes, points, table.faults)
+    x = once_around(shapes.points[:, 0])
+    if (np.abs(x - shapes.points[:, 0]) > 1).any():
+        remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
+    return Shapes(np.column_stack([x, shapes.points[:, 1:]]), *_parts(shapes)), remarks
+
+
+def _finite(table: Table) -> Shapes:
+    # z is nan where there is none: readers refuse a nan that stands in a file's z.
+    points = table.shapes.points
+    bad = ~np.isfinite(points[:, :2]).all(axis=1) | np.isinf(points[:, 2])
+
+    def why(point: int) -> str:
+        x, y, z = points[point]
+        return f"({x:.6g}, {y:.6g}, {z:.6g}) is not finite"
+
+    return _without(table.shapes, bad, table.faults, why)
+
+
+def _in_range(shapes: Shapes, points: Array, faults: Faults) -> Shapes:
+    """The shapes at other points, without features that are off the Earth.
+
+    Where most are, none can be trusted: the system is not what it is taken for.
+    """
+    bad = ~in_range(points)
+    moved = Shapes(points, *_parts(shapes))
+    most = 2 * len(np.unique(_owner(shapes)[bad])) > len(np.unique(shapes.feature))
+
+    def why(point: int) -> str:
+        place = points[point] if np.isfinite(points[point, :2]).all() else shapes.points[point]
+        return range_fault(place[0], place[1], all_are=most)
+
+    left = _without(moved, bad, faults, why)
+    if not most:
+        return left
+    doubt = "its place is in doubt, as most others are off the Earth"
+    return _without(left, np.ones(len(left.points), bool), faults, lambda _: doubt)
+
+
+def _owner(shapes: Shapes) -> IntArray:
+    """The feature of each point."""
+    return np.repeat(shapes.feature, np.diff(shapes.starts))
+
+
+def _without(shapes: Shapes, bad: BoolArray, faults: Faults, why: Callable[[int], str]) -> Shapes:
+    """The shapes without features that have a bad point, which become faults."""
+    if not bad.any():
+        return shapes
+    numbers, first = np.unique(_owner(shapes)[bad], return_index=True)
+    for number, point in zip(numbers.tolist(), np.flatnonzero(bad)[first].tolist(), strict=True):
+        faults.add(number, why(point))
+    return _selected(shapes, ~np.isin(shapes.feature, numbers))
+
+
+def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
+    """Some of the parts."""
+    sizes = np.diff(shapes.starts)
+    starts = np.concatenate([[0], np.cumsum(sizes[keep])])
+    points = shapes.points[np.repeat(keep, sizes)]
+    return Shapes(points, starts, shapes.feature[keep], shapes.closed[keep])
+
+
+def _radians(points: Array) -> Array:
+    """Longitude, latitude (deg), height as latitude, longitude (rad), height."""
+    return np.column_stack([np.radians(points[:, 1]), np.radians(points[:, 0]), points[:, 2]])
+
+
+def _without_repeats(shapes: Shapes, faults: Faults) -> Shapes:
+    """No vertex twice running; lines and rings of one place become faults."""
+    points = shapes.points
+    if not len(points):
+        return shapes
+    part = np.repeat(np.arange(len(shapes.feature)), np.diff(shapes.starts))
+    same = (points[1:] == points[:-1]) | (np.isnan(points[1:]) & np.isnan(points[:-1]))
+    keep = np.concatenate([[True], ~same.all(axis=1) | (part[1:] != part[:-1])])
+    before, after = np.diff(shapes.starts), np.bincount(part[keep], minlength=len(shapes.feature))
+    flat = (after == 1) & (before > 1)
+    for number in shapes.feature[flat].tolist():
+        faults.add(number, "a line of no length")
+    starts = np.concatenate([[0], np.cumsum(after)])
+    return _selected(Shapes(points[keep], starts, shapes.feature, shapes.closed), ~flat)
+
+
+def _features(shapes: Shapes, texts: Mapping[int, str]) -> list[GeoFeature]:
+    owners = shapes.feature.tolist()
+    ends = itertools.pairwise(shapes.starts.tolist())
+    return [
+        GeoFeature(texts[owner], closed, shapes.points[a:b], owner)
+        for owner, closed, (a, b) in zip(owners, shapes.closed.tolist(), ends, strict=True)
+    ]
+
+
+def _chosen(
+    features: list[GeoFeature], table: Table, condition: Condition | None
+) -> tuple[list[GeoFeature], tuple[str, ...]]:
+    """The features that a condition means; and why they are none, or fewer than wanted."""
+    if condition is None or not features:
+        return features, ()
+    columns = condition.columns(table.fields)
+    rows = table.properties
+    chosen = [f for f in features if condition.holds(columns, rows[f.group])]
+    told = tuple(condition.unknown(table.fields, table.where))
+    if not chosen and not told:
+        told = (condition.unmet(table.fields, rows, table.where),)
+    return chosen, told

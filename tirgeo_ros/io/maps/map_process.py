@@ -1,0 +1,204 @@
+"""A map read and laid in a process of its own, so that the video does not wait for it.
+
+    child = MapChild()
+    contents = child.read(config)      # raises what the reading raises
+    laid = child.lay(plane)            # of what was read; as often as ``read`` was called
+
+A thread would not do: readers and parsers hold the interpreter, and each frame stands behind them
+at every call that it makes meanwhile. For the same reason the layers stay over there: to take in
+a hundred thousand features takes most of a second, the map that is made of them a twentieth.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.draping import check_heights
+from tirgeo_ros.core.overlay.map_renderer import LaidMap, lay_layers
+from tirgeo_ros.core.types.errors import MapError, TirgeoError
+from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.maps import load_layers
+
+_RUN = "from tirgeo_ros.io.maps.map_process import main; main()"
+_SAID_BYTES = 4000  # of a child's last words; a traceback has as many
+_PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
+
+
+@dataclass(frozen=True, slots=True)
+class MapContents:
+    """What was read."""
+
+    features: int
+    left_out: tuple[str, ...]  # what of the files is not among them: a line each
+
+
+class MapChild:
+    """Reads one map at a time, then lays it; ``stop``, from another thread, ends either.
+
+    The process lives no longer than the thread that called ``read``.
+    """
+
+    def __init__(self) -> None:
+        self._stopped = False
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._listener: _Listener | None = None
+        self._name = ""
+
+    @property
+    def said(self) -> str:
+        """The end of what the process of the last reading has said on stderr."""
+        return "" if self._listener is None else self._listener.text()
+
+    def stop(self) -> None:
+        """End what is under way; nothing begins from here on."""
+        with self._lock:
+            self._stopped = True
+            if self._process is not None:
+                self._process.kill()
+
+    def read(self, config: OverlayConfig) -> MapContents:
+        """Read the map of a configuration. One that was read before is given up.
+
+        Raises the TirgeoError that the reading raised, and MapError where the process ended
+        without an answer, or was stopped, or where there is nothing to lay.
+        """
+        self._end()
+        with self._lock:
+            self._name = config.map
+            if self._stopped:
+                raise MapError(f"{self._name}: not read: stopped")
+            self._process = _started()
+            self._listener = _Listener(self._process)
+        contents = self._answer(config)
+        assert isinstance(contents, MapContents)
+        return contents
+
+    def lay(self, plane: TangentPlane) -> LaidMap:
+        """Lay the map that was read, once, in a plane. Raises as ``read``."""
+        laid = self._answer(plane)
+        assert isinstance(laid, LaidMap)
+        self._end()
+        return laid
+
+    def _answer(self, task: OverlayConfig | TangentPlane) -> Any:
+        process = self._process
+        if process is None:
+            raise MapError(f"{self._name}: nothing was read")
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(pickle.dumps(task))
+            process.stdin.flush()
+            # From the pipe, for the interpreter is free while it waits for each part.
+            found = pickle.load(process.stdout)  # noqa: S301  from our own child
+        except (EOFError, OSError, pickle.UnpicklingError):
+            code = process.wait()  # for its end of a pipe is closed
+            self._end()
+            last = f": {self.said.splitlines()[-1]}" if self.said else ""
+            raise MapError(f"{self._name}: its reader ended (exit code {code}){last}") from None
+        if isinstance(found, TirgeoError):
+            self._end()
+            raise found
+        return found
+
+    def _end(self) -> None:
+        """Be done with the process, if there is one."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            with suppress(OSError):  # a task that it never took
+                pipe.close()  # type: ignore[union-attr]
+        if self._listener is not None:
+            self._listener.join()
+
+
+class _Listener(threading.Thread):
+    """Takes what a process says on stderr, however much that is, and keeps the end of it."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        super().__init__(name="map reader's words", daemon=True)
+        assert process.stderr is not None
+        self._pipe = process.stderr
+        self._kept = b""
+        self.start()
+
+    def run(self) -> None:
+        """Listen until the process has ended."""
+        with self._pipe as pipe:
+            while said := os.read(pipe.fileno(), _SAID_BYTES):
+                self._kept = (self._kept + said)[-_SAID_BYTES:]
+
+    def text(self) -> str:
+        """Lines without what a terminal would obey."""
+        lines = self._kept.decode(errors="replace").strip().splitlines()
+        return "\n".join("".join(x if x.isprintable() else "?" for x in line) for line in lines)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    # Imported, not run as a module: what it pickles must go by this module's name.
+    return subprocess.Popen(  # noqa: S603  this very Python
+        python_command(_RUN, str(os.getpid())),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def main() -> None:
+    """Read the map of the configuration on stdin, then lay it in the plane that follows.
+
+    To stdout goes what there is in the map, then the map as it lies, or why there is none.
+    """
+    _end_with(int(sys.argv[1]))
+    os.nice(5)  # the video comes first
+    config = pickle.load(sys.stdin.buffer)  # noqa: S301  from our own parent
+    try:
+        with bounded_memory():
+            _work(config)
+    except TirgeoError as error:
+        _say(error)
+    except MemoryError:
+        _say(MapError(f"{config.map}: the map does not fit into memory"))
+
+
+def _end_with(parent: int) -> None:
+    """Have the kernel end this process when its parent ends, however that ends (Linux)."""
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it has ended already
+        sys.exit(1)
+
+
+def _work(config: OverlayConfig) -> None:
+    layers = load_layers(config.map, config.style, config.label_field, network=config.network)
+    found = ground_of(config)
+    ground = math.nan if found is None else found
+    check_heights(layers, ground)
+    left_out = tuple(note for layer in layers for note in layer.left_out)
+    _say(MapContents(sum(len(layer.features) for layer in layers), left_out))
+    with suppress(EOFError):  # the node has ended
+        _say(lay_layers(layers, pickle.load(sys.stdin.buffer), ground))  # noqa: S301  as above
+
+
+def _say(answer: MapContents | LaidMap | TirgeoError) -> None:
+    pickle.dump(answer, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+    sys.stdout.buffer.flush()

@@ -1,0 +1,253 @@
+"""ROS 2 parameter files (YAML), read as rcl reads them and checked as the nodes check.
+
+A file serves all nodes. Sections are node names, whole or with the wildcards ``*`` (one name) and
+``**`` (any number), and may be nested by namespace; of sections that fit a node the later wins.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+import yaml
+
+from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
+from tirgeo_ros.core.config.schema import config_from, parameters_of
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import PathLike
+
+T = TypeVar("T")
+#: A file, several of which the later stand before the earlier, or none.
+Files = PathLike | Sequence[PathLike] | None
+
+_MARK = "ros__parameters"
+_MOST_BYTES = 1 << 17  # seven times the longest file of this package; a second or two to read
+_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+_EVERY_NODE_PREFIX = "qos_overrides."
+
+_SHOWN = 60  # characters of a value that is refused
+
+Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
+
+
+def load_yaml(path: str | os.PathLike[str]) -> Any:
+    """What a YAML file holds, plain values as rcl reads them. ConfigError if it is not YAML."""
+    try:
+        # The loader is a safe one: it makes plain values alone.
+        return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: {_explained(error)}") from None
+    except RecursionError:
+        raise ConfigError(f"{path}: not YAML: nested too deeply") from None
+
+
+class ParameterFile:
+    """A parameter file, read and checked as a whole; without a path all is at its default.
+
+    Of several files the later stand before the earlier, as where a node is given several. Raises
+    ConfigError, naming file and key, for what is no parameter file, a node that is not tirgeo's,
+    an unknown name, a wrong type or a value out of range.
+    """
+
+    def __init__(self, files: Files) -> None:
+        paths = paths_of(files)
+        self._name = ", ".join(str(path) for path in paths)
+        self._parts: list[Section] = []
+        for path in paths:
+            parts = list(_sections(path))
+            for pattern, given in parts:
+                _check(path, pattern, given)
+            self._parts += parts
+
+    def values(self, node: str, namespace: str = "") -> dict[str, object]:
+        """The dotted values that the file gives a node."""
+        full_name = _full_name(node, namespace)
+        known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
+        values: dict[str, object] = {}
+        for pattern, given in self._parts:
+            if _fits(pattern, full_name):
+                values |= {k: v for k, v in given.items() if k in known or _of_every_node(k)}
+        return values
+
+    def elsewhere(self, namespace: str = "") -> list[str]:
+        """Return the sections for a node that has none in this namespace."""
+        nodes = [_full_name(node, namespace) for node in NODE_CONFIGS]
+        patterns = [pattern for pattern, _ in self._parts]
+        here = {one for one in patterns if any(_fits(one, node) for node in nodes)}
+        served = {one.rpartition("/")[2] for one in here}
+        return [p for p in patterns if p not in here and p.rpartition("/")[2] not in served]
+
+    def config(self, node: str, kind: type[T], namespace: str = "") -> T:
+        """A node's configuration. Raises ConfigError where values do not go together."""
+        return config_from(kind, _own(self.values(node, namespace)), self._name)
+
+
+def paths_of(files: Files) -> list[PathLike]:
+    """The files one after another."""
+    if files is None:
+        return []
+    return [files] if isinstance(files, str | os.PathLike) else list(files)
+
+
+def load_parameters(files: Files, node: str, namespace: str = "") -> dict[str, object]:
+    """``ParameterFile.values`` for one node."""
+    return ParameterFile(files).values(node, namespace)
+
+
+def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
+    """``ParameterFile.config`` for one node."""
+    return ParameterFile(files).config(node, kind, namespace)
+
+
+def _full_name(node: str, namespace: str) -> str:
+    return "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
+
+
+def _own(values: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in values.items() if not _of_every_node(name)}
+
+
+def _of_every_node(name: str) -> bool:
+    return name in _EVERY_NODE or name.startswith(_EVERY_NODE_PREFIX)
+
+
+def _check(path: str | os.PathLike[str], pattern: str, values: Mapping[str, object]) -> None:
+    """Refuse what no node that the pattern can mean would take."""
+    name = pattern.rpartition("/")[2]
+    kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
+    names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
+    for key, value in _own(values).items():
+        if key in RENAMED and key not in names:
+            raise ConfigError(f"{path}: parameter {key} {RENAMED[key]}")
+        if key not in names:
+            near = difflib.get_close_matches(key, names, n=1)
+            hint = f" (did you mean {near[0]}?)" if near else ""
+            raise ConfigError(f"{path}: unknown parameter {key} of {pattern}{hint}")
+        config_from(names[key], {key: value}, str(path))
+
+
+def _fits(pattern: str, full_name: str) -> bool:
+    """Whether a section's name means a node, with rcl's wildcards."""
+    parts = re.split(r"(/\*\*|/\*)", pattern)
+    wild = {"/**": r"(/\w+)*", "/*": r"/\w+"}
+    expression = "".join(wild.get(part, re.escape(part)) for part in parts)
+    return re.fullmatch(expression, full_name) is not None
+
+
+def _sections(path: str | os.PathLike[str]) -> Iterator[Section]:
+    tree = load_yaml(path)
+    if not isinstance(tree, Mapping):
+        raise ConfigError(f"{path}: no parameter file: it needs NODE: {_MARK}: NAME: VALUE")
+    yield from _nested_sections(path, "", tree)
+
+
+def _nested_sections(
+    path: str | os.PathLike[str], above: str, tree: Mapping[Any, Any]
+) -> Iterator[Section]:
+    for key, value in tree.items():
+        name = f"{above}/{str(key).strip('/')}"
+        if key == _MARK:
+            _check_node(path, above)
+            yield above, dict(_flat(path, "", value))
+        elif isinstance(value, Mapping):
+            yield from _nested_sections(path, name, value)
+        else:
+            raise ConfigError(f"{path}: {name.strip('/')} holds no {_MARK}")
+
+
+def _check_node(path: str | os.PathLike[str], pattern: str) -> None:
+    name = pattern.rpartition("/")[2]
+    if "*" not in name and name not in NODE_CONFIGS:
+        raise ConfigError(
+            f"{path}: unknown node {pattern or _MARK}; known: {', '.join(NODE_CONFIGS)}"
+        )
+
+
+def _flat(path: str | os.PathLike[str], above: str, tree: Any) -> Iterator[tuple[str, object]]:
+    """Nested parameters with their dotted names."""
+    if not isinstance(tree, Mapping):
+        raise ConfigError(f"{path}: {above or _MARK} holds no parameters")
+    for key, value in tree.items():
+        name = f"{above}.{key}" if above else str(key)
+        if isinstance(value, Mapping):
+            yield from _flat(path, name, value)
+        else:
+            yield name, value
+
+
+def _explained(error: yaml.YAMLError) -> str:
+    mark = getattr(error, "problem_mark", None)
+    where = f"line {mark.line + 1}: " if mark else ""
+    problem = getattr(error, "problem", None) or "not readable"
+    return f"{where}not YAML: {problem}"
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """YAML with the plain values that rcl knows: no dates, no sexagesimals, and 1e-4 a number."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+    bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node; an alias is refused, as rcl does: it may hold itself, or grow without bound."""
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
+        return super().compose_node(parent, index)
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """A value; one that its tag or its length does not allow is refused with its line.
+
+        So is half of a pair of surrogates, which no file and no message can hold.
+        """
+        try:
+            made = super().construct_object(node, deep)
+            if isinstance(made, str):
+                made.encode()
+            elif isinstance(made, int) and made.bit_length() > 63:
+                made = float(made)  # as rcl has it
+        except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
+            kind = node.tag.rpartition(":")[2]
+            text = repr(getattr(node, "value", ""))[:_SHOWN]
+            raise yaml.constructor.ConstructorError(
+                None, None, f"{text} is no {kind}", node.start_mark
+            ) from None
+        return made
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """A mapping in which no key stands twice: the first one would be lost unseen."""
+        seen = set()
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key.value} stands twice", key.start_mark
+                )
+            seen.add(key.value)
+        made: dict[Any, Any] = super().construct_mapping(node, deep)
+        return made
+
+
+for _tag, _pattern, _first in (
+    (
+        "bool",
+        r"y|Y|n|N|(yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF)",
+        "yYnNtTfFoO",
+    ),
+    ("int", r"[-+]?(0x[0-9a-fA-F]+|0[0-7]*|[1-9]\d*)", "-+0123456789"),
+    (
+        "float",
+        r"[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))|\.(nan|NaN|NAN)",
+        "-+0123456789.",
+    ),
+    ("null", r"~|null|Null|NULL|", "~nN\0"),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}",
+        re.compile(f"^({_pattern})$"),
+        ["" if first == "\0" else first for first in _first],
+    )

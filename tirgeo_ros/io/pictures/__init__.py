@@ -1,0 +1,1 @@
+"""Read calibration files of cameras and write pictures with coordinates."""

@@ -1,0 +1,101 @@
+"""Calibration files of cameras: the YAML that ROS's camera_calibration writes.
+
+``camera_info_manager`` reads it, and so do most camera drivers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.types.errors import CameraError, ConfigError
+from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.messages.pictures import camera as camera_of
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def camera_yaml(camera: Camera, name: str = "thermal") -> str:
+    """The text of a calibration file; plumb_bob has five coefficients, the rational model eight.
+
+    The rectified image has the camera's own matrix: P is K beside zeros.
+    """
+    k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
+    size = 5 if len(camera.distortion) <= 5 else 8
+    distortion = [*camera.distortion, *[0.0] * (size - len(camera.distortion))]
+    model = "plumb_bob" if size == 5 else "rational_polynomial"
+    return "\n".join(
+        [
+            f"image_width: {camera.width}",
+            f"image_height: {camera.height}",
+            f"camera_name: {name}",
+            *_matrix("camera_matrix", 3, k),
+            f"distortion_model: {model}",
+            *_matrix("distortion_coefficients", 1, distortion),
+            *_matrix("rectification_matrix", 3, _IDENTITY),
+            *_matrix("projection_matrix", 3, p),
+            "",
+        ]
+    )
+
+
+def _matrix(name: str, rows: int, data: Sequence[float]) -> list[str]:
+    numbers = ", ".join(f"{number:.10g}" for number in data)
+    return [f"{name}:", f"  rows: {rows}", f"  cols: {len(data) // rows}", f"  data: [{numbers}]"]
+
+
+def save_camera(path: PathLike, camera: Camera, name: str = "thermal") -> None:
+    """Write a calibration file: the whole file or none. Raises CameraError."""
+    write_files({path: camera_yaml(camera, name)}, CameraError)
+
+
+def load_camera(path: PathLike) -> Camera:
+    """A camera from a calibration file; the matrix and the coefficients alone are used.
+
+    Raises CameraError naming the file, and the key that is absent or wrong.
+    """
+    try:
+        tree = load_yaml(str(path))
+    except ConfigError as error:
+        raise CameraError(str(error)) from None
+    if not isinstance(tree, Mapping):
+        raise CameraError(f"{path}: no calibration file: it needs image_width, camera_matrix, ...")
+    message = SimpleNamespace(
+        width=_number(path, tree, "image_width"),
+        height=_number(path, tree, "image_height"),
+        k=_data(path, tree, "camera_matrix", 9),
+        d=_data(path, tree, "distortion_coefficients"),
+        distortion_model=tree.get("distortion_model", ""),
+    )
+    return camera_of(message, str(path))
+
+
+def given_camera(config: OverlayConfig) -> Camera | None:
+    """The camera that parameters give, None where the topic does. Raises CameraError."""
+    return load_camera(config.camera) if config.camera else None
+
+
+def _number(path: PathLike, tree: Mapping[Any, Any], key: str) -> int:
+    value = tree.get(key)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise CameraError(f"{path}: {key} must be a whole number, is {value!r}")
+    return value
+
+
+def _data(path: PathLike, tree: Mapping[Any, Any], key: str, count: int | None = None) -> Any:
+    matrix = tree.get(key)
+    data = matrix.get("data") if isinstance(matrix, Mapping) else None
+    if not isinstance(data, list) or not all(_is_number(value) for value in data):
+        raise CameraError(f"{path}: {key} needs data: a list of numbers")
+    if count is not None and len(data) != count:
+        raise CameraError(f"{path}: {key} needs {count} numbers in data, has {len(data)}")
+    return data
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

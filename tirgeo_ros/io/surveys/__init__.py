@@ -1,0 +1,1 @@
+"""Read surveyed points, and write located ones."""

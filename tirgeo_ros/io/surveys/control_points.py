@@ -1,0 +1,137 @@
+"""Control points of a picture: pixels with the places on the ground that they show.
+
+Pixels are columns and rows from the top left corner of the picture, as QGIS counts them but for
+the sign: rows that it counts upwards (below zero) are turned.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import SurveyError
+from tirgeo_ros.io.coordinates.crs import to_wgs84
+from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.surveys.survey import Mark, SurveyPoint, check_rows, load_marks, load_survey
+
+_QGIS_X, _QGIS_Y = ("mapX", "mapY")
+_QGIS_PIXELS = (("sourceX", "sourceY"), ("pixelX", "pixelY"))  # of now and of QGIS before 3.26
+
+
+@dataclass(frozen=True, slots=True)
+class ControlPoints:
+    """Points (n) in the order of their file."""
+
+    names: list[str]
+    pixels: Array  # (n, 2) column, row
+    degrees: Array  # (n, 2) longitude, latitude in WGS84
+    unused: tuple[str, ...] = ()  # those that only one of two files has
+
+
+def load_control_points(
+    points: PathLike, survey: PathLike | None, points_crs: str | None
+) -> ControlPoints:
+    """Marks (CSV ``id,column,row``) with their survey, or a ``.points`` file of QGIS alone.
+
+    ``points_crs`` names the system of a ``.points`` file that does not. Raises SurveyError.
+    """
+    if survey is not None:
+        return _matched(points, load_marks(points), survey, load_survey(survey))
+    return _qgis(points, points_crs)
+
+
+def downward(pixels: Array) -> Array:
+    """Pixels (n, 2) with rows that grow downwards; QGIS has them below zero, growing upwards."""
+    upward = len(pixels) > 0 and float(np.median(pixels[:, 1])) < 0
+    return pixels * np.array([1.0, -1.0]) if upward else pixels
+
+
+def _matched(
+    points: PathLike,
+    marks: Sequence[Mark],
+    survey: PathLike,
+    surveyed: Sequence[SurveyPoint],
+) -> ControlPoints:
+    places = {point.id: point for point in surveyed}
+    used = [mark for mark in marks if mark.id in places]
+    if not used:
+        raise SurveyError(f"{points}: no id of it is in {survey}")
+    known = {mark.id for mark in marks}
+    unused = [mark.id for mark in marks if mark.id not in places]
+    unused += [name for name in places if name not in known]
+    degrees = [
+        (math.degrees(places[m.id].longitude_rad), math.degrees(places[m.id].latitude_rad))
+        for m in used
+    ]
+    pixels = np.array([(mark.column, mark.row) for mark in used])
+    return ControlPoints(
+        [mark.id for mark in used], downward(pixels), np.array(degrees), tuple(unused)
+    )
+
+
+def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
+    lines = read_text(path, SurveyError).splitlines()
+    check_rows(path, len(lines))
+    comments = [line for line in lines if line.startswith("#")]
+    named = [line.partition(":")[2].strip() for line in comments if line.startswith("#CRS:")]
+    crs = points_crs or (named[0] if named else "")
+    if points_crs and named and not _same(points_crs, named[0]):
+        raise SurveyError(
+            f"{path}: is in {_short(named[0])}, as it says itself: leave --points-crs out"
+        )
+    rows = _rows(path, [line for line in lines if not line.startswith("#")])
+    if not crs:
+        raise SurveyError(
+            f"{path}: names no coordinate reference system; give --points-crs (EPSG code)"
+        )
+    values = np.array(list(rows.values()), float).reshape(-1, 4)
+    flat = np.column_stack([values[:, :2], np.zeros(len(values))])
+    degrees, _ = to_wgs84(flat, crs, str(path))
+    if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
+        raise SurveyError(f"{path}: a point is no place in {_short(crs)}")
+    return ControlPoints(list(rows), downward(values[:, 2:]), degrees[:, :2])
+
+
+def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Easting, northing, column, row of the enabled points, by their places in the file."""
+    reader = csv.DictReader(lines)
+    header = reader.fieldnames or ()
+    pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
+    if pixels is None or not {_QGIS_X, _QGIS_Y} <= set(header):
+        raise SurveyError(
+            f"{path}: no .points file of QGIS (mapX,mapY,sourceX,sourceY); "
+            "with a CSV id,column,row give --survey too"
+        )
+    found: dict[str, tuple[float, ...]] = {}
+    for number, row in enumerate(reader, 1):
+        try:
+            values = tuple(float(row[name]) for name in (_QGIS_X, _QGIS_Y, *pixels))
+        except (TypeError, ValueError):
+            values = (math.nan,)
+        if not all(map(math.isfinite, values)):
+            raise SurveyError(f"{path}: point {number} is not four numbers")
+        if (row.get("enable") or "1").strip() != "0":
+            found[str(number)] = values
+    return found
+
+
+def _same(one: str, other: str) -> bool:
+    try:
+        first, second = map(pyproj.CRS.from_user_input, (one, other))
+    except pyproj.exceptions.CRSError:
+        return True  # that it is none is told where it is used
+    return bool(first.equals(second, ignore_axis_order=True)) or first.name == second.name
+
+
+def _short(crs: str) -> str:
+    try:
+        return str(pyproj.CRS.from_user_input(crs).name)
+    except pyproj.exceptions.CRSError:
+        return crs[:40]

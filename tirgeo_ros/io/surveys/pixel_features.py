@@ -1,0 +1,125 @@
+"""GeoJSON whose coordinates are pixels of a picture, as one digitises on it without a system.
+
+Features, properties and kinds of geometry stay as they are; the coordinates are taken out as one
+array and put back as longitudes and latitudes. A third coordinate is dropped: a picture has none.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.maps.table import check_count
+from tirgeo_ros.io.surveys.control_points import downward
+
+_LEFT_OUT = ("crs", "bbox")  # said of other coordinates
+
+
+class PixelFeatures:
+    """A FeatureCollection in pixels. Raises MapError naming file and feature."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = Path(path)
+        try:
+            with bounded_memory():
+                self._take(self._read())
+        except MemoryError:
+            raise MapError(f"{path}: does not fit into memory; split it") from None
+
+    def _take(self, features: list[dict[str, Any]]) -> None:
+        check_count(len(features), str(self._path))
+        self._features = features
+        pairs: list[tuple[float, float]] = []
+        self._owners: list[int] = []
+        for number, feature in enumerate(features, 1):
+            found = list(self._positions(number, feature.get("geometry")))
+            pairs += found
+            self._owners += [number - 1] * len(found)
+        self.pixels: Array = downward(np.array(pairs, float).reshape(-1, 2))  # (n, 2)
+
+    @property
+    def count(self) -> int:
+        """Number of features."""
+        return len(self._features)
+
+    def features_with(self, vertices: BoolArray) -> int:
+        """How many features have one of these vertices (n, bool)."""
+        return len(set(np.array(self._owners, int)[vertices].tolist()))
+
+    def geojson(self, degrees: Array) -> str:
+        """The collection with longitudes and latitudes (n, 2) in place of the pixels."""
+        rest = iter(np.round(degrees, 9).tolist())
+        features = [
+            {
+                **{key: value for key, value in feature.items() if key not in _LEFT_OUT},
+                "geometry": _placed(feature.get("geometry"), rest),
+            }
+            for feature in self._features
+        ]
+        root = {"type": "FeatureCollection", "features": features}
+        return json.dumps(root, ensure_ascii=False) + "\n"
+
+    def _read(self) -> list[dict[str, Any]]:
+        try:
+            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
+        except OSError as error:
+            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
+        except (ValueError, RecursionError) as error:
+            raise MapError(f"{self._path}: not GeoJSON: {error}") from None
+        features = root.get("features") if isinstance(root, dict) else None
+        if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
+            raise MapError(f"{self._path}: no GeoJSON FeatureCollection; export one in pixels")
+        return features
+
+    def _positions(self, number: int, geometry: Any) -> Iterator[tuple[float, float]]:
+        """Pixels of a geometry in the order in which ``_placed`` puts them back."""
+        try:
+            yield from _pairs(geometry)
+        except (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError):
+            raise MapError(
+                f"{self._path}: feature {number} has coordinates that are no column and row"
+            ) from None
+
+
+def _pairs(geometry: Any) -> Iterator[tuple[float, float]]:
+    if geometry is None:
+        return
+    if geometry["type"] == "GeometryCollection":
+        for part in geometry["geometries"]:
+            yield from _pairs(part)
+    else:
+        yield from _flat(geometry["coordinates"])
+
+
+def _flat(coordinates: Any) -> Iterator[tuple[float, float]]:
+    if coordinates and not isinstance(coordinates[0], list):
+        column, row = float(coordinates[0]), float(coordinates[1])
+        if not (np.isfinite(column) and np.isfinite(row)):
+            raise ValueError
+        yield column, row
+        return
+    for part in coordinates:
+        yield from _flat(part)
+
+
+def _placed(geometry: Any, rest: Iterator[list[float]]) -> Any:
+    if geometry is None:
+        return None
+    if geometry["type"] == "GeometryCollection":
+        parts = [_placed(part, rest) for part in geometry["geometries"]]
+        return {"type": "GeometryCollection", "geometries": parts}
+    return {"type": geometry["type"], "coordinates": _refilled(geometry["coordinates"], rest)}
+
+
+def _refilled(coordinates: Any, rest: Iterator[list[float]]) -> Any:
+    if coordinates and not isinstance(coordinates[0], list):
+        return next(rest)
+    return [_refilled(part, rest) for part in coordinates]

@@ -1,0 +1,118 @@
+"""Write docs/parameters.md: every node's parameters, as the dataclasses of core/config have them.
+
+``python -m tirgeo_ros.nodes.parameters_page docs/parameters.md``, or ``make parameters``. No ROS.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import sys
+from collections.abc import Iterable, Iterator
+from functools import reduce
+from itertools import groupby
+from pathlib import Path
+
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig
+from tirgeo_ros.core.config.schema import Parameter, parameters_of
+from tirgeo_ros.nodes.help import as_yaml
+
+_HEAD = """\
+# Parameters
+
+Made from the code by `make parameters`: do not edit this page, but the descriptions in
+`tirgeo_ros/core/config`.
+
+No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
+[m600_xt2.yaml](../config/m600_xt2.yaml) or [m300_h20t.yaml](../config/m300_h20t.yaml); any other
+parameter goes into the same file, or into a second one, under the name of its node, and the block
+`aircraft` under `/**`, for all nodes:
+
+```yaml
+/**/ekf_node:
+  ros__parameters:
+    rtk.delay_s: 0.08
+```
+
+Give files to the launch file (`params_file:=`), to a node (`--ros-args --params-file`) and to the
+commands (`--params`, which may be repeated: later files override earlier ones). An unknown name, a
+wrong type or a value out of range is refused at start. Parameters are read once, at start.
+
+- Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
+- *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
+- Standard deviations are one sigma. Angles are in degrees where the name ends in `_deg`.
+- Three numbers along the aircraft's or the camera's axes are forward, left, up.
+- `NODE --help-all` prints the same for one node.
+"""
+_COLUMNS = """\
+| parameter | type | unit | range | default | meaning |
+| --- | --- | --- | --- | --- | --- |"""
+_KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
+_AIRCRAFT = "aircraft"  # the group that is given once, for all nodes
+
+
+def parameters_page() -> str:
+    """Return the page: the aircraft's places, then one section a node and one table a group."""
+    links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
+    parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
+    parts += _group(_AIRCRAFT, AircraftConfig, "", _aircraft())
+    for node, kind in NODE_CONFIGS.items():
+        parts.append(f"## {node}\n")
+        for name, own in groupby(parameters_of(kind), _group_name):
+            if name != _AIRCRAFT:
+                holder = type(reduce(getattr, name.split("."), kind())) if name else None
+                parts += _group(name, holder, f" of {node}", own)
+    return "\n".join(parts)
+
+
+def _aircraft() -> list[Parameter]:
+    """Return the group ``aircraft`` as the nodes that have it hold it."""
+    every = [one for kind in NODE_CONFIGS.values() for one in parameters_of(kind)]
+    found = {one.name: one for one in every if _group_name(one) == _AIRCRAFT}
+    return list(found.values())
+
+
+def _group_name(one: Parameter) -> str:
+    return one.name.rpartition(".")[0]
+
+
+def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter]) -> Iterator[str]:
+    """Yield a group's heading and what its dataclass says, then its table."""
+    if holder:
+        text = " ".join((inspect.getdoc(holder) or "").split()).replace("``", "`")
+        yield f"### `{name}.*`{whose}\n\n{text}\n"
+    yield "\n".join([_COLUMNS, *map(_row, own)]) + "\n"
+
+
+def _row(one: Parameter) -> str:
+    cells = [f"`{one.name}`", _type(one), one.unit, _range(one), _default(one), one.description]
+    return f"| {' | '.join(cells)} |"
+
+
+def _type(one: Parameter) -> str:
+    if isinstance(one.default, tuple):
+        return f"{' or '.join(map(str, one.sizes))} doubles"
+    return _KINDS[type(one.default)]
+
+
+def _range(one: Parameter) -> str:
+    if one.choices:
+        return ", ".join(one.choices)
+    if math.isinf(one.low) or math.isinf(one.high):
+        return ""
+    return f"{_bound(one.low)} to {_bound(one.high)}"
+
+
+def _bound(value: float) -> str:
+    """Return a bound without an exponent where its zeros can be counted."""
+    whole = value == int(value) and (abs(value) < 1e7 or isinstance(value, int))
+    return str(int(value)) if whole else f"{value:g}"
+
+
+def _default(one: Parameter) -> str:
+    text = as_yaml(one.default)
+    return f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(parameters_page(), encoding="utf-8")

@@ -1,0 +1,221 @@
+"""The error budget over a camera's picture: the work of ``tirgeo budget``.
+
+The paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2) beside the derivative of the
+ground point by the whole pose, with any lens and covariance.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tirgeo_ros.core.accuracy.error_budget import (
+    GroundView,
+    looking,
+    paper_heading_error_m,
+    paper_height_error_m,
+    paper_position_error_m,
+    pixel_grid,
+    rms_m,
+)
+from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+
+STEP_PX = 4
+
+
+@dataclass(frozen=True)
+class Sigmas:
+    """Errors that go into a budget: Table 1 of the paper, and Table 8 for the gimbal."""
+
+    east_error_m: float = 1.2846
+    north_error_m: float = 0.9342
+    height_error_m: float = 2.8017
+    heading_error_deg: float = 1.7972
+    roll_error_deg: float = 0.2704
+    pitch_error_deg: float = 0.4839
+
+
+#: Which of ahead, right, down and the turns about them make a factor.
+_PARTS = {
+    "position": [0, 1],
+    "height": [2],
+    "position 3d": [0, 1, 2],
+    "heading": [5],
+    "tilt": [3, 4],
+    "pose": [0, 1, 2, 3, 4, 5],
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a budget is of. Raises CalibrationError for a view that sees no ground."""
+
+    camera: Camera = XT2
+    height_m: float = 20.0  # of the camera above the ground
+    depression_deg: float = 30.0  # of the optical axis below the horizon
+    speed_m_s: float = 3.0  # ahead
+    sigmas: Sigmas = field(default_factory=Sigmas)
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    #: (6, 6) of a filter's poses, along ahead, right, down; None: what the sigmas make.
+    pose_covariance_a: Array | None = None
+
+    @property
+    def covariances_a(self) -> dict[str, Array]:
+        """(6, 6) along ahead, right, down, m2 and phi rad2, by what is wrong of the pose."""
+        if self.pose_covariance_a is not None:
+            return {name: _only(self.pose_covariance_a, k) for name, k in _PARTS.items()}
+        sigmas, depression = self.sigmas, math.radians(self.depression_deg)
+        axis_a = np.array([math.cos(depression), 0.0, math.sin(depression)])  # roll is about it
+        roll, tilt = np.zeros((6, 6)), np.zeros(6)
+        roll[3:, 3:] = math.radians(sigmas.roll_error_deg) ** 2 * np.outer(axis_a, axis_a)
+        tilt[4] = math.radians(sigmas.pitch_error_deg)
+        level = np.zeros(6)  # north is ahead: which is does not matter to the sum of both
+        level[:2] = sigmas.north_error_m, sigmas.east_error_m
+        height, heading = np.zeros(6), np.zeros(6)
+        height[2], heading[5] = sigmas.height_error_m, math.radians(sigmas.heading_error_deg)
+        parts = {
+            "position": np.diag(level**2),
+            "height": np.diag(height**2),
+            "heading": np.diag(heading**2),
+            "tilt": np.diag(tilt**2) + roll,
+        }
+        parts["position 3d"] = parts["position"] + parts["height"]
+        return parts | {"pose": parts["position 3d"] + parts["heading"] + parts["tilt"]}
+
+    @property
+    def rates_a(self) -> Array:
+        """(6,) m/s and rad/s of the camera, along which an error of time acts."""
+        return np.array([self.speed_m_s, 0, 0, 0, 0, 0])
+
+    def __post_init__(self) -> None:
+        """Check that ground is seen, and that errors are errors."""
+        if not 0 < self.height_m < math.inf:
+            raise CalibrationError(
+                f"the camera is {self.height_m:g} m above the ground: give more"
+            )
+        for name, value in dataclasses.asdict(self.sigmas).items():
+            if not 0 <= value < math.inf:
+                raise CalibrationError(f"{name} is {value:g}: give 0 or more")
+        if not 0 < self.depression_deg <= 90:
+            raise CalibrationError(
+                f"the camera looks down by {self.depression_deg:g} deg: give above 0 to 90"
+            )
+
+
+def _only(covariance: Array, which: list[int]) -> Array:
+    left = np.zeros_like(covariance)
+    part = np.ix_(which, which)
+    left[part] = covariance[part]
+    return left
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Root mean square errors on the ground by factor, over the picture.
+
+    ``closed`` and ``general`` are pictures (rows, columns) in m, one pixel for ``STEP_PX`` of the
+    camera's, nan over the horizon; ``closed`` is the paper's, with a pinhole camera.
+    """
+
+    setting: Setting
+    closed: dict[str, Array]
+    general: dict[str, Array]
+
+    @property
+    def ground_share(self) -> float:
+        """What part of the picture lies below the horizon; the rows are of that part."""
+        return float(np.isfinite(self.general["pose"]).mean())
+
+    def rows(self) -> list[dict[str, object]]:
+        """One line a factor and form: in the middle, mean, median, 95 % and largest, m.
+
+        The middle is None where it lies over the horizon.
+        """
+        forms = {"closed": self.closed, "general": self.general}
+        return [
+            {"factor": factor, "form": form} | _summary(picture)
+            for factor in dict.fromkeys([*self.closed, *self.general])
+            for form, pictures in forms.items()
+            if (picture := pictures.get(factor)) is not None
+        ]
+
+
+def _summary(picture: Array) -> dict[str, object]:
+    seen = picture[np.isfinite(picture)]
+    rows, columns = picture.shape
+    at_middle = float(picture[rows // 2, columns // 2])
+    if not len(seen):
+        raise CalibrationError("the camera sees no ground: look further down")
+    return {
+        "middle_m": at_middle if math.isfinite(at_middle) else None,
+        "mean_m": float(seen.mean()),
+        "median_m": float(np.median(seen)),
+        "percentile_95_m": float(np.percentile(seen, 95)),
+        "largest_m": float(seen.max()),
+    }
+
+
+def budget(setting: Setting) -> Budget:
+    """Equations 15 to 21 over the picture, and the general form."""
+    uv, shape = pixel_grid(setting.camera, STEP_PX)
+    view = GroundView.of(
+        setting.camera, looking(math.radians(setting.depression_deg)), setting.height_m, uv
+    )
+    seen = np.isfinite(view.points_n[:, 0])
+    closed = {
+        name: np.where(seen, picture, np.nan).reshape(shape)
+        for name, picture in _closed(setting, uv).items()
+    }
+    general = {name: rms_m(c).reshape(shape) for name, c in _general(setting, view).items()}
+    return Budget(setting, closed, general)
+
+
+def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
+    camera, sigmas = setting.camera, setting.sigmas
+    f, alpha = (camera.fx + camera.fy) / 2, math.radians(setting.depression_deg)
+    x_im, y_im = uv[:, 0] - camera.cx, uv[:, 1] - camera.cy
+    position = np.full(len(uv), paper_position_error_m(sigmas.east_error_m, sigmas.north_error_m))
+    height = paper_height_error_m(x_im, y_im, f, alpha, sigmas.height_error_m)
+    heading_rad = math.radians(sigmas.heading_error_deg)
+    heading = paper_heading_error_m(x_im, y_im, f, alpha, setting.height_m, heading_rad)
+    whole = np.hypot(position, height)
+    return {
+        "position": position,
+        "height": height,
+        "position 3d": whole,
+        "heading": heading,
+        "all of these": np.hypot(whole, heading),
+    }
+
+
+def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
+    """Covariances (N, 2, 2) by factor; the picture's way is to the north."""
+    given, none = setting.confidence, np.zeros((6, 6))
+    others = {
+        "latency": view.covariance(
+            none, latency_sigma_s=given.latency_sigma_s, rates=setting.rates_a
+        ),
+        "lens": view.covariance(none, lens_sigma_px=given.lens_sigma_px),
+        "ground": view.covariance(none, ground_sigma_m=given.ground_sigma_m),
+    }
+    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
+    return parts | others | {"all": parts["pose"] + sum(others.values())}
+
+
+def budget_csv(made: Budget) -> str:
+    """The rows, to a tenth of a millimetre."""
+    out = io.StringIO()
+    rows = made.rows()
+    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()})
+    return out.getvalue()

@@ -1,0 +1,98 @@
+"""Antennas, delays and the level of the IMU from a flight: ``tirgeo calibrate aircraft``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+
+from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns
+from tirgeo_ros.core.aircraft_calibration.fit import PARTS, AircraftFit, fit
+from tirgeo_ros.core.aircraft_calibration.mounting_level import LEVEL, mounting_level
+from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, DIRECTION, PARAMETERS
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.tools.calibrate.aircraft_flight import ReadAircraft, read_aircraft
+from tirgeo_ros.tools.calibrate.aircraft_result import parameter_text, summary
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+#: What may be held, and what that means.
+HOLDS = {
+    "antenna": PARAMETERS[ANTENNA],
+    "baseline": PARAMETERS[DIRECTION],
+    "elevation": ("baseline_elevation",),
+    "position_delay": ("position_delay",),
+    "velocity_delay": ("velocity_delay",),
+    "heading_delay": ("heading_delay",),
+    "level": LEVEL,
+    "rtk": ("rtk",),  # the delay of its positions: that of the IMU is found instead
+}
+_USUAL_RUNS = 18
+
+
+def calibrate_aircraft(
+    bag_in: PathLike,
+    output: PathLike | None = None,
+    *,
+    params: Files = None,
+    hold: Collection[str] = (),
+    namespace: str = "",
+    plot: PathLike | None = None,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Find the aircraft's parameters that a flight shows, write them to ``output``; a summary.
+
+    ``hold`` are keys of HOLDS, which stay as ``params`` has them. ``plot`` is a PNG of the
+    innovations. Raises CalibrationError where the flight tells nothing, BagError, ConfigError.
+    """
+    configs = node_configs(params, namespace)
+    config = configs.ekf
+    given = (bag_in, *paths_of(params), *configs.files)
+    check_outputs(given, (output, plot), CalibrationError)
+    held = [name for key in hold for name in HOLDS[key]]
+    reader = BagReader(bag_in)
+    read = read_aircraft(reader, namespace, config.max_imu_gap_s, silent)
+    runs = FlightRuns(read.recorded, config)
+    try:
+        found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
+        _check_told(found)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+    level = mounting_level(found.after, runs.recorded.imu, PARTS)
+    result = summary(config, found, level, held)
+    contents: dict[PathLike, str | bytes] = {}
+    if output is not None:
+        contents[output] = parameter_text(bag_in, result)
+    if plot is not None:
+        from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot  # noqa: PLC0415  matplotlib
+
+        contents[plot] = innovation_plot(found)
+    write_files(contents, CalibrationError)
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in contents],
+        **result.as_dict(),
+        **_numbers(read),
+        "notes": read.notes + result.notes,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def _numbers(read: ReadAircraft) -> dict[str, object]:
+    return {
+        "seconds": read.seconds,
+        "imu_samples": len(read.recorded.imu),
+        "measurements": len(read.recorded.aids),
+    }
+
+
+def _check_told(found: AircraftFit) -> None:
+    if found.told:
+        return
+    reasons: dict[str, list[str]] = {}
+    for name, reason in found.untold.items():
+        reasons.setdefault(reason, []).append(name)
+    told = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+    raise CalibrationError(f"the flight tells nothing of the aircraft: {told}")

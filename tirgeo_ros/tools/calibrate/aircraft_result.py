@@ -1,0 +1,227 @@
+"""What a calibration of the aircraft found, as numbers for a program and as a parameter file."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
+from tirgeo_ros.core.aircraft_calibration.mounting_level import (
+    LEVEL,
+    LEVEL_ADVICE,
+    LEVEL_LIMIT_RAD,
+    Level,
+)
+from tirgeo_ros.core.aircraft_calibration.parameters import (
+    ANTENNA,
+    DIRECTION,
+    PARAMETERS,
+    direction_b,
+    imu_delay_s,
+)
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+
+_ALL, _EKF = "", "ekf_node"
+_UNITS = ("m",) * 3 + ("deg",) * 2 + ("ms",) * 3
+_PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
+_DIGITS = {"m": 3, "deg": 2, "ms": 1}
+#: Parameter of the nodes -> what it is made of.
+_KEYS = {
+    "aircraft.rtk_antenna_m": PARAMETERS[ANTENNA],
+    "aircraft.second_antenna_m": PARAMETERS[DIRECTION],
+    "rtk.delay_s": PARAMETERS[5:6],
+    "rtk.velocity_delay_s": PARAMETERS[6:7],
+    "heading.delay_s": PARAMETERS[7:8],
+    "aircraft.imu_rpy_deg": LEVEL,
+}
+_LENGTH_M = 1.0  # of a baseline that nobody has given
+
+
+class Estimate(NamedTuple):
+    """One parameter, in its unit."""
+
+    unit: str
+    before: float
+    found: float
+    sigma: float
+    left_out: float  # rms change where a sixth of the flight is left out
+
+
+@dataclass(frozen=True)
+class Result:
+    """All that is told of a calibration."""
+
+    estimates: dict[str, Estimate]
+    untold: dict[str, str]
+    nis: dict[str, dict[str, float]]
+    nodes: dict[str, dict[str, Value]]
+    notes: list[str]
+
+    def as_dict(self) -> dict[str, object]:
+        """For a program."""
+        return {
+            "parameters": {name: one._asdict() for name, one in self.estimates.items()},
+            "not_told": self.untold,
+            "nis": self.nis,
+        }
+
+
+def summary(
+    config: EkfConfig, found: AircraftFit, level: Level | None, hold: Collection[str]
+) -> Result:
+    """The result of a fit; ``level`` is None where the autopilot's attitude is absent."""
+    estimates = {name: _estimate(found, PARAMETERS.index(name)) for name in found.told}
+    untold = dict(found.untold)
+    turn = np.zeros(3)
+    if not set(LEVEL) <= set(hold):
+        turn[:2] = _add_level(level, estimates, untold)
+    nodes = _Nodes(config, found, set(estimates), turn).made(rtk_held="rtk" in hold)
+    nis = {
+        source.value: {"before": value, "after": found.after.nis()[source]}
+        for source, value in found.before.nis().items()
+    }
+    return Result(estimates, untold, nis, nodes, _notes(config, found))
+
+
+def _estimate(found: AircraftFit, k: int) -> Estimate:
+    unit = _UNITS[k]
+    numbers = found.first[k], found.values[k], found.sigma[k], found.left_out[k]
+    return Estimate(unit, *(float(x) * _PER_UNIT[unit] for x in numbers))
+
+
+def _add_level(
+    level: Level | None, estimates: dict[str, Estimate], untold: dict[str, str]
+) -> Array:
+    """(2,) the turn (FRD, rad) that is told, zero where it is not."""
+    if level is None:
+        untold |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
+        return np.zeros(2)
+    turn = np.zeros(2)
+    for k, (name, sign) in enumerate(zip(LEVEL, (1.0, -1.0), strict=True)):
+        sigma = float(level.sigma_rad[k])
+        if sigma > LEVEL_LIMIT_RAD:
+            untold[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
+            continue
+        turn[k] = level.angles_rad[k]
+        numbers = sign * turn[k], sigma, float(level.left_out_rad[k])
+        estimates[name] = Estimate("deg", 0.0, *(math.degrees(x) for x in numbers))
+    return turn
+
+
+class _Nodes:
+    """The nodes' parameters that a fit leads to."""
+
+    def __init__(
+        self, config: EkfConfig, found: AircraftFit, told: Collection[str], turn: Array
+    ) -> None:
+        self._config, self._aircraft = config, config.aircraft
+        self._found, self._told = found, told
+        self._rotation = matrix_from_rotvec(turn)  # onto the body, FRD
+        self._level = bool(turn.any())
+
+    def _tells(self, names: Collection[str]) -> bool:
+        return any(name in self._told for name in names)
+
+    def made(self, *, rtk_held: bool) -> dict[str, dict[str, Value]]:
+        """By node."""
+        nodes = {_ALL: self._places(), _EKF: self._delays(rtk_held=rtk_held)}
+        return {node: values for node, values in nodes.items() if values}
+
+    def _places(self) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        lever_b = self._rotation @ flu_from_frd(self._found.values[ANTENNA])
+        antenna_m = np.array(self._aircraft.imu_m) + flu_from_frd(lever_b)
+        moved = self._tells(PARAMETERS[ANTENNA]) or self._level
+        if moved:
+            values["aircraft.rtk_antenna_m"] = antenna_m.tolist()
+        has_baseline = bool(self._aircraft.second_antenna_m)
+        if self._tells(PARAMETERS[DIRECTION]) or (moved and has_baseline):
+            given_m = self._aircraft.baseline_b
+            length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
+            direction = np.array(direction_b(*self._found.values[DIRECTION].tolist()))
+            second_m = antenna_m + length_m * flu_from_frd(self._rotation @ direction)
+            values["aircraft.second_antenna_m"] = second_m.tolist()
+        if self._level:
+            given_bi = self._aircraft.rotation_bi
+            rotation = self._rotation @ (np.eye(3) if given_bi is None else given_bi)
+            angles = flu_from_frd(euler_from_matrix(rotation))
+            values["aircraft.imu_rpy_deg"] = np.degrees(angles).tolist()
+        return {name: _rounded(value) for name, value in values.items()}
+
+    def _delays(self, *, rtk_held: bool) -> dict[str, Value]:
+        position_s, velocity_s, heading_s = self._found.values[5:].tolist()
+        imu_s = imu_delay_s(self._config)
+        values: dict[str, Value] = {}
+        told = {name: name in self._told for name in PARAMETERS[5:]}
+        has_velocities = "no rtk/vel" not in self._found.untold.get("velocity_delay", "")
+        if told["position_delay"]:
+            if rtk_held:
+                imu_s = self._config.rtk.delay_s - position_s
+                values["imu.delay_s"] = imu_s
+            else:
+                values["rtk.delay_s"] = imu_s + position_s
+        if told["velocity_delay"] or (told["position_delay"] and has_velocities):
+            values["rtk.velocity_delay_s"] = velocity_s - position_s
+        has_headings = "no rtk/heading" not in self._found.untold.get("heading_delay", "")
+        if told["heading_delay"] or ("rtk.delay_s" in values and has_headings):
+            values["heading.delay_s"] = imu_s + heading_s  # unset, it would be that of rtk
+        return {name: _rounded(value) for name, value in values.items()}
+
+
+def _rounded(value: Value) -> Value:
+    """To tenths of millimetres and milliseconds, and of thousandths of a degree."""
+    if isinstance(value, float):
+        return round(value, 4) + 0.0
+    assert isinstance(value, list)
+    return [round(number, 4) + 0.0 for number in value]
+
+
+def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
+    notes = []
+    if "baseline_azimuth" in found.told:
+        if config.aircraft.baseline_b is None:
+            notes.append(
+                f"headings do not tell how far the antennas are apart: {_LENGTH_M:g} m is written"
+            )
+        notes.append(
+            "aircraft.second_antenna_m mends headings where the aircraft's messages are read "
+            "(dji_node, tirgeo import); those in this bag stay as they are"
+        )
+    worst = max(found.after.nis().items(), key=lambda item: item[1])
+    if worst[1] > 2.0:
+        notes.append(
+            f"the filter's innovations of {worst[0].value} are {math.sqrt(worst[1]):.1f} times "
+            "what it foresees: check the IMU's noise (imu.*) and the sigmas of RTK"
+        )
+    return notes
+
+
+def parameter_text(bag_in: PathLike, result: Result) -> str:
+    """A parameter file of what was found, with how well, and what was not, under its head."""
+    lines = [f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}."]
+    lines += [_line(name, one) for name, one in result.estimates.items()]
+    for key, names in _KEYS.items():
+        for name in names:
+            if name in result.untold:
+                lines.append(f"{key}: {name} not told: {result.untold[name]}")
+    lines += result.notes
+    return parameters_yaml(result.nodes, "\n".join(lines))
+
+
+def _line(name: str, one: Estimate) -> str:
+    digits = _DIGITS[one.unit]
+    return (
+        f"{name}: {one.found:.{digits}f} +- {one.sigma:.{digits}f} {one.unit} "
+        f"(before {one.before:.{digits}f}; without a sixth of the flight "
+        f"{one.left_out:.{digits}f} off)"
+    )

@@ -1,0 +1,188 @@
+"""Pictures for calibrations: from files, from folders of them, or from a bag's thermal video."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import RawPixels
+from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
+_CAMERA_INFO = "thermal/camera_info"
+_ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+
+
+class Taken(NamedTuple):
+    """A picture, or None where it cannot be read."""
+
+    name: str
+    stamp_ns: int | None  # of a bag's picture
+    pixels: RawPixels | None
+
+
+def is_bag(paths: Sequence[Path]) -> bool:
+    """Whether a bag is given. Raises CalibrationError for one among other things."""
+    bags = [path for path in paths if path.suffix.lower() == ".mcap"]
+    if bags and len(paths) > 1:
+        raise CalibrationError(f"{bags[0]}: give a bag by itself, or pictures")
+    return bool(bags)
+
+
+def files_of(paths: Sequence[Path]) -> list[Path]:
+    """The pictures' files: those given, and those in folders in the order of their numbers.
+
+    Raises CalibrationError for what is not there or holds no picture.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = [one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES]
+            if not inside:
+                raise CalibrationError(f"{path}: no pictures in it ({' '.join(_SUFFIXES)})")
+            found += sorted(inside, key=_by_numbers)
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise CalibrationError(f"{path}: there is no such file or folder")
+    return list(dict.fromkeys(found))
+
+
+def _by_numbers(path: Path) -> list[tuple[int, str]]:
+    """``view_2`` before ``view_10``."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:
+    """The pictures of files, in their order; names are told with as much of the path as needed."""
+    short = len({path.name for path in files}) == len(files)
+    for number, path in enumerate(files):
+        progress(number, len(files))
+        yield Taken(path.name if short else str(path), None, _read(path))
+
+
+def _read(path: Path) -> RawPixels | None:
+    """(h, w) uint8 or uint16, or (h, w, 3) uint8. Raises CalibrationError for one too large."""
+    try:
+        pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
+    except OSError:
+        return None
+    except ValueError as error:
+        raise CalibrationError(f"{path}: {error}") from None
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        return None
+    if pixels.ndim == 3 and pixels.dtype == np.uint16:
+        pixels = pixels[..., 0]  # written by what knew colour pictures alone
+    return np.asarray(pixels)
+
+
+class BoardVideo:
+    """The thermal pictures of a bag, and its camera.
+
+    Raises BagError where there are no pictures.
+    """
+
+    def __init__(self, bag: Path, namespace: str = "") -> None:
+        self.reader = BagReader(bag)
+        present = self.reader.topics()
+        names = {resolved(topic, namespace): topic for topic in PICTURES}
+        found = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
+        if not found:
+            hint = "" if namespace else "; is there a --namespace?"
+            raise BagError(f"{bag}: needed topic absent: {' or '.join(names)}{hint}")
+        self._pictures, self._contract = found[0], names[found[0]]
+        self._info = resolved(_CAMERA_INFO, namespace)
+        self._cdr = Cdr()
+
+    @property
+    def damage(self) -> str | None:
+        """What of the bag was lost, once its pictures were read."""
+        return None if self.reader.damage is None else f"{self.reader.path}: {self.reader.damage}"
+
+    def pictures(self, progress: Report) -> Iterator[Taken]:
+        """All pictures, in order; ``progress`` is told seconds."""
+        first_ns, last_ns = self.reader.span_ns
+        for message in self.reader.messages([self._pictures]):
+            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            yield self._picture(message)
+
+    def camera(self) -> Camera:
+        """The camera of the first ``thermal/camera_info``. Raises BagError, CameraError."""
+        if self._info not in self.reader.topics():
+            raise BagError(f"{self.reader.path}: topic absent: {self._info}; give --camera")
+        message = next(iter(self.reader.messages([self._info])), None)
+        if message is None:
+            raise BagError(
+                f"{self.reader.path}: no {self._info} in what can be read; give --camera"
+            )
+        return convert.camera(self._decoded(message), self._info)
+
+    def _picture(self, message: BagMessage) -> Taken:
+        decode: Callable[[Any], RawPixels] = (
+            convert.compressed_pixels
+            if self._contract.endswith("/compressed")
+            else convert.image_pixels
+        )
+        name = f"{message.log_time_ns / 1e9:.3f}"
+        try:
+            decoded = self._decoded(message)
+            stamp_ns = convert.stamp_ns(decoded)
+            return Taken(f"{stamp_ns / 1e9:.3f}", stamp_ns, decode(decoded))
+        except TirgeoError:
+            return Taken(name, None, None)
+
+    def _decoded(self, message: BagMessage) -> Any:
+        return self._cdr.deserialize(message.data, message.typename)
+
+
+def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
+    """Of each so many seconds of a video the sharpest picture; what cannot be read comes too."""
+    best: tuple[float, Taken] | None = None
+    begun_ns = 0
+    for taken in pictures:
+        if taken.pixels is None or taken.stamp_ns is None:
+            yield taken
+            continue
+        if best is not None and not 0 <= taken.stamp_ns - begun_ns < every_s * 1e9:
+            yield best[1]
+            best = None
+        if best is None:
+            begun_ns = taken.stamp_ns
+        score = _sharpness(taken.pixels)
+        if best is None or score > best[0]:
+            best = score, taken
+    if best is not None:
+        yield best[1]
+
+
+def _sharpness(pixels: RawPixels) -> float:
+    """Mean square of the slopes of the slightly calmed picture: noise counts little."""
+    calm = cv2.GaussianBlur(grey_of(pixels).astype(np.float32), (0, 0), 1.0)
+    return float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))
+
+
+def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
+    """Of a video so many pictures a second, as evenly as it has them; the unreadable come too."""
+    due_ns: float | None = None
+    step_ns = 1e9 / rate_hz
+    for taken in pictures:
+        if taken.stamp_ns is None:
+            yield taken
+        elif due_ns is None or not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
+            on_time = due_ns is not None and 0 <= taken.stamp_ns - due_ns < step_ns
+            due_ns = (due_ns if on_time and due_ns is not None else taken.stamp_ns) + step_ns
+            yield taken

@@ -1,0 +1,178 @@
+"""Boresight, latency and their like from a recorded flight: ``tirgeo calibrate boresight``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Sequence
+
+from tirgeo_ros.core.calibration.boresight.fit import Fit, fit, foreseen
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
+from tirgeo_ros.core.calibration.boresight.observability import (
+    UNASKED_SHARE,
+    Doubt,
+    check_numbers,
+    doubt,
+)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
+from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
+from tirgeo_ros.tools.calibrate.boresight_result import parameter_text, summary
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+
+#: What is estimated where nothing is asked for, and what only if the flight can tell it.
+USUAL = ("roll", "pitch", "yaw", "latency")
+IF_TOLD = "gimbal_north"
+#: How well an operator hits a point in a thermal picture, px, one standard deviation per axis.
+CLICK_SIGMA_PX = 1.0
+_SEEN_SHARE = 4.0  # of LIMITS: beyond 2 deg of sigma a test of it means nothing
+_MOST_COST = 1.5  # times as uncertain as without a parameter that nobody asked for
+_SURE_SIGMAS = 3.0  # three in a thousand flights by chance
+_FOLLOWED = (
+    "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
+    "nothing to find; leave it out"
+)
+
+
+def calibrate_boresight(
+    bag_in: PathLike,
+    survey: PathLike,
+    observations: PathLike,
+    output: PathLike,
+    *,
+    params: Files = None,
+    estimate: Sequence[str] | None = None,
+    hold: Collection[str] = (),
+    namespace: str = "",
+    click_sigma_px: float = CLICK_SIGMA_PX,
+    plot: PathLike | None = None,
+    camera: PathLike | None = None,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Write the parameters that a flight over surveyed points shows; a summary.
+
+    ``estimate`` are names of ``core.boresight.PARAMETERS``; None: USUAL, and IF_TOLD where the
+    flight can tell it. Those in ``hold`` stay as ``params`` has them. ``plot`` is a PNG of the
+    residuals. Raises CalibrationError where the flight cannot tell what is asked for, BagError,
+    ConfigError, SurveyError.
+    """
+    configs = node_configs(params, namespace, camera=camera)
+    given = (bag_in, survey, observations, *paths_of(params), *configs.files)
+    check_outputs(given, (output, plot), CalibrationError)
+    asked = (*USUAL, IF_TOLD) if estimate is None else estimate
+    wanted = [name for name in asked if name not in hold]
+    _check_ground(wanted, configs)
+    _check_antennas(wanted, configs)
+    seen, points = load_observations(observations), load_survey(survey)
+    reader = BagReader(bag_in)
+    configs, chosen = configs.fitting(reader, namespace)
+    read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
+    try:
+        found, notes = _fitted(read, wanted, strict=estimate is not None)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+    result = summary(read, configs, found)
+    contents: dict[PathLike, str | bytes] = {output: parameter_text(bag_in, result)}
+    if plot is not None:
+        from tirgeo_ros.tools.calibrate.boresight_plot import residual_plot  # noqa: PLC0415  matplotlib
+
+        contents[plot] = residual_plot(read.flight.camera, read.sightings, found)
+    write_files(contents, CalibrationError)
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in contents],
+        **result.as_dict(),
+        "unknown_ids": read.unknown,
+        "without_pose": read.lost,
+        "notes": chosen + read.notes + notes + result.notes,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def _check_ground(wanted: Sequence[str], configs: NodeConfigs) -> None:
+    if "ground_height" in wanted and configs.overlay.dem:
+        raise CalibrationError(
+            "ground_height: overlay_node takes the ground from its dem; take that out of the "
+            "parameters, or ground_height out of the list"
+        )
+
+
+def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
+    if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
+        raise CalibrationError(
+            "heading_offset: it turns the second RTK antenna about the first; set "
+            "aircraft.rtk_antenna_m and aircraft.second_antenna_m in the parameters"
+        )
+
+
+def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, list[str]]:
+    """The fit, and notes on what was left out of it; ``strict``: nothing may be."""
+    check_numbers(read.sightings)
+    notes = []
+    if not strict:  # the north can only add to what these leave open
+        usual = [name for name in wanted if name != IF_TOLD]
+        _refuse(doubt(read.flight, read.sightings, usual, _foreseen(read, usual)))
+    why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
+    if why is not None:
+        wanted = [name for name in wanted if name != IF_TOLD]
+        notes.append(f"{IF_TOLD} held at its present value: {why}")
+    _refuse(doubt(read.flight, read.sightings, wanted, _foreseen(read, wanted)))
+    found = fit(read.flight, read.sightings, wanted)
+    left = doubt(read.flight, read.sightings, wanted, found.covariance)
+    if left is not None and found.noise_factor > 1:
+        raise CalibrationError(
+            f"{', '.join(left.names)}: residuals {found.noise_factor:.1f} times as large as "
+            "clicks and poses are expected to be off leave too much open: are lens, survey, lever "
+            "arms and what is held right?"
+        )
+    _refuse(left)
+    return found, notes
+
+
+def _foreseen(read: ReadFlight, wanted: Sequence[str]) -> Array:
+    return foreseen(read.flight, read.sightings, wanted)
+
+
+def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
+    """Why the gimbal's north is better held; None where it is told. Raises if ``strict``."""
+    if read.follows_north and strict:
+        raise CalibrationError(_FOLLOWED)
+    if read.follows_north:
+        return _FOLLOWED
+    if strict:
+        return None
+    covariance = _foreseen(read, wanted)
+    found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
+    is_told = found is None and not _costs_the_others(read, wanted, covariance)
+    if is_told or _is_off(read, wanted, covariance):
+        return None
+    if found is None:
+        return "beside it the others would be much less certain"
+    if IF_TOLD not in found.names:
+        return "this flight leaves too much uncertain for it"
+    return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
+
+
+def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
+    """Whether taking in the gimbal's north makes another parameter much less known."""
+    others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
+    alone = _foreseen(read, [wanted[k] for k in others]).diagonal()
+    return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
+
+
+def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
+    """Whether the gimbal's north is seen, if not well, and is surely not as it is held."""
+    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is not None:
+        return False
+    trial = fit(read.flight, read.sightings, wanted)
+    change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
+    return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
+
+
+def _refuse(found: Doubt | None) -> None:
+    if found is not None:
+        raise CalibrationError(str(found))

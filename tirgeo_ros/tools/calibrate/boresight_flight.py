@@ -1,0 +1,156 @@
+"""A recorded flight over surveyed points, read for a boresight calibration.
+
+It goes through the nodes' core objects with the parameters as they are and, in the same pass, with
+a step of each that acts before the camera's pose is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, Stepped
+from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.composer import GimbalComposer
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+
+_STEP_DEG = 1.0
+
+
+@dataclass(frozen=True)
+class ReadFlight:
+    """A flight that went through the filter, and what was seen of it."""
+
+    flight: Flight
+    plane: TangentPlane
+    sightings: list[Sighting]
+    unknown: int  # observations of points that the survey lacks
+    lost: int  # observations of pictures without a pose
+    ground_m: float  # median height of the points seen, ellipsoidal; nan without any
+    by_encoders: bool
+    follows_north: bool  # the flight's own readings show the gimbal's north
+
+    @property
+    def notes(self) -> list[str]:
+        """Which observations cannot be used."""
+        found = []
+        if self.unknown:
+            found.append(f"{self.unknown} observations of points that the survey does not have")
+        if self.lost:
+            found.append(f"{self.lost} observations of pictures without a pose")
+        return found
+
+
+def read_flight(
+    reader: BagReader,
+    namespace: str,
+    configs: NodeConfigs,
+    wanted: Sequence[str],
+    seen: Sequence[Observation],
+    survey: Sequence[SurveyPoint],
+    click_sigma_px: float,
+    progress: Report,
+) -> ReadFlight:
+    """Read a bag once. Raises BagError, and CalibrationError where the filter makes no pose."""
+    recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
+    passes = _passes(recorded, configs, wanted, seen)
+    recorded.read_all(progress)
+    usual = passes.pop("")
+    if usual.plane is None:
+        raise CalibrationError(
+            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' tells why"
+        )
+    composer = usual.registration.composer
+    flight = Flight(
+        recorded.camera,
+        usual.at,
+        np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
+        configs.overlay.video_latency_s,
+        configs.gimbal.aircraft.camera_from_pivot_g,
+        click_sigma_px,
+        {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
+        _unknown_north(composer, configs.gimbal),
+    )
+    return _with_sightings(flight, usual.plane, composer, seen, survey)
+
+
+def _passes(
+    recorded: RecordedFlight,
+    configs: NodeConfigs,
+    wanted: Sequence[str],
+    seen: Sequence[Observation],
+) -> dict[str, FlightPoses]:
+    """The flight as it is, under an empty name, and with a step of those parameters wanted."""
+    ekf, gimbal = configs.ekf, configs.gimbal
+    instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
+    passes = {"": recorded.registered(ekf, gimbal, instants_ns)}
+    if "gimbal_north" in wanted:
+        # of the two, one acts: that of the composition in use
+        north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + _STEP_DEG)
+        stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + _STEP_DEG)
+        passes["gimbal_north"] = recorded.registered(ekf, stepped, instants_ns)
+    if "heading_offset" in wanted:
+        step_rad = math.radians(_STEP_DEG)
+        passes["heading_offset"] = recorded.registered(
+            ekf, gimbal, instants_ns, baseline_step_rad=step_rad
+        )
+    return passes
+
+
+def _follows_north(composer: GimbalComposer) -> bool:
+    return not composer.sees_joints and composer.counts.get("north_used", 0) > 0
+
+
+def _unknown_north(composer: GimbalComposer, gimbal: GimbalConfig) -> float:
+    """Variance in the poses of a north that nothing showed: the configured one, rad2."""
+    shown = composer.sees_joints or _follows_north(composer)
+    return 0.0 if shown else math.radians(gimbal.north.sigma_deg) ** 2
+
+
+def _with_sightings(
+    flight: Flight,
+    plane: TangentPlane,
+    composer: GimbalComposer,
+    seen: Sequence[Observation],
+    survey: Sequence[SurveyPoint],
+) -> ReadFlight:
+    points = {point.id: point for point in survey}
+    known = [one for one in seen if one.id in points]
+    posed = [one for one in known if _has_pose(flight, one.stamp_ns)]
+    heights = [points[name].height_m for name in {one.id for one in posed}]
+    return ReadFlight(
+        flight,
+        plane,
+        [_sighting(one, points, plane) for one in posed],
+        len(seen) - len(known),
+        len(known) - len(posed),
+        float(np.median(heights)) if heights else math.nan,
+        composer.sees_joints,
+        _follows_north(composer),
+    )
+
+
+def _has_pose(flight: Flight, stamp_ns: int) -> bool:
+    """With its motion, and in every pass."""
+    exposure_ns = stamp_ns - round(flight.latency_s * 1e9)
+    everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
+    found = [poses(exposure_ns) for poses in everywhere]
+    return all(one is not None and one[1] is not None for one in found)
+
+
+def _sighting(
+    seen: Observation, points: Mapping[str, SurveyPoint], plane: TangentPlane
+) -> Sighting:
+    at = points[seen.id]
+    point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
+    return Sighting(seen.id, seen.stamp_ns, np.array([seen.u, seen.v]), point_n)

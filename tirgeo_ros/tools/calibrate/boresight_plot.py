@@ -1,0 +1,59 @@
+"""Residuals of a boresight calibration over the picture, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.fit import Fit
+from tirgeo_ros.core.calibration.boresight.model import Sighting
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
+
+#: The longest arrow of a panel is so long, px of the picture.
+_LONGEST_PX = 60.0
+
+
+def residual_plot(camera: Camera, sightings: Sequence[Sighting], found: Fit) -> bytes:
+    """A PNG: at every observation an arrow to where its point was expected, left out ones too."""
+    uv = np.array([one.uv for one in sightings])
+    made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)
+    for panel, title, residuals in zip(
+        axes, ("before", "after"), (found.before, found.after), strict=True
+    ):
+        _panel(panel, uv, residuals, found.used)
+        lengths = np.hypot(*residuals[found.used].T)
+        rms = float(np.sqrt(np.nanmean(lengths**2)))
+        panel.set_title(f"{title}: {rms:.2f} px rms")
+        panel.set_xlabel("column, px")
+    axes[0].set(xlim=(0, camera.width), ylim=(camera.height, 0), ylabel="row, px", aspect="equal")
+    axes[1].set_aspect("equal")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)  # under the picture
+    return png(made)
+
+
+def _panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
+    longest = float(np.nanmax(np.hypot(*residuals[used].T), initial=1e-3))
+    times = _LONGEST_PX / longest
+    for part, colour, what in ((used, COLOURS[0], "used"), (~used, COLOURS[1], "left out")):
+        shown = part & np.isfinite(residuals[:, 0])
+        if not shown.any():
+            continue
+        # one that is left out may be hundreds of pixels off: its arrow is cut
+        lengths = np.hypot(*residuals[shown].T)
+        cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
+        arrows = -residuals[shown] * times * cut
+        panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
+        panel.quiver(
+            *uv[shown].T,
+            *arrows.T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            color=colour,
+            width=0.003,
+        )
+    panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)

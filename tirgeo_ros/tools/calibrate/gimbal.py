@@ -1,0 +1,234 @@
+"""How still a gimbal holds its camera, from a video of a fixed checkerboard.
+
+The work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, Table 8).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board_pose import BoardTracker, camera_angles
+from tirgeo_ros.core.calibration.checkerboard.detection import find_board
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
+from tirgeo_ros.io.pictures.camera_file import load_camera
+from tirgeo_ros.tools.calibrate.board_pictures import (
+    BoardVideo,
+    Taken,
+    files_of,
+    is_bag,
+    pictures_of_files,
+    thinned,
+)
+from tirgeo_ros.tools.calibrate.lens import BoardSightings, reasons
+from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
+from tirgeo_ros.tools.presentation.progress import Report, silent
+
+AXES = ("roll", "pitch", "yaw")
+_FEWEST = 10
+#: A share of pictures without a board at which the numbers may not be those of the whole video.
+_MANY_LOST = 0.2
+#: The picture's noise tells on an axis where it makes so much of its standard deviation.
+_NOISY = 0.5
+_MOST_RMS_PX = 1.5
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """A camera's attitude against a fixed board, over N pictures."""
+
+    names: list[str]
+    times_s: Array  # (N,) since the first picture
+    angles_rad: Array  # (N, 3) roll, pitch, yaw, without jumps of whole turns
+    sigmas_rad: Array  # (N, 3) standard deviations, of the picture's noise
+    rms_px: Array  # (N,) reprojection errors
+
+    @property
+    def std_rad(self) -> Array:
+        """(3,) standard deviation of each axis about its mean."""
+        return np.asarray(self.angles_rad.std(0, ddof=1))
+
+    @property
+    def still_rad(self) -> Array:
+        """(3,) the standard deviation that is left without the picture's noise."""
+        return np.asarray(np.sqrt(np.maximum(self.std_rad**2 - self.noise_rad**2, 0.0)))
+
+    @property
+    def noise_rad(self) -> Array:
+        """(3,) what of it the picture's noise makes, root mean square."""
+        return np.asarray(np.sqrt((self.sigmas_rad**2).mean(0)))
+
+
+def calibrate_gimbal(
+    inputs: Sequence[Path],
+    board: Checkerboard,
+    *,
+    camera: PathLike | None = None,
+    rate_hz: float = 10.0,
+    output: PathLike | None = None,
+    plot: PathLike | None = None,
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """The standard deviation of a camera's roll, pitch and yaw; a summary.
+
+    ``inputs`` is a bag, of which ``rate_hz`` pictures a second are looked at, or pictures that
+    were taken at this rate. ``camera`` is a calibration file; without one the bag's own is used.
+    Writes the time series (CSV) and a plot where asked: both or none. Raises CalibrationError,
+    CameraError, BagError.
+    """
+    by_bag = is_bag(inputs)
+    if camera is None and not by_bag:
+        raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
+    check_outputs((*files_of(inputs), camera), (output, plot), CalibrationError)
+    video = None
+    if by_bag:
+        video = BoardVideo(inputs[0], namespace)
+        lens = load_camera(camera) if camera is not None else video.camera()
+        pictures = thinned(video.pictures(progress), rate_hz)
+    else:
+        assert camera is not None
+        lens = load_camera(camera)
+        pictures = _timed(pictures_of_files(files_of(inputs), progress), rate_hz)
+    found, lost = attitudes_in(pictures, board, lens)
+    if len(found.names) < _FEWEST:
+        raise CalibrationError(
+            f"gimbal: {len(found.names)} pictures of {lost.pictures + len(found.names)} show the "
+            f"board, {_FEWEST} are the fewest: {reasons(lost) or 'take a longer video'}"
+        )
+    files: dict[PathLike, str | bytes] = {}
+    if output is not None:
+        files[output] = attitudes_csv(found)
+    if plot is not None:
+        files[plot] = attitudes_png(found)
+    write_files(files, CalibrationError)
+    damage = None if video is None else video.damage
+    output_files = [os.fspath(path) for path in files]
+    return {"output": output_files} | _summary(found, lost) | {"error": damage}
+
+
+def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
+    """Pictures with the stamps of their places in the row."""
+    for number, taken in enumerate(pictures):
+        yield taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
+
+
+def attitudes_in(
+    pictures: Iterator[Taken], board: Checkerboard, camera: Camera
+) -> tuple[Attitudes, BoardSightings]:
+    """The camera's attitude in every picture that shows the board, and why not in the others.
+
+    Raises CalibrationError where the pictures are not the camera's.
+    """
+    tracker, lost = BoardTracker(board, camera), BoardSightings()
+    rows: list[tuple[str, int, Array, Array, float]] = []
+    for name, stamp_ns, pixels in pictures:
+        if pixels is None or stamp_ns is None:
+            lost.refused[name] = Refused(Reason.UNREADABLE, "it is no picture of 8 or 16 bits")
+            continue
+        _check_size(name, pixels.shape, camera)
+        seen = find_board(pixels, board)
+        if isinstance(seen, Sighting):
+            pose = tracker.pose(seen)
+            if pose is not None and pose.rms_px <= _MOST_RMS_PX:
+                rows.append((name, stamp_ns, *camera_angles(pose), pose.rms_px))
+                continue
+            error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
+            seen = Refused(Reason.OUTLIER, f"{error} with this camera's calibration")
+        lost.refused[name] = seen
+    return _attitudes(rows), lost
+
+
+def _check_size(name: str, shape: tuple[int, ...], camera: Camera) -> None:
+    if shape[:2] != (camera.height, camera.width):
+        raise CalibrationError(
+            f"{name}: the picture has {shape[1]}x{shape[0]} pixels, the camera's calibration "
+            f"{camera.width}x{camera.height}"
+        )
+
+
+def _attitudes(rows: list[tuple[str, int, Array, Array, float]]) -> Attitudes:
+    stamps = np.array([row[1] for row in rows], np.int64)
+    angles = np.array([row[2] for row in rows]).reshape(-1, 3)
+    return Attitudes(
+        [row[0] for row in rows],
+        np.asarray((stamps - stamps[:1]) * 1e-9, float),
+        np.unwrap(angles, axis=0),
+        np.array([row[3] for row in rows]).reshape(-1, 3),
+        np.array([row[4] for row in rows]),
+    )
+
+
+def _summary(found: Attitudes, lost: BoardSightings) -> dict[str, object]:
+    total = len(found.names) + lost.pictures
+    span = np.ptp(found.angles_rad, axis=0)
+    return {
+        "pictures": total,
+        "used": len(found.names),
+        "duration_s": float(found.times_s[-1]),
+        "std_deg": _by_axis(found.std_rad),
+        "span_deg": _by_axis(span),
+        "mean_deg": _by_axis(found.angles_rad.mean(0)),
+        "noise_deg": _by_axis(found.noise_rad),
+        "std_without_noise_deg": _by_axis(found.still_rad),
+        "reprojection_rms_px": float(np.sqrt((found.rms_px**2).mean())),
+        "refused": {
+            name: f"{why.reason.value}: {why.detail}" for name, why in lost.refused.items()
+        },
+        "warning": _warning(found, lost, total),
+    }
+
+
+def _by_axis(values_rad: Array) -> dict[str, float]:
+    return dict(zip(AXES, np.degrees(values_rad).tolist(), strict=True))
+
+
+def _warning(found: Attitudes, lost: BoardSightings, total: int) -> str | None:
+    notes = []
+    if lost.pictures > _MANY_LOST * total:
+        notes.append(f"{lost.pictures} of {total} pictures are not used: {reasons(lost)}")
+    noisy = [
+        name
+        for name, std, noise in zip(AXES, found.std_rad, found.noise_rad, strict=True)
+        if noise > _NOISY * std
+    ]
+    if noisy:
+        notes.append(
+            f"the picture's noise makes much of the {' and '.join(noisy)}: "
+            "let the board fill more of the picture, seen at an angle"
+        )
+    return "; ".join(notes) or None
+
+
+def attitudes_csv(found: Attitudes) -> str:
+    """One line a picture: time, angles and their standard deviations in degrees, error in px."""
+    names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
+    rows = [["picture", "time_s", *names, "rms_px"]]
+    numbers = np.degrees(np.hstack([found.angles_rad, found.sigmas_rad]))
+    for name, time_s, row, rms in zip(
+        found.names, found.times_s, numbers, found.rms_px, strict=True
+    ):
+        rows.append([name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"])
+    return csv_text(rows)
+
+
+def attitudes_png(found: Attitudes) -> bytes:
+    """The angles about their means, over time (Ren et al. 2022, Fig. 29)."""
+    made, all_axes = figure(7.0, 6.0, rows=3, sharex=True)
+    angles = np.degrees(found.angles_rad - found.angles_rad.mean(0))
+    for number, (axes, name) in enumerate(zip(all_axes, AXES, strict=True)):
+        axes.plot(found.times_s, angles[:, number], ".-", color=COLOURS[number], markersize=3)
+        std = np.degrees(found.std_rad[number])
+        axes.set_title(f"{name}: standard deviation {std:.3f} deg")
+        axes.set_ylabel("deg from the mean")
+    all_axes[-1].set_xlabel("time, s")
+    return png(made)

@@ -1,0 +1,141 @@
+"""White noise of an IMU in flight: the work of ``tirgeo calibrate imu``.
+
+The axes x, y, z are those of the messages (forward, left, up). The filter's own (forward, right,
+down) differ in sign alone, which noise has none of: the parameters are the same.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, PieceStream
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.navigation import ImuConfig
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
+from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+from tirgeo_ros.tools.calibrate.flight_noise_plot import spectra_png
+from tirgeo_ros.tools.calibrate.flight_noise_table import LOW, axes_of, table
+from tirgeo_ros.tools.calibrate.flight_noise_warnings import check, doubts
+from tirgeo_ros.tools.calibrate.imu_record import FlightRecord, read_record
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+_ENOUGH_REST = 3  # pieces at rest that tell a density to 3 %
+_HEAD = """\
+Noise of the IMU in flight, {name}: {flying_s} s at {rate_hz:.2f} Hz, by tirgeo calibrate imu.
+
+A floor for the filter's process noise: that of the calmest tenth of the flight, and not less
+than was configured or than there is at rest. Noise above it the filter follows by itself
+(imu.*_vibration_share). The columns 10 %, median, 90 % are densities between the lines of
+vibration above 8 Hz, over 3 s each.
+
+"""
+
+
+def calibrate_imu(
+    bag: PathLike,
+    output: PathLike | None = None,
+    *,
+    params: Files = None,
+    namespace: str = "",
+    from_s: float = 0.0,
+    to_s: float = math.inf,
+    plot: PathLike | None = None,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Find the noise of an IMU in a flight between two times (s) since its first message.
+
+    Writes parameters for ekf_node and a plot (beside ``output`` as ``.png`` unless named), both
+    or none; nothing without an output. ``params`` is what the densities are compared with. Raises
+    BagError, ConfigError, CalibrationError.
+    """
+    picture = Path(output).with_suffix(".png") if output and plot is None else plot
+    given = [bag, *paths_of(params), *node_configs(params, namespace).files]
+    check_outputs(given, (output, picture), CalibrationError)
+    imu = ParameterFile(params).config("ekf_node", EkfConfig, namespace).imu
+    reader = BagReader(bag)
+    record = FlightRecord(resolved("imu/data", namespace), from_s)
+    read_record(reader, record, to_s, progress)
+    flying, resting = _flown(reader, record)
+    densities = floor_of(flying, resting, imu).tolist()
+    axes = axes_of(flying, resting, record.clipping.counts, imu, densities)
+    told = _told(record, flying, resting)
+    files: dict[PathLike, str | bytes] = {}
+    if output is not None:
+        head = _HEAD.format(name=Path(bag).name, **told) + table(axes)
+        files[output] = parameters_yaml({"ekf_node": parameters_of(densities)}, head)
+    if picture is not None:
+        name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts have UTF-8 alone
+        what = f"{name}: {told['flying_s']} s in flight"
+        files[picture] = spectra_png(flying, resting, axes, what)
+    write_files(files, CalibrationError)
+    warnings = doubts(record, flying)
+    return {
+        "input": os.fspath(bag),
+        "output": [os.fspath(path) for path in files],
+        **told,
+        "axes": axes,
+        "parameters": parameters_of(densities),
+        "warnings": warnings,
+        "warning": "; ".join(warnings) or None,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def parameters_of(densities: Sequence[float]) -> dict[str, Value]:
+    """What ekf_node takes of gyroscope and accelerometer (6 axes)."""
+    return {
+        "imu.angle_random_walk": list(densities[:3]),
+        "imu.velocity_random_walk": list(densities[3:]),
+    }
+
+
+def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
+    """The densities (6,) to put under what the filter follows by itself.
+
+    Of the calmest tenth of the flight: the floor between the lines, or what the filter takes there
+    from its second differences where that is less. Never less than configured, nor than the
+    sensor has at rest.
+    """
+    floors, differences = np.percentile((flying.floors, flying.differences), LOW, axis=1)
+    shares = np.repeat([imu.gyro_vibration_share, imu.accel_vibration_share], 3)
+    followed = np.where(shares > 0, shares * differences, np.inf)
+    least = np.array([*imu.angle_random_walk, *imu.velocity_random_walk])
+    if len(resting.starts_s) >= _ENOUGH_REST:
+        least = np.maximum(least, np.median(resting.floors, axis=0))
+    return np.asarray(np.maximum(least, np.minimum(floors, followed)))
+
+
+def _flown(reader: BagReader, record: FlightRecord) -> tuple[Pieces, Pieces]:
+    """Pieces in flight and pieces at rest."""
+    pieces = record.stream.pieces() if record.stream else PieceStream(1e9).pieces()
+    try:
+        check(record, pieces)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {record.topic}: {error}") from None
+    return pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
+
+
+def _told(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
+    told, grid = record.grid.irregularities, record.grid
+    return {
+        "topic": record.topic,
+        "messages": record.messages,
+        "samples": told.samples,
+        "rate_hz": 1e9 / grid.mean_step_ns,
+        "jitter_ms": grid.jitter_ns * 1e-6,
+        "flying_s": PIECE_S * len(flying.starts_s),
+        "resting_s": PIECE_S * len(resting.starts_s),
+        "skipped_s": PIECE_S * (record.stream.skipped if record.stream else 0),
+        "missing": told.missing,
+    }

@@ -1,0 +1,190 @@
+"""A lens from pictures of a checkerboard: the work of ``tirgeo calibrate lens``."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.detection import find_board
+from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit, LensModel, fit_lens
+from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.pictures.camera_file import camera_yaml
+from tirgeo_ros.tools.calibrate.board_pictures import (
+    BoardVideo,
+    Taken,
+    files_of,
+    is_bag,
+    pictures_of_files,
+    sharpest,
+)
+from tirgeo_ros.tools.calibrate.lens_plots import coverage_png
+from tirgeo_ros.tools.presentation.progress import Report, silent
+
+_CELLS = (8, 6)  # in which a good set of views has corners
+_FEW_VIEWS = 10
+_LEAST_COVERED = 0.7
+_LOW_TILT_DEG = 15.0
+_LOOSE = 0.5  # of a coefficient: its standard deviation
+
+
+@dataclass
+class BoardSightings:
+    """The boards that were seen in pictures, and why not in the others."""
+
+    views: dict[str, Sighting] = field(default_factory=dict)
+    refused: dict[str, Refused] = field(default_factory=dict)
+    size: tuple[int, int] = (0, 0)  # width, height of the pictures
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures."""
+        return len(self.views) + len(self.refused)
+
+    def leave(self, refused: dict[str, Refused]) -> None:
+        """Take views out."""
+        for name, why in refused.items():
+            del self.views[name]
+            self.refused[name] = why
+
+
+def sightings_in(pictures: Iterator[Taken], board: Checkerboard) -> BoardSightings:
+    """Look for the board in every picture; those of another size than most are refused."""
+    seen = BoardSightings()
+    sizes: dict[str, tuple[int, int]] = {}
+    for name, _, pixels in pictures:
+        if pixels is None:
+            seen.refused[name] = Refused(Reason.UNREADABLE, "it is no picture of 8 or 16 bits")
+            continue
+        sizes[name] = pixels.shape[1], pixels.shape[0]
+        found = find_board(pixels, board)
+        if isinstance(found, Sighting):
+            seen.views[name] = found
+        else:
+            seen.refused[name] = found
+    sized = Counter(sizes[name] for name in seen.views or sizes)
+    if sized:
+        seen.size = sized.most_common(1)[0][0]
+    odd = {name: sizes[name] for name in seen.views if sizes[name] != seen.size}
+    seen.leave({n: Refused(Reason.OTHER_SIZE, f"{w}x{h} pixels") for n, (w, h) in odd.items()})
+    return seen
+
+
+def calibrate_lens(
+    inputs: Sequence[Path],
+    board: Checkerboard,
+    output: PathLike,
+    *,
+    model: LensModel | None = None,
+    every_s: float = 0.5,
+    max_views: int = 60,
+    plot: PathLike | None = None,
+    camera_name: str = "thermal",
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Calibrate from pictures, folders of pictures, or a bag; a summary.
+
+    Writes a calibration file and, if asked, a picture of what it stands on: both or none. Of a bag
+    the sharpest picture of every ``every_s`` seconds is looked at. At most ``max_views`` views,
+    the most different ones, are used. Raises CalibrationError, BagError.
+    """
+    by_bag = is_bag(inputs)
+    check_outputs(files_of(inputs), (output, plot), CalibrationError)
+    video = BoardVideo(inputs[0], namespace) if by_bag else None
+    if video is not None:
+        pictures = sharpest(video.pictures(progress), every_s)
+    else:
+        pictures = pictures_of_files(files_of(inputs), progress)
+    seen = sightings_in(pictures, board)
+    seen.leave(doubtful_views(seen.views, seen.size[0]))
+    _check_seen(seen)
+    chosen = sorted(most_distinct(seen.views, max_views), key=list(seen.views).index)
+    fit = fit_lens({name: seen.views[name] for name in chosen}, board, seen.size, model)
+    spare = len(seen.views) - len(chosen)
+    seen.leave(fit.refused)
+    files: dict[PathLike, str | bytes] = {output: camera_yaml(fit.camera, camera_name)}
+    if plot is not None:
+        files[plot] = coverage_png(fit, seen.views)
+    write_files(files, CalibrationError)
+    damage = None if video is None else video.damage
+    output_files = [os.fspath(path) for path in files]
+    return {"output": output_files} | _summary(fit, seen, spare) | {"error": damage}
+
+
+def _check_seen(seen: BoardSightings) -> None:
+    if seen.pictures == 0:
+        raise CalibrationError("lens: there are no pictures")
+    if not seen.views:
+        raise CalibrationError(f"lens: no picture of {seen.pictures} can be used: {reasons(seen)}")
+
+
+def reasons(seen: BoardSightings) -> str:
+    """``12 x no board, 3 x blurred``."""
+    counts = Counter(refused.reason.value for refused in seen.refused.values())
+    return ", ".join(f"{number} x {reason}" for reason, number in counts.most_common())
+
+
+def covered_share(fit: LensFit, views: dict[str, Sighting]) -> float:
+    """Share of the picture's cells in which a used view has a corner."""
+    corners = np.concatenate([views[name].corners_px for name in fit.views])
+    size = np.array([fit.camera.width, fit.camera.height])
+    cells = np.floor((corners + 0.5) / size * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
+    return len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
+
+
+def _summary(fit: LensFit, seen: BoardSightings, spare: int) -> dict[str, object]:
+    covered = covered_share(fit, seen.views)
+    errors = {name: view.rms_px for name, view in fit.views.items()}
+    return {
+        "pictures": seen.pictures,
+        "views": len(fit.views),
+        "views_spare": spare,
+        "image_size": [fit.camera.width, fit.camera.height],
+        "parameters": dict(zip(fit.names, fit.values.tolist(), strict=True)),
+        "sigma": dict(zip(fit.names, fit.sigma.tolist(), strict=True)),
+        "covariance": fit.covariance,
+        "reprojection_rms_px": fit.rms_px,
+        "reprojection_mean_px": fit.mean_px,
+        "reprojection_worst_view_px": max(errors.values()),
+        "covered_share": covered,
+        "tilt_deg": float(np.degrees(fit.tilt_rad)),
+        "view_rms_px": errors,
+        "refused": {
+            name: f"{why.reason.value}: {why.detail}" for name, why in seen.refused.items()
+        },
+        "warning": _warning(fit, covered),
+    }
+
+
+def _warning(fit: LensFit, covered: float) -> str | None:
+    """What makes the result less good than it looks, and what to do."""
+    notes = []
+    if len(fit.views) < _FEW_VIEWS:
+        notes.append(f"{len(fit.views)} views are few: take 20")
+    if covered < _LEAST_COVERED:
+        notes.append(
+            f"the views cover {100 * covered:.0f} % of the picture: "
+            "take some at its edges and corners"
+        )
+    tilt = float(np.degrees(fit.tilt_rad))
+    if tilt < _LOW_TILT_DEG:
+        notes.append(
+            f"the board is tilted by {tilt:.0f} deg at most: tilt it by 20 to 45, all ways"
+        )
+    loose = [
+        name
+        for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
+        if name in {"k3", "k4", "k5", "k6"} and sigma > _LOOSE * abs(value)
+    ]
+    if loose:
+        notes.append(f"{', '.join(loose)} cannot be told from the others: leave them out")
+    return "; ".join(notes) or None

@@ -1,0 +1,190 @@
+"""A vector map from features digitised on an orthophoto: the work of ``tirgeo calibrate map``."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+
+import numpy as np
+
+from tirgeo_ros.core.accuracy.ground_errors import rms
+from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+    PolynomialTransform,
+    Residuals,
+    fit_polynomial,
+)
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import CalibrationError, MapError
+from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
+from tirgeo_ros.io.pictures.geotiff_output import write_warped
+from tirgeo_ros.io.surveys.control_points import ControlPoints, load_control_points
+from tirgeo_ros.io.surveys.pixel_features import PixelFeatures
+from tirgeo_ros.tools.calibrate.map_residuals import residuals_png
+
+_GROSS = 4.0  # times the usual residual: of noise alone one point in 60000 is as far
+_LEAST_GROSS_PX = 0.1  # nobody hits a point better: smaller is rounding
+_NAMED = 5
+
+
+def calibrate_map(
+    vectors: PathLike,
+    points: PathLike,
+    output: PathLike,
+    *,
+    survey: PathLike | None = None,
+    points_crs: str | None = None,
+    order: int = 3,
+    crs: str | None = None,
+    residuals_csv: PathLike | None = None,
+    plot: PathLike | None = None,
+    image: PathLike | None = None,
+    geotiff: PathLike | None = None,
+) -> dict[str, object]:
+    """Lay features in pixels (GeoJSON) on the ground by control points; writes GeoJSON in WGS84.
+
+    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. ``image`` is
+    written as ``geotiff`` first; of the rest all files are written or none. Raises SurveyError,
+    MapError, CalibrationError.
+    """
+    named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
+    check_outputs((vectors, points, survey, image), named, MapError)
+    control = load_control_points(points, survey, points_crs)
+    plane = Plane(crs, control.degrees)
+    found, residuals = _fitted(points, control, plane, order)
+    features = PixelFeatures(vectors)
+    outside = ~found.inside(features.pixels)
+    folded = found.folded(features.pixels)
+    _check_folds(vectors, features, folded)
+    degrees = plane.degrees(found(features.pixels))
+    if image is not None and geotiff is not None:
+        write_warped(image, geotiff, found, plane, _pixel_size(found, control))
+    files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
+    if residuals_csv is not None:
+        files[residuals_csv] = _csv(control, residuals)
+    if plot is not None:
+        files[plot] = residuals_png(control, found, residuals, features.pixels, outside)
+    write_files(files, MapError)
+    warnings = list(_warnings(control, found, residuals, features, outside))
+    return {
+        "output": [os.fspath(path) for path in named],
+        "order": order,
+        "crs": plane.name,
+        "points": len(control.names),
+        "mean_residual_px": float(residuals.lengths_px.mean()),
+        "rms_residual_px": float(rms(residuals.lengths_px)),
+        "mean_residual_m": float(residuals.lengths_m.mean()),
+        "rms_residual_m": float(rms(residuals.lengths_m)),
+        "rms_left_out_m": float(rms(residuals.left_out_m)),
+        "sigma_m": residuals.sigma_m,
+        "pixel_m": _pixel_size(found, control),
+        "features": features.count,
+        "features_outside": features.features_with(outside),
+        "residuals": _rows(control, residuals),
+        "warnings": warnings,
+        "warning": "; ".join(warnings) or None,
+    }
+
+
+def _fitted(
+    points: PathLike, control: ControlPoints, plane: Plane, order: int
+) -> tuple[PolynomialTransform, Residuals]:
+    try:
+        return fit_polynomial(control.pixels, plane.metres(control.degrees), order)
+    except CalibrationError as error:
+        raise CalibrationError(f"{points}: {error}") from None
+
+
+def _check_folds(vectors: PathLike, features: PixelFeatures, folded: BoolArray) -> None:
+    if folded.any():
+        raise CalibrationError(
+            f"{vectors}: the polynomial turns over at {features.features_with(folded)} of "
+            f"{features.count} features, far from the control points; measure points there, "
+            "leave these features out or lower --order"
+        )
+
+
+def _pixel_size(found: PolynomialTransform, control: ControlPoints) -> float:
+    """Metres a pixel in the middle of the control points."""
+    jacobian = found.jacobian(control.pixels.mean(axis=0)[None])[0]
+    return math.sqrt(abs(float(np.linalg.det(jacobian))))
+
+
+def _warnings(
+    control: ControlPoints,
+    found: PolynomialTransform,
+    residuals: Residuals,
+    features: PixelFeatures,
+    outside: BoolArray,
+) -> Iterator[str]:
+    if outside.any():
+        worst = _worst_sigma(found, residuals, features.pixels[outside])
+        yield (
+            f"{features.features_with(outside)} of {features.count} features reach outside the "
+            f"hull of the control points, where the polynomial runs away{worst}"
+        )
+    if math.isnan(residuals.sigma_m):
+        yield (
+            f"{len(control.names)} points leave no redundancy at order {found.order}: residuals "
+            "of zero say nothing; measure more"
+        )
+    gross = _gross(control, residuals)
+    if gross:
+        yield f"points that do not fit the others: {', '.join(gross)}; look for mistakes"
+    if control.unused:
+        some = ", ".join(control.unused[:_NAMED])
+        more = f" and {len(control.unused) - _NAMED} more" if len(control.unused) > _NAMED else ""
+        yield f"in one of the two files alone, and not used: {some}{more}"
+
+
+def _worst_sigma(found: PolynomialTransform, residuals: Residuals, pixels: Array) -> str:
+    if math.isnan(residuals.sigma_m):
+        return ""
+    sigma_m = residuals.sigma_m * math.sqrt(float(found.leverage(pixels).max()))
+    return f": up to {sigma_m:.2g} m (one sigma) by the points' own errors alone"
+
+
+def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
+    """Points whose left-out residual stands out."""
+    if math.isnan(residuals.sigma_m):
+        return []
+    # A residual by the scatter that it ought to have: near the rim a point pulls the fit to it.
+    fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
+    far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
+    chosen = [int(k) for k in np.argsort(-fair) if far[k]][:_NAMED]
+    return [f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)" for k in chosen]
+
+
+def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, object]]:
+    columns = zip(
+        control.names,
+        control.pixels.tolist(),
+        residuals.metres.tolist(),
+        residuals.pixels.tolist(),
+        residuals.lengths_m.tolist(),
+        residuals.lengths_px.tolist(),
+        residuals.left_out_m.tolist(),
+        strict=True,
+    )
+    return [
+        {
+            "id": name,
+            "column": column,
+            "row": row,
+            "x_m": x,
+            "y_m": y,
+            "column_px": across,
+            "row_px": down,
+            "length_m": metres,
+            "length_px": pixels,
+            "left_out_m": left_out,
+        }
+        for name, (column, row), (x, y), (across, down), metres, pixels, left_out in columns
+    ]
+
+
+def _csv(control: ControlPoints, residuals: Residuals) -> str:
+    rows = _rows(control, residuals)
+    lines = [[x if isinstance(x, str) else f"{x:.4f}" for x in row.values()] for row in rows]
+    return csv_text([rows[0], *lines])

@@ -1,0 +1,216 @@
+"""A capture of the aircraft's serial port to the topics of the contract.
+
+The bytes tell no time of arrival. Stamps are the aircraft's own, placed in time by the date and
+time of day that its receivers send, or by a start that is given. The receivers' words are whole
+seconds, late by ``rtk.delay_s`` as their positions are, of GMT+8 by DJI's headers; of UTC if the
+file was last changed at about that time. The log time is when the aircraft sent what a sample is
+made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.clocks.capture_clock import CaptureTimeline
+from tirgeo_ros.dji.clocks.civil_time import WholeSeconds, guess_utc_offset, utc_from_words
+from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, MILLISECOND_NS, is_long
+from tirgeo_ros.dji.link.encryption import parse_key
+from tirgeo_ros.dji.link.framing import Frame, FrameReader
+from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol.package_table import package_table
+from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
+from tirgeo_ros.dji.sources.readings import Reading
+from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.convert.import_sink import ImportSink
+from tirgeo_ros.tools.presentation.progress import Report, silent
+
+_CHUNK_BYTES = 1 << 16
+_HOUR_NS = 3_600_000_000_000
+_PUSHES = 0x02
+_BROADCAST, _SUBSCRIPTION = 0x00, 0x05
+#: So many new seconds tell when the capture was made, to some milliseconds.
+_SECONDS = 60
+
+
+class CaptureOptions(NamedTuple):
+    """How a capture is to be read; what is not given is as dji_node's parameters say."""
+
+    packages: str = ""  # YAML file
+    key: str = ""  # 64 hexadecimal digits
+    start_ns: int | None = None  # UTC of the first message
+
+
+class _Placed(NamedTuple):
+    """Where a capture lies in time."""
+
+    timeline: CaptureTimeline
+    said: str
+    warning: str | None
+
+
+class _Pass:
+    """One reading of a capture, from its first byte on."""
+
+    def __init__(
+        self, path: Path, packages: str, key: str, timeline: CaptureTimeline, tick_ns: int
+    ) -> None:
+        self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
+        self.frames = FrameReader(parse_key(key))
+        sync = timeline.clock(LONG_TICK_NS, resets_alone=True)
+        clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
+        self.telemetry = Telemetry(clocks, self.table)
+        self.timeline = timeline
+        self._path = path
+
+    def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
+        """Each frame and what it says. DjiError where there is none."""
+        total = self._path.stat().st_size
+        with self._path.open("rb") as file:
+            while chunk := file.read(_CHUNK_BYTES):
+                yield from map(self._read, self.frames.feed(chunk))
+                progress(file.tell() * 1e-6, total * 1e-6)
+        yield from map(self._read, self.frames.rescan())
+        if not self.frames.counts["frames"]:
+            raise DjiError(
+                f"{self._path}: no frame in {total} bytes: neither a ROS 1 bag nor what an "
+                "aircraft's serial port sent at the right baud rate"
+            )
+
+    def _read(self, frame: Frame) -> tuple[Frame, list[Reading]]:
+        return frame, self.telemetry.read(frame, self.timeline.now_ns)
+
+
+def import_capture(
+    path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
+) -> dict[str, object]:
+    """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
+    packages, key = options.packages or config.packages, options.key or config.key
+    seconds, tick_ns = _told_seconds(path, packages, key)
+    if options.start_ns is None:
+        placed = _placed(path, seconds, round(config.rtk.delay_s * 1e9))
+    else:
+        placed = _Placed(CaptureTimeline(options.start_ns), "of --start-time", None)
+    run = _Pass(path, packages, key, placed.timeline, tick_ns)
+    newest_ns = number = 0
+    for _, readings in run.readings(progress):
+        for reading in readings:
+            number += 1
+            newest_ns = max(newest_ns, reading.stamp_ns)
+            sink.take(newest_ns, reading)
+    counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
+    told = list(_complaints(counts, run.telemetry.counts, placed.timeline))
+    _check_use(path, number, placed.timeline, told)
+    return {
+        "kind": "capture",
+        "time": placed.said,
+        "frames": run.frames.counts,
+        "telemetry": run.telemetry.counts,
+        "warnings": [*([placed.warning] if placed.warning else []), *told],
+        "damage": None,
+    }
+
+
+def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
+    """Raise DjiError where nothing was said, or nothing that has a time."""
+    if not readings:
+        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
+    if timeline.newest_ns is None:
+        raise DjiError(
+            f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
+            "stamp, or a subscription package does"
+        )
+
+
+def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
+    """By the seconds that the receivers say; ``delay_ns``: how late they are said."""
+    if seconds.shift_ns is None or seconds.newest_ns is None:
+        return _Placed(
+            CaptureTimeline(),
+            "since the aircraft's power-up",
+            "the capture has no date: times count from the aircraft's power-up, in 1970; give "
+            "--start-time",
+        )
+    zone = guess_utc_offset(seconds.newest_ns, path.stat().st_mtime_ns)
+    said = f"of the aircraft's receivers, taken as GMT+{zone.hours}"
+    doubt = None if zone.is_known else f"{said}; give --start-time if that is wrong by hours"
+    shift_ns = seconds.shift_ns + delay_ns - zone.hours * _HOUR_NS
+    return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
+
+
+def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
+    """The seconds that the receivers say, and the tick of the broadcast's counter by them (ns)."""
+    seconds = _seconds(path, packages, key, MILLISECOND_NS)
+    if not _are_long(seconds):
+        return seconds, MILLISECOND_NS
+    return _seconds(path, packages, key, LONG_TICK_NS), LONG_TICK_NS
+
+
+def _are_long(seconds: WholeSeconds) -> bool:
+    """Whether the receivers' seconds show ticks of 2.5 ms: most of them, and two at least."""
+    told = [is_long(*pair) for pair in seconds.seconds_ns]
+    return len(told) > 1 and sum(told) > len(told) / 2
+
+
+def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
+    """The seconds that the receivers say, against the aircraft's time since power-up."""
+    found, number, known = WholeSeconds(), 0, None
+    run = _Pass(path, packages, key, CaptureTimeline(), tick_ns)
+    for frame, readings in run.readings(silent):
+        if run.timeline.restarts and found.shift_ns is not None:
+            break  # what comes next has seconds of its own
+        words = _words(frame, run.table) if readings else None
+        if words is None:
+            continue
+        found.take(readings[-1].stamp_ns, *words)
+        number += words != known
+        known = words
+        if number > _SECONDS:
+            break
+    return found
+
+
+def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
+    """Date and time of day that a frame has: RTK's, else those of the ordinary GPS."""
+    found: list[tuple[int, int]] = []
+    if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
+        parts = decode_broadcast(frame.value)
+        blocks = () if parts is None else (parts.rtk, parts.gps)
+        found = [(block.date, block.time) for block in blocks if block is not None]
+    elif (frame.cmd_set, frame.cmd_id) == (_PUSHES, _SUBSCRIPTION):
+        push = decode_push(frame.value, table)
+        values = {} if push is None else push.values
+        if "GPS_DATE" in values and "GPS_TIME" in values:
+            found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
+    return next((words for words in found if utc_from_words(*words, 0) is not None), None)
+
+
+def _complaints(
+    frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
+) -> Iterator[str]:
+    """What of a capture could not be used."""
+    if frames.get("not decrypted"):
+        yield f"{frames['not decrypted']} frames are encrypted: give --key"
+    damaged = frames["bad_crc32"] + frames["truncated"]
+    if damaged or frames["skipped_bytes"]:
+        yield (
+            f"{frames['skipped_bytes']} bytes are in no frame, {damaged} frames are damaged or cut"
+        )
+    if telemetry.get("unknown_layout"):
+        yield f"{telemetry['unknown_layout']} broadcasts are of a layout that is not known"
+    if telemetry.get("unknown_package"):
+        yield (
+            f"{telemetry['unknown_package']} pushes are of packages that are not known: give "
+            "--packages"
+        )
+    if telemetry.get("untimed"):
+        yield f"{telemetry['untimed']} broadcasts have no time: stamped as the message before"
+    if timeline.restarts:
+        yield (
+            f"the aircraft's clock started again {timeline.restarts} times: what follows is "
+            "stamped as if it had been off for a second; cut the file there if it was longer"
+        )

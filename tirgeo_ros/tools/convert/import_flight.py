@@ -1,0 +1,115 @@
+"""Flights in other forms to bags with the contract's topics: the work of ``tirgeo import``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
+from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
+from tirgeo_ros.tools.convert.import_sink import ImportSink
+from tirgeo_ros.tools.presentation.progress import Report, silent
+
+_ROS1, _SQLITE = b"#ROSBAG V2.0", b"SQLite format 3\0"
+_OTHERS = {
+    MCAP: "an MCAP bag already; give it to tirgeo process",
+    _SQLITE: "a ROS 2 bag in SQLite; convert it to MCAP with ros2 bag convert",
+    b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
+    b"\x1f\x8b": "packed with gzip; unpack it",
+    b"PK\3\4": "packed with zip; unpack it",
+}
+_HEAD = 4096
+_SOF = 0xAA  # begins every frame of the aircraft, and is in no text
+
+
+def import_flight(
+    source: PathLike,
+    output: PathLike,
+    *,
+    params: PathLike | None = None,
+    namespace: str = "",
+    pictures: Pictures = Pictures(),  # noqa: B008  immutable
+    capture: CaptureOptions = CaptureOptions(),  # noqa: B008  immutable
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Import a flight and return what was read and written.
+
+    ``source`` is a ROS 1 bag of DJI's wrapper or a capture of the aircraft's serial port, told by
+    its content; ``params`` is a ROS 2 parameter YAML with those of dji_node; ``namespace`` is that
+    of the bag's topics and of the written ones; ``pictures`` is for bags, ``capture`` for
+    captures. In the result ``error`` is None or what was lost, ``warning`` None or what to know.
+    Nothing is written under its name before it is whole. Raises BagError, DjiError, ConfigError.
+    """
+    path = Path(source)
+    is_bag = _is_ros1(path)
+    _check_options(path, pictures, capture, is_bag=is_bag)
+    config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
+    given = (path, params, capture.packages, config.packages)
+    check_outputs(given, [output], BagError)
+    with BagWriter(output) as writer:
+        sink = ImportSink(writer, config, namespace)
+        if is_bag:
+            told = import_ros1(path, sink, namespace, pictures, progress)
+        else:
+            told = import_capture(path, sink, config, capture, progress)
+        sink.finish()
+    return {"input": str(path), "output": os.fspath(output)} | _result(path, told, sink)
+
+
+def _result(path: Path, told: dict[str, object], sink: ImportSink) -> dict[str, object]:
+    own, damage = told.pop("warnings"), told.pop("damage")
+    assert isinstance(own, list)
+    warnings = [*own, *sink.interpreter.warnings]
+    return {
+        **told,
+        "written": {name: vars(seen) for name, seen in sorted(sink.written.items())},
+        "counts": sink.interpreter.counts,
+        "warnings": warnings,
+        "warning": "; ".join(warnings) or None,
+        "error": f"{path}: {damage}; the output is made from these" if damage else None,
+    }
+
+
+def _is_ros1(path: Path) -> bool:
+    """Whether a file is a ROS 1 bag, else it is a capture. BagError for what is neither."""
+    if path.is_dir():
+        kind = "a ROS 2 bag" if (path / "metadata.yaml").exists() else "a directory"
+        raise BagError(f"{path}: {kind}; give a ROS 1 bag or a capture of the serial port")
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise BagError(f"{path}: the file is empty")
+    if head.startswith(_ROS1):
+        return True
+    for mark, kind in _OTHERS.items():
+        if head.startswith(mark):
+            raise BagError(f"{path}: {kind}")
+    if _is_text(head):
+        raise BagError(f"{path}: text; give a ROS 1 bag or a capture of the serial port")
+    return False
+
+
+def _is_text(head: bytes) -> bool:
+    return _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+
+
+def _check_options(
+    path: Path, pictures: Pictures, capture: CaptureOptions, *, is_bag: bool
+) -> None:
+    if is_bag and capture != CaptureOptions():
+        raise ConfigError(
+            f"{path}: a ROS 1 bag; --packages, --key and --start-time are for captures"
+        )
+    if not is_bag and pictures != Pictures():
+        raise ConfigError(
+            f"{path}: no ROS 1 bag; --image-topic and --camera-info-topic are for those"
+        )

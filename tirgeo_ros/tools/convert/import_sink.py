@@ -1,0 +1,81 @@
+"""Where an import goes to: readings become samples, samples messages, messages a bag."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+from typing import Any
+
+from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import Reading
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
+from tirgeo_ros.tools.replay.flight_topics import resolved
+
+#: What waits for others of its instant is out of order by less.
+_DISORDER_NS = 1_000_000_000
+
+
+@dataclass
+class Written:
+    """What went out on a topic: log times in nanoseconds."""
+
+    messages: int
+    first_ns: int
+    last_ns: int
+
+
+class ImportSink:
+    """Writes what is made of readings, in order of log time.
+
+    The log time of a sample is when what it is made of had come in, as in a recording of the live
+    graph.
+    """
+
+    def __init__(self, writer: BagWriter, config: DjiConfig, namespace: str) -> None:
+        self.interpreter = Interpreter(config)
+        self.written: dict[str, Written] = {}
+        self._writer = writer
+        self._messages = Messages(Cdr().types)
+        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
+        self._waiting: list[tuple[int, int, str, Any]] = []
+        self._number = 0
+        self._newest_ns = 0
+
+    def take(self, arrival_ns: int, reading: Reading) -> None:
+        """Take a reading and when it came in."""
+        self._put(arrival_ns, self.interpreter.take(reading))
+
+    def pass_on(self, arrival_ns: int, topic: str, message: Any) -> None:
+        """Take a message, an object or its CDR, as it is to be written."""
+        heapq.heappush(self._waiting, (arrival_ns, self._number, topic, message))
+        self._number += 1
+        self._newest_ns = max(self._newest_ns, arrival_ns)
+        while self._waiting[0][0] < self._newest_ns - _DISORDER_NS:
+            self._write(*heapq.heappop(self._waiting))
+
+    def finish(self) -> None:
+        """Write what waits; to be called at the end. BagError where nothing was written."""
+        self._put(self._newest_ns, self.interpreter.flush())
+        while self._waiting:
+            self._write(*heapq.heappop(self._waiting))
+        if not self.written:
+            raise BagError(f"{self._writer.path}: nothing to write{self._because}")
+
+    @property
+    def _because(self) -> str:
+        counts = [f"{name} {number}" for name, number in self.interpreter.counts.items()]
+        return f": {', '.join(counts)}" if counts else ""
+
+    def _put(self, arrival_ns: int, samples: list[SensedSample]) -> None:
+        for sample in samples:
+            self.pass_on(arrival_ns, *sensed(self._messages, sample))
+
+    def _write(self, log_time_ns: int, _number: int, topic: str, message: Any) -> None:
+        name = self._names[topic]
+        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
+        seen = self.written.setdefault(name, Written(0, log_time_ns, log_time_ns))
+        seen.messages += 1
+        seen.last_ns = log_time_ns

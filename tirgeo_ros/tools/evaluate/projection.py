@@ -1,0 +1,88 @@
+"""The plane in metres in which ground errors are told: Gauss-Krueger or UTM, by PROJ.
+
+Both are transverse Mercator on the WGS84 ellipsoid, with the zone of the survey's middle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyproj
+
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import SurveyError
+
+#: Beyond, a zone is so narrow that its plane is none.
+_MOST_LATITUDE_DEG = 84.0
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A transverse Mercator plane."""
+
+    name: str
+    definition: str  # for PROJ
+    central_meridian_deg: float
+    scale: float  # at the central meridian
+
+    @cached_property
+    def _proj(self) -> Any:
+        return pyproj.Proj(self.definition)
+
+    def project(self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike) -> Array:
+        """(..., 2) east and north, m, of places (...)."""
+        east, north = self._proj(np.degrees(longitude_rad), np.degrees(latitude_rad))
+        return np.stack([np.asarray(east, float), np.asarray(north, float)], axis=-1)
+
+    def local_axes(self, latitude_rad: float, longitude_rad: float) -> Array:
+        """(2, 2): metres north and east at a place to metres east and north in the plane.
+
+        The scale there, turned by the convergence of the meridians.
+        """
+        factors = self._proj.get_factors(math.degrees(longitude_rad), math.degrees(latitude_rad))
+        turn, scale = math.radians(factors.meridian_convergence), factors.meridional_scale
+        sine, cosine = scale * math.sin(turn), scale * math.cos(turn)
+        return np.array([[-sine, cosine], [cosine, sine]])
+
+
+def projection_of(kind: str, latitude_rad: Array, longitude_rad: Array) -> Projection:
+    """``gauss-krueger`` (3-degree zones, scale 1) or ``utm`` for places (N,), N at least 1.
+
+    Raises SurveyError too near a pole.
+    """
+    latitude_deg = math.degrees(float(np.mean(latitude_rad)))
+    # as directions: places on both sides of 180 degrees have their middle there
+    middle = np.arctan2(np.sin(longitude_rad).mean(), np.cos(longitude_rad).mean())
+    longitude_deg = math.degrees(float(middle))
+    if abs(latitude_deg) > _MOST_LATITUDE_DEG:
+        raise SurveyError(
+            f"the survey lies at latitude {latitude_deg:.1f}: no transverse Mercator zone there"
+        )
+    return (_utm if kind == "utm" else _gauss_krueger)(latitude_deg, longitude_deg)
+
+
+def _gauss_krueger(_latitude_deg: float, longitude_deg: float) -> Projection:
+    meridian = 3.0 * math.floor(longitude_deg / 3 + 0.5)
+    definition = (
+        f"+proj=tmerc +lat_0=0 +lon_0={meridian:g} +k=1 +x_0=500000 +y_0=0 +ellps=WGS84 +units=m"
+    )
+    name = f"Gauss-Krueger, 3-degree zone of {_meridian_text(meridian)}, WGS84"
+    return Projection(name, definition, meridian, 1.0)
+
+
+def _utm(latitude_deg: float, longitude_deg: float) -> Projection:
+    zone = math.floor((longitude_deg + 180) / 6) % 60 + 1
+    south = latitude_deg < 0
+    definition = f"+proj=utm +zone={zone}{' +south' if south else ''} +ellps=WGS84 +units=m"
+    code = (32700 if south else 32600) + zone
+    name = f"UTM zone {zone}{'S' if south else 'N'}, WGS84 (EPSG:{code})"
+    return Projection(name, definition, 6.0 * zone - 183.0, 0.9996)
+
+
+def _meridian_text(meridian_deg: float) -> str:
+    return f"{abs(meridian_deg):g} deg {'W' if meridian_deg < 0 else 'E'}"

@@ -1,0 +1,224 @@
+"""Series over a flight for plots: poses, attitudes, fixes and the filter's verdicts, thinned."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    euler_from_quat,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    ImuSample,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import Verdict
+from tirgeo_ros.tools.evaluate.projection import Projection
+from tirgeo_ros.tools.evaluate.result import (
+    SERIES_HZ,
+    Attitudes,
+    FixTrack,
+    Innovations,
+    PoseTrack,
+    Sensors,
+)
+from tirgeo_ros.tools.replay.recorded_flight import BodyErrors, Truth, body_errors
+from tirgeo_ros.tools.replay.registration import Registered, Sample
+
+#: The filter has settled so long after its start; from then on it is judged.
+SETTLED_S = 20.0
+_Q_OPTICAL_BODY = quat_conjugate(Q_BODY_OPTICAL)
+
+
+@final
+class MethodSeries:
+    """What a method makes of a flight over time (a Watcher).
+
+    With a truth, which only simulated flights have, every pose of the body is compared with it.
+    """
+
+    def __init__(self, truth: Truth | None = None) -> None:
+        self._truth = truth
+        self._bodies: list[BodyPose] = []  # in the truth's plane
+        self._solutions: list[NavSolution] = []
+        self._cameras: list[CameraPose] = []
+        self._pending: list[Verdict] = []
+        self._verdicts: defaultdict[Source, list[tuple[int, Verdict]]] = defaultdict(list)
+        self._solution_rate, self._camera_rate = RateLimit(SERIES_HZ), RateLimit(SERIES_HZ)
+
+    def heard(self, verdict: Verdict) -> None:
+        """Keep a verdict that compares a sample with the state."""
+        if verdict.innovation and math.isfinite(verdict.test_ratio):
+            self._pending.append(verdict)
+
+    def took(self, sample: Sample, found: Registered) -> None:
+        """Stamp the verdicts, and keep poses at their rate."""
+        for verdict in self._pending:
+            self._verdicts[verdict.source].append((sample.stamp_ns, verdict))
+        self._pending.clear()
+        if found.solution is not None:
+            self._keep(found.solution)
+        self._cameras += [one for one in found.cameras if self._camera_rate.due(one.stamp_ns)]
+
+    def _keep(self, solution: NavSolution) -> None:
+        if self._solution_rate.due(solution.stamp_ns):
+            self._solutions.append(solution)
+        if self._truth is not None:
+            self._bodies.append(self._truth.plane.body_pose(solution))
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether there was any pose of the camera."""
+        return bool(self._cameras)
+
+    def body_errors(self) -> BodyErrors | None:
+        """The body's errors once the filter has settled; None without a truth."""
+        return None if self._truth is None else body_errors(self._bodies, self._truth, SETTLED_S)
+
+    def body(self, projection: Projection) -> PoseTrack:
+        """The body's poses."""
+        found = self._solutions
+        return _track(
+            [s.stamp_ns for s in found],
+            _rows([s.q_nb for s in found], 4),
+            _rows([(s.latitude_rad, s.longitude_rad, s.height_m) for s in found], 3),
+            _rows([s.pose_covariance.diagonal() for s in found], 6),
+            projection,
+        )
+
+    def camera(self, plane: TangentPlane, projection: Projection) -> PoseTrack:
+        """The camera's poses; its attitude is that of the camera body."""
+        found = self._cameras
+        places = plane.geodetic_from_ned(_rows([p.position_n for p in found], 3))
+        return _track(
+            [p.stamp_ns for p in found],
+            _camera_attitudes(found, plane, places[0], places[1]),
+            np.stack(places, axis=-1),
+            _rows([p.covariance.diagonal() for p in found], 6),
+            projection,
+        )
+
+    def innovations(self) -> list[Innovations]:
+        """The verdicts by source, in the order of the sources' names."""
+        ordered = sorted(self._verdicts.items(), key=lambda item: item[0].value)
+        return [_innovations(source, verdicts) for source, verdicts in ordered]
+
+
+def _innovations(source: Source, verdicts: Sequence[tuple[int, Verdict]]) -> Innovations:
+    return Innovations(
+        source.value,
+        np.array([stamp for stamp, _ in verdicts], np.int64),
+        np.array([verdict.innovation for _, verdict in verdicts]),
+        np.array([verdict.test_ratio for _, verdict in verdicts]),
+        np.array([verdict.used for _, verdict in verdicts]),
+    )
+
+
+def _track(
+    stamps_ns: list[int], q_n: Array, geodetic: Array, variances: Array, projection: Projection
+) -> PoseTrack:
+    """Poses of N instants: attitudes (N, 4), places (N, 3) rad and m, variances (N, 6)."""
+    place_en = projection.project(geodetic[:, 0], geodetic[:, 1])
+    sigma = np.sqrt(np.maximum(variances, 0))
+    return PoseTrack(
+        np.array(stamps_ns, np.int64),
+        euler_from_quat(q_n),
+        place_en[:, 0],
+        place_en[:, 1],
+        geodetic[:, 2],
+        sigma[:, :3],
+        sigma[:, 3:],
+    )
+
+
+def _camera_attitudes(
+    poses: Sequence[CameraPose], plane: TangentPlane, latitude_rad: Array, longitude_rad: Array
+) -> Array:
+    """(N, 4) camera body to north, east, down at the camera: the plane's axes are turned there."""
+    turned = [
+        quat_multiply(quat_conjugate(quat_from_matrix(plane.rotation_from_local(*at))), pose.q_nc)
+        for pose, *at in zip(poses, latitude_rad.tolist(), longitude_rad.tolist(), strict=True)
+    ]
+    return quat_multiply(_rows(turned, 4), _Q_OPTICAL_BODY)
+
+
+def _rows(rows: Sequence[Sequence[float] | Array], width: int) -> Array:
+    return np.array(rows, float).reshape(-1, width)
+
+
+@final
+class SensorSeries:
+    """What the instruments say over a flight (a Taker)."""
+
+    topics = ("imu/data", "rtk/fix", "gps/fix", "gimbal/attitude")
+
+    def __init__(self) -> None:
+        self._fixes: dict[Source, list[PositionSample]] = {
+            Source.RTK_POSITION: [],
+            Source.GPS_POSITION: [],
+        }
+        self._attitudes: dict[type, list[tuple[int, Array]]] = {
+            ImuSample: [],
+            CameraAttitudeSample: [],
+        }
+        self._rates = {key: RateLimit(SERIES_HZ) for key in (*self._fixes, *self._attitudes)}
+
+    def take(self, sample: Sample) -> None:
+        """Keep a sample that is due."""
+        if isinstance(sample, PositionSample):
+            place = sample.latitude_rad + sample.longitude_rad + sample.height_m
+            if math.isfinite(place) and self._rates[sample.source].due(sample.stamp_ns):
+                self._fixes[sample.source].append(sample)
+        elif isinstance(sample, ImuSample):
+            self._keep(sample, sample.autopilot_q_nb)
+        elif isinstance(sample, CameraAttitudeSample):
+            self._keep(sample, sample.q_ng)
+
+    def _keep(self, sample: Sample, q_n: Array | None) -> None:
+        if q_n is None or not usable_attitude(q_n):
+            return
+        if self._rates[type(sample)].due(sample.stamp_ns):
+            self._attitudes[type(sample)].append((sample.stamp_ns, q_n))
+
+    def sensors(self, projection: Projection, picture_stamps_ns: Sequence[int]) -> Sensors:
+        """The series in the plane."""
+        return Sensors(
+            _fix_track(self._fixes[Source.RTK_POSITION], projection),
+            _fix_track(self._fixes[Source.GPS_POSITION], projection),
+            _attitudes(self._attitudes[ImuSample]),
+            _attitudes(self._attitudes[CameraAttitudeSample]),
+            np.array(sorted(picture_stamps_ns), np.int64),
+        )
+
+
+def _attitudes(found: Sequence[tuple[int, Array]]) -> Attitudes:
+    stamps = np.array([stamp for stamp, _ in found], np.int64)
+    return Attitudes(stamps, euler_from_quat(_rows([q for _, q in found], 4)))
+
+
+def _fix_track(found: Sequence[PositionSample], projection: Projection) -> FixTrack:
+    place_en = projection.project(
+        np.array([p.latitude_rad for p in found]), np.array([p.longitude_rad for p in found])
+    ).reshape(-1, 2)
+    return FixTrack(
+        np.array([p.stamp_ns for p in found], np.int64),
+        place_en[:, 0],
+        place_en[:, 1],
+        np.array([p.height_m for p in found]),
+        np.array([int(p.status) for p in found], np.int64),
+    )

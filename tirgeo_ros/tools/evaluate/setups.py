@@ -1,0 +1,118 @@
+"""The methods that are compared, each with its parameters and its ground."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+from tirgeo_ros.core.config import METHODS, EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config.schema import Value, values_of
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+#: The paper's own method with a boresight calibration.
+CALIBRATED = "calibrated"
+_CALIBRATED_IS = "ekf_heading"
+
+
+@dataclass(frozen=True)
+class MethodSetup:
+    """A method with its parameters."""
+
+    method: str
+    ekf: EkfConfig
+    gimbal: GimbalConfig
+    overlay: OverlayConfig
+    ground: Ground
+    ground_words: str
+
+    @property
+    def latency_ns(self) -> int:
+        """From an exposure to its picture's stamp."""
+        return round(self.overlay.video_latency_s * 1e9)
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """By node, by dotted name."""
+        nodes = {"ekf_node": self.ekf, "gimbal_node": self.gimbal, "overlay_node": self.overlay}
+        return {node: values_of(config) for node, config in nodes.items()}
+
+
+def method_setups(
+    params: Files,
+    boresight: PathLike | None,
+    dem: PathLike | None,
+    ground_height: float | None,
+    namespace: str,
+    survey_heights_m: Sequence[float],
+    camera: PathLike | None = None,
+) -> list[MethodSetup]:
+    """The four methods of the paper, and ``calibrated`` with a boresight file.
+
+    ``boresight`` stands before ``params``, ``dem`` or ``ground_height``, and
+    ``camera``, before both. Without any
+    ground it is level at the median of the survey's heights. Raises ConfigError, ElevationError.
+    """
+    files = paths_of(params)
+    asked = [(name, name, files) for name in METHODS]
+    if boresight is not None:
+        asked.append((CALIBRATED, _CALIBRATED_IS, [*files, boresight]))
+    grounds: dict[object, Ground | None] = {}
+    setups = []
+    for name, method, given in asked:
+        ekf, gimbal, overlay, _ = node_configs(
+            given,
+            namespace,
+            method=method,
+            dem=dem,
+            ground_height=ground_height,
+            camera=camera,
+        )
+        key = (str(overlay.ground_height_m), overlay.dem, overlay.dem_undulation_m)
+        if key not in grounds:  # an elevation model is large
+            grounds[key] = ground_of(overlay)
+        setups.append(_setup(name, ekf, gimbal, overlay, grounds[key], survey_heights_m))
+    return setups
+
+
+def _setup(
+    name: str,
+    ekf: EkfConfig,
+    gimbal: GimbalConfig,
+    overlay: OverlayConfig,
+    ground: Ground | None,
+    survey_heights_m: Sequence[float],
+) -> MethodSetup:
+    if isinstance(ground, Terrain):
+        words = f"elevation model {os.fspath(overlay.dem)}"
+    elif ground is None:
+        ground = float(median(survey_heights_m))
+        overlay = replace(overlay, ground_height_m=ground)
+        words = f"level at {ground:.3f} m, the median of the survey's heights"
+    else:
+        words = f"level at {ground:.3f} m"
+    return MethodSetup(name, ekf, gimbal, overlay, ground, words)
+
+
+def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
+    """How far the survey lies off level ground, what else to know of grounds and methods."""
+    notes: list[str] = []
+    for setup in setups:
+        if isinstance(setup.ground, Terrain):
+            notes += setup.ground.notes
+        elif math.isfinite(setup.ground):
+            off = [height - setup.ground for height in survey_heights_m]
+            notes.append(
+                f"ground {setup.ground_words}; the observed points' heights are "
+                f"{min(off):+.2f} to {max(off):+.2f} m from it"
+            )
+    if any(setup.method == CALIBRATED for setup in setups):
+        notes.append(f"{CALIBRATED}: a measure only on points that its boresight is not from")
+    return list(dict.fromkeys(notes))

@@ -1,0 +1,1 @@
+"""Run the node graph as processes; do the work of ``tirgeo demo``."""

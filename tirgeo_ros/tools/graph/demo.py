@@ -1,0 +1,162 @@
+"""The node graph on a recorded flight, and what is left of it: a video, a still, a summary."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from statistics import fmean, median
+
+import cv2
+
+from tirgeo_ros.core.accuracy.ground_errors import rms
+from tirgeo_ros.core.types.errors import BagError, GraphError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.surveys.survey import load_survey
+from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.video import VideoFile
+from tirgeo_ros.tools.replay.flight_topics import PICTURES
+from tirgeo_ros.tools.replay.found_targets import found_targets
+from tirgeo_ros.tools.replay.graph_outputs import OVERLAY, Outputs, read_outputs, read_pictures
+from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
+
+SAMPLE = "bags/sample"
+#: Beside the bag: where what an operator clicks on truly is.
+TARGETS = "targets.geojson"
+_NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
+#: Where in the flight the still is taken: the filter has settled and the map is in view.
+_STILL_AT = 2 / 3
+#: From here on the poses are judged against the truth.
+SETTLED_S = 10.0
+
+
+def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, object]:
+    """Run the graph, make the video and the still in ``setup.folder``, and return the summary.
+
+    ``error`` in it is None, or what of a damaged bag was lost. Raises GraphError for a node that
+    fails and BagError for a bag that cannot be played.
+    """
+    reader = BagReader(setup.bag)
+    absent = [f"/{topic}" for topic in AWAITED if f"/{topic}" not in reader.topics()]
+    if absent:
+        raise BagError(f"{setup.bag}: needed topic absent: {', '.join(absent)}")
+    first_ns, last_ns = reader.span_ns
+    run = run_graph(setup, (last_ns - first_ns) * 1e-9, progress)
+    outputs = read_outputs(run.recording).earlier(run.shift_ns)
+    files = make_pictures(run.recording, setup.folder, len(outputs.frame_stamps_ns))
+    frames_in = sum(1 for _ in reader.messages([f"/{name}" for name in PICTURES]))
+    result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
+    result["serial"] = setup.serial
+    result |= summary(outputs, first_ns) | cost(run)
+    result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
+    result["found"] = against_targets(outputs, setup.bag.with_name(TARGETS))
+    result["error"] = run.error
+    text = json.dumps(result, indent=2) + "\n"
+    write_files({setup.folder / "summary.json": text}, GraphError)
+    return result
+
+
+def check_place_of(setup: GraphSetup) -> None:
+    """Raise GraphError where what the demo leaves would take the place of what it reads."""
+    configs = node_configs(setup.params)
+    named = [*configs.files, *map_files(str(setup.map or ""))]
+    outputs = [setup.folder / name for name in _NAMES]
+    beside = [setup.bag.with_name(name) for name in ("truth.mcap", TARGETS)]
+    check_outputs((setup.bag, *beside, setup.params, *named), outputs, GraphError)
+
+
+def with_sample(setup: GraphSetup) -> GraphSetup:
+    """The same with what lies beside the bag: ``map.geojson`` and ``params.yaml``."""
+    folder = setup.bag.parent
+    params, map_file = folder / "params.yaml", folder / "map.geojson"
+    return dataclasses.replace(
+        setup,
+        params=setup.params or (params if params.is_file() else None),
+        map=setup.map or (map_file if map_file.is_file() else None),
+    )
+
+
+def sample_bag() -> Path:
+    """The sample flight; raises BagError where it is not installed."""
+    path = find_resource(f"{SAMPLE}/flight.mcap")
+    if path is None:
+        raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
+    return path
+
+
+def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:
+    """``overlay.mp4`` and ``still.png`` from a recording; raises GraphError without a frame."""
+    if not frames:
+        raise GraphError(f"{recording}: the graph gave no {OVERLAY}: see the logs beside it")
+    video, still = folder / "overlay.mp4", folder / "still.png"
+    with VideoFile(video) as film:
+        for number, (stamp_ns, pixels) in enumerate(read_pictures(recording)):
+            film.add(stamp_ns, pixels)
+            if number == int(frames * _STILL_AT):
+                write_files({still: cv2.imencode(".png", pixels)[1].tobytes()}, GraphError)
+    return {"video": str(video), "still": str(still), "frames_out": frames}
+
+
+def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
+    """What the nodes said of themselves, with units in the names; ``begin_ns``: of the bag."""
+    navigation = outputs.last("ekf_node: navigation")
+    told = outputs.last("overlay_node: overlay")
+    first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
+    mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
+    frame_ms = outputs.numbers("overlay_node: topics", "tirgeo/overlay/image latency [ms]")
+    sigmas = outputs.numbers("ekf_node: navigation", "heading_sigma_deg")
+    return {
+        "method": navigation.get("method"),
+        "state": navigation.get("state"),
+        "overlay": {k: int(v) for k, v in told.items() if v.isdecimal()},
+        "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
+        "heading_sigma_deg": fmean(sigmas) if sigmas else None,
+        "frame_latency_ms": median(frame_ms) if frame_ms else None,
+    }
+
+
+def cost(run: GraphRun) -> dict[str, object]:
+    """Processor seconds and cores by node."""
+    return {
+        "play_s": run.play_s,
+        "cpu_s": run.cpu_s,
+        "cores": run.cores | {"total": sum(run.cores.values())},
+    }
+
+
+def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
+    """Root mean square errors of the camera's poses, or None where there is no truth."""
+    if outputs.plane is None or not truth.is_file():
+        return None
+    true = read_outputs(truth)
+    if true.plane is None or not true.cameras:
+        return None
+    settled_ns = outputs.cameras[0].stamp_ns + SETTLED_S * 1e9
+    poses = [
+        in_plane(pose, outputs.plane, true.plane)
+        for pose in outputs.cameras
+        if pose.stamp_ns >= settled_ns
+    ]
+    apart = differences(poses, true.cameras)
+    if not apart.stamp_ns:
+        return None
+    return {
+        "from_s": SETTLED_S,
+        "poses": len(apart.stamp_ns),
+        "position_rms_m": float(rms(apart.distance_m)),
+        "attitude_rms_deg": math.degrees(float(rms(apart.angle_rad))),
+        "heading_rms_deg": math.degrees(float(rms(apart.rotation_n[:, 2]))),
+    }
+
+
+def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
+    """What was clicked on, each with the target nearest to it; none where no file says targets."""
+    if not targets.is_file():
+        return []
+    return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]

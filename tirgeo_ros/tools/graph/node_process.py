@@ -1,0 +1,104 @@
+"""One ROS node as a child process: started, watched through its log, stopped, accounted for."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.stop_signals import stop_signals
+
+_POLL_S = 0.02
+_RUN = "from {package}.__main__ import main; main()"
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a process ended."""
+
+    exit_code: int  # negative: the signal that ended it
+    cpu_s: float  # user and system, from its start
+
+
+class NodeProcess:
+    """A node of a package in a process group of its own, with its stderr in a file."""
+
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        package: str = "tirgeo_ros.nodes",
+    ) -> None:
+        self.name = name
+        self.log = log
+        self.ended: Ended | None = None
+        command = python_command(_RUN.format(package=package), name, "--ros-args", *arguments)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+        self.pid = os.posix_spawn(
+            command[0],
+            command,
+            dict(environment),
+            file_actions=[
+                (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+                (os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o644),
+                (os.POSIX_SPAWN_DUP2, 1, 2),
+            ],
+            setpgroup=0,  # a Ctrl-C on the terminal is for the one who watches, not for the nodes
+            setsigmask=stop_signals(),  # blocked from the first instruction; the node asks later
+        )
+
+    def poll(self) -> Ended | None:
+        """How it ended, or None while it runs."""
+        if self.ended is None:
+            pid, status, usage = os.wait4(self.pid, os.WNOHANG)
+            if pid:
+                cpu_s = usage.ru_utime + usage.ru_stime
+                self.ended = Ended(os.waitstatus_to_exitcode(status), cpu_s)
+        return self.ended
+
+    def cpu_s(self) -> float:
+        """Processor time so far, user and system."""
+        if self.ended is not None:
+            return self.ended.cpu_s
+        fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+
+    def said(self, words: str) -> bool:
+        """Whether the words stand in its log."""
+        return words in self.text()
+
+    def text(self) -> str:
+        """Its log so far."""
+        return self.log.read_text(errors="replace")
+
+    def last_line(self) -> str:
+        """The last line of its log."""
+        lines = [line for line in self.text().splitlines() if line]
+        return lines[-1].strip() if lines else "it said nothing"
+
+    def check_running(self) -> None:
+        """Raise GraphError with its last words if it has ended."""
+        ended = self.poll()
+        if ended is not None:
+            raise GraphError(
+                f"{self.name} ended (exit code {ended.exit_code}): {self.last_line()}"
+            )
+
+    def signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def wait(self, timeout_s: float) -> Ended | None:
+        """How it ended, or None if it has not within ``timeout_s``."""
+        end_s = time.monotonic() + timeout_s
+        while self.poll() is None and time.monotonic() < end_s:
+            time.sleep(_POLL_S)
+        return self.ended

@@ -1,0 +1,1 @@
+"""Show results: plots, progress bars, video files."""

@@ -1,0 +1,178 @@
+"""A video file from stamped frames: complete under its name, or not there."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple, final
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.io.files.whole_files import check_place, part_of
+
+
+class _Form(NamedTuple):
+    codec: str
+    options: Mapping[str, str]
+    container: Mapping[str, str]
+
+
+#: By the name's ending. 4:2:0 in 8 bit is what every browser and player shows. The qualities are
+#: those at which thin lines of the map still have their colours; a key frame is within 100 frames.
+_FORMS = {
+    ".mp4": _Form(
+        "libx264",
+        {"preset": "veryfast", "crf": "26", "g": "100"},
+        {"movflags": "+faststart"},  # the index first: it plays while it loads
+    ),
+    ".webm": _Form(
+        "libvpx-vp9",
+        {"deadline": "realtime", "cpu-used": "6", "crf": "38", "b:v": "0", "g": "100"},
+        {},
+    ),
+}
+_CLOCK_HZ = 90_000
+_FIRST_STEP_NS = 100_000_000
+_LONGEST_STEP_NS = 10_000_000_000
+
+
+@final
+class VideoFile:
+    """H.264 (.mp4) or VP9 (.webm) of frames (h, w, 3) BGR, each shown for as long as it lasted.
+
+    A step between stamps that is not between 0 and 10 s counts as the one before it. Where a side
+    has an odd number of pixels, the last one is there twice. A context manager: the file takes
+    its name when the block ends without an error, and if no frame came there is none. VideoError
+    if it cannot be written or frames change their size.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.frames = 0
+        self._form = _form_of(self.path)
+        if not self.path.parent.is_dir():
+            raise VideoError(f"{self.path}: no such folder {self.path.parent}")
+        check_place(self.path, VideoError)
+        self._part = part_of(self.path).with_suffix(self.path.suffix)
+        if not _in_utf8(self._part):
+            raise VideoError(f"{self.path}: FFmpeg takes names in UTF-8 alone; give another one")
+        self._av = _pyav(self.path)
+        self._shape: tuple[int, ...] | None = None
+        self._last_stamp_ns: int | None = None
+        self._step_ns = _FIRST_STEP_NS
+        self._time_ns = 0
+        self._container: Any = None
+        self._stream: Any = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the mean rate of the frames, 1/s; NaN for fewer than two."""
+        return (self.frames - 1) / (self._time_ns * 1e-9) if self._time_ns else float("nan")
+
+    def add(self, stamp_ns: int, pixels: Pixels) -> None:
+        """Append a frame."""
+        if self._shape is None:
+            self._shape = pixels.shape
+        if pixels.shape != self._shape:
+            raise VideoError(
+                f"{self.path}: a frame of {pixels.shape[1]}x{pixels.shape[0]} pixels follows "
+                f"frames of {self._shape[1]}x{self._shape[0]}"
+            )
+        self._advance(stamp_ns)
+        frame = self._av.VideoFrame.from_ndarray(_even(pixels), format="bgr24")
+        frame.pts = round(self._time_ns * 1e-9 * _CLOCK_HZ)
+        frame.time_base = Fraction(1, _CLOCK_HZ)
+        with self._writing():
+            if self._container is None:
+                self._open(frame.width, frame.height)
+            self._write(frame)
+        self.frames += 1
+
+    def _advance(self, stamp_ns: int) -> None:
+        if self._last_stamp_ns is not None:
+            step_ns = stamp_ns - self._last_stamp_ns
+            if 0 < step_ns < _LONGEST_STEP_NS:
+                self._step_ns = step_ns
+            self._time_ns += self._step_ns
+        self._last_stamp_ns = stamp_ns
+
+    def _open(self, width: int, height: int) -> None:
+        form = self._form
+        self._container = self._av.open(str(self._part), "w", options=dict(form.container))
+        stream = self._container.add_stream(form.codec, rate=30, options=dict(form.options))
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, _CLOCK_HZ)
+        self._stream = stream
+
+    def _write(self, frame: Any) -> None:
+        """Encode a frame, None for the end, and write what is ready."""
+        for packet in self._stream.encode(frame):
+            self._container.mux(packet)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:  # PyAV's own errors are OSErrors as well
+            raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
+
+    def __enter__(self) -> VideoFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None and self._container is not None:
+                with self._writing():
+                    self._finish()
+        finally:
+            self._discard()
+
+    def _finish(self) -> None:
+        self._write(None)
+        self._container.close()
+        self._part.replace(self.path)
+
+    def _discard(self) -> None:
+        if self._container is not None:
+            with contextlib.suppress(OSError):
+                self._container.close()
+        with contextlib.suppress(FileNotFoundError):
+            self._part.unlink()
+
+
+def _form_of(path: Path) -> _Form:
+    form = _FORMS.get(path.suffix.lower())
+    if form is None:
+        raise VideoError(f"{path}: the video's name must end with {' or '.join(_FORMS)}")
+    return form
+
+
+def _pyav(path: Path) -> ModuleType:
+    try:
+        import av  # noqa: PLC0415  35 MB that only videos need
+    except ImportError as error:
+        raise VideoError(f"{path}: a video needs PyAV: pip install av ({error})") from error
+    return av
+
+
+def _even(pixels: Pixels) -> Pixels:
+    height, width = pixels.shape[:2]
+    if height % 2 == width % 2 == 0:
+        return pixels
+    edge = cv2.copyMakeBorder(pixels, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    return np.asarray(edge, np.uint8)
+
+
+def _in_utf8(path: Path) -> bool:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,7 @@
+"""The checks of a recorded flight: what feeds them, and what they say to people."""
+
+from tirgeo_ros.tools.replay.check_setting import CheckSetting, setting_of
+from tirgeo_ros.tools.replay.finding_lines import finding_items, finding_lines
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+
+__all__ = ["CheckSetting", "FlightChecks", "finding_items", "finding_lines", "setting_of"]

@@ -1,0 +1,178 @@
+"""The checks of a recorded flight, fed with what a command reads and makes anyway.
+
+They change nothing of it: what goes in is looked at, and nothing comes back but findings.
+"""
+
+from __future__ import annotations
+
+import functools
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.checks.recording_checks import unreadable_findings
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
+from tirgeo_ros.tools.replay.check_groups import groups_of
+from tirgeo_ros.tools.replay.check_setting import CheckSetting
+from tirgeo_ros.tools.replay.checked_samples import Seen
+from tirgeo_ros.tools.replay.registration import Registered, Sample
+
+F = TypeVar("F", bound=Callable[..., None])
+
+
+#: Calls that are made together. Work of one kind at a stretch finds its code and data in the
+#: processor's caches.
+_BLOCK = 128
+
+
+def _later(method: F) -> F:
+    """Return a method that is run with others, in order, before anybody sees what it found."""
+
+    @functools.wraps(method)
+    def call(self: FlightChecks, *arguments: Any) -> None:
+        self._waiting.append((method, arguments))
+        if len(self._waiting) >= _BLOCK:
+            self.catch_up()
+
+    return cast("F", call)
+
+
+class FlightChecks:
+    """Feeds all groups of checks. Take a sample, then what it made possible."""
+
+    def __init__(self, setting: CheckSetting) -> None:
+        self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
+        self._seen = Seen()
+        self._setting = setting
+        self._groups = groups_of(setting)
+        self._arrivals = Arrivals()
+        self._camera: Camera | None = None
+        self._plane: TangentPlane | None = None
+        self._refused: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+        self._failed: Counter[str] = Counter()
+        if setting.camera is not None:
+            self.camera(setting.camera)
+
+    @property
+    def seen(self) -> Seen:
+        """What was looked at."""
+        self.catch_up()
+        return self._seen
+
+    def catch_up(self) -> None:
+        """Do all that waits."""
+        waiting, self._waiting = self._waiting, []
+        for method, arguments in waiting:
+            self._guarded(method, arguments)
+
+    def _guarded(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        """Find a fault instead of raising it: the work goes on without the check."""
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
+            self.failed(error)
+
+    @_later
+    def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
+        """Take a sample of a contract topic, its stamp as its message has it."""
+        self._seen.message(topic, arrival_ns)
+        if not isinstance(sample, JointSample | CameraAttitudeSample):
+            self._groups.navigation.take(topic, sample, arrival_ns)
+        self._gimbal(self._arrivals.stamped(topic, sample, arrival_ns))
+
+    def _gimbal(self, sample: Sample) -> None:
+        if isinstance(sample, ImuSample):
+            if sample.autopilot_q_nb is not None:
+                self._groups.gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+        elif isinstance(sample, JointSample):
+            self._groups.gimbal.joints(sample)
+        elif isinstance(sample, CameraAttitudeSample):
+            self._groups.gimbal.reported(sample)
+
+    @_later
+    def registered(self, found: Registered, plane: TangentPlane | None) -> None:
+        """Take what filter and gimbal made of a sample, and the plane of the poses."""
+        if found.solution is not None:
+            self._groups.navigation.solution(found.solution)
+        if plane is not None and plane is not self._plane:
+            self._plane = plane
+            self._groups.pictures.plane(plane)
+            self._groups.map.plane(plane)
+        if found.body is not None:
+            self._groups.gimbal.body(found.body)
+            self._groups.pictures.body(found.body)
+        for pose in found.cameras:
+            self._groups.pictures.pose(pose)
+
+    @_later
+    def map(self, laid: LaidMap) -> None:
+        """Take the map as it lies in the plane that was taken before."""
+        self._groups.map.map(laid)
+
+    @_later
+    def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
+        """Take a calibration; without a time of arrival, one from a file."""
+        if arrival_ns is not None:
+            self._seen.message("thermal/camera_info", arrival_ns)
+        if camera != self._camera:
+            self._camera = camera
+            self._groups.pictures.camera(camera)
+
+    def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
+        """Take a picture with the stamp of its message, at once: it may be drawn into after."""
+        self._frame(topic, stamp_ns, pixels, arrival_ns)
+        self.catch_up()
+
+    def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Whether a picture is to be decoded; ``passed`` takes the others."""
+        return self._groups.pictures.wants_pixels(stamp_ns, arrival_ns)
+
+    @_later
+    def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
+        """Take that a picture came which nobody decoded."""
+        self._seen.message(topic, arrival_ns)
+        self._groups.pictures.passed(stamp_ns, arrival_ns)
+
+    @_later
+    def _frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
+        self._seen.message(topic, arrival_ns)
+        self._seen.size = (pixels.shape[1], pixels.shape[0])
+        self._groups.pictures.frame(stamp_ns, pixels, arrival_ns)
+
+    def refused(self, topic: str, reason: str) -> None:
+        """Take that a message of a topic could not be used, and why."""
+        self._refused[topic] += 1
+        self._reasons[topic] = reason
+
+    def findings(self) -> list[Finding]:
+        """Return what is wrong, the worst first."""
+        self.catch_up()
+        found = [*self._setting.found]
+        found += unreadable_findings(self._seen.counts, self._refused, self._reasons)
+        try:
+            found += self._groups.findings()
+        except Exception as error:  # noqa: BLE001 as above
+            self.failed(error)
+        return sorted_findings([*found, *self._failures()])
+
+    def failed(self, error: Exception) -> None:
+        """Take a fault of a check."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        self._failed[f"{type(error).__name__}: {error} ({where})"] += 1
+
+    def _failures(self) -> list[Finding]:
+        if not self._failed:
+            return []
+        told, number = self._failed.most_common(1)[0]
+        evidence = f"a check failed {number} times: {told}"
+        mend = "report it with this flight; other findings stand"
+        return [Finding("check_failed", Severity.CAUTION, evidence, "tirgeo itself", mend)]

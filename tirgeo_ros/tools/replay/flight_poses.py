@@ -1,0 +1,245 @@
+"""The camera's poses at chosen instants of a recorded flight, through the nodes' core objects."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.types.measurements import HeadingSample
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import Verdict
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.replay import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import PICTURES, inputs_of, resolved
+from tirgeo_ros.tools.replay.picture_size import check_size, picture_size
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
+
+_CAMERA_INFO = "thermal/camera_info"
+_WHOLE_FLIGHT_S = 1e9
+#: Poses so near an instant are kept: more than the longest gap that is interpolated across.
+_NEAR_NS = 1_000_000_000
+#: The camera's motion is that of so long around an instant.
+_MOTION_NS = 50_000_000
+
+
+class Taker(Protocol):
+    """Takes the samples of a flight."""
+
+    @property
+    def topics(self) -> Collection[str]:
+        """The contract topics whose samples it wants."""
+
+    def take(self, sample: Sample) -> None:
+        """Take a sample, in order of arrival."""
+
+
+class Watcher(Protocol):
+    """Sees what a registration makes of a flight."""
+
+    def heard(self, verdict: Verdict) -> None:
+        """Take a verdict on the sample that ``took`` tells of next, or on one held until it."""
+
+    def took(self, sample: Sample, found: Registered) -> None:
+        """Take a sample and what it made possible."""
+
+
+class RecordedFlight:
+    """A bag that is decoded once, for any number of takers.
+
+    ``read`` counts the messages that were decoded, ``refused`` those that could not be used;
+    ``picture_stamps_ns`` are the stamps of the pictures, where ``pictures`` are asked for.
+    A ``camera`` that is given stands in place of the bag's. ``checks`` see the samples.
+    """
+
+    def __init__(
+        self,
+        reader: BagReader,
+        namespace: str = "",
+        *,
+        pictures: bool = False,
+        camera: Camera | None = None,
+        checks: FlightChecks | None = None,
+    ) -> None:
+        self._checks = checks
+        self._given_camera = self._camera = camera
+        self.read = self.refused = 0
+        self.picture_stamps_ns: list[int] = []
+        self._reader = reader
+        self._namespace = namespace
+        self._pictures = pictures
+        self._takers: defaultdict[str, list[Taker]] = defaultdict(list)
+        self._arrivals = Arrivals()
+        self._cdr = Cdr()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera, once the flight was read.
+
+        Raises BagError without a usable calibration, and CameraError for one of another size
+        than the bag's pictures.
+        """
+        if self._camera is None:
+            raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
+        size = picture_size(self._reader, self._namespace)
+        check_size(self._camera, size, str(self._reader.path))
+        return self._camera
+
+    def registered(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        instants_ns: Sequence[int],
+        watcher: Watcher | None = None,
+        *,
+        baseline_step_rad: float = 0.0,
+    ) -> FlightPoses:
+        """A registration that takes part. Raises BagError where a needed topic is absent.
+
+        ``baseline_step_rad``: with the headings that the aircraft would have told by antennas
+        turned so much, clockwise from above.
+        """
+        topics = inputs_of(
+            self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
+        )
+        poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher, baseline_step_rad)
+        self.add(poses)
+        return poses
+
+    def add(self, taker: Taker) -> None:
+        """Let a taker have the samples of its topics, of those that the bag has."""
+        for topic in taker.topics:
+            self._takers[topic].append(taker)
+
+    def has(self, topic: str) -> bool:
+        """Whether the bag has a contract topic, of its type."""
+        name = resolved(topic, self._namespace)
+        return self._reader.topics().get(name) == TOPIC_TYPES[topic]
+
+    def read_all(self, progress: Report) -> None:
+        """Take the flight through all of them; ``progress`` is told seconds of it.
+
+        Raises BagError without a topic of the camera's calibration.
+        """
+        topics = self._topics()
+        first_ns, last_ns = self._reader.span_ns
+        for message in self._reader.messages(topics):
+            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            try:
+                self._take(topics[message.topic], message)
+            except TirgeoError:
+                self.refused += 1
+
+    def _topics(self) -> dict[str, str]:
+        """Resolved name to contract topic of what is read."""
+        if self._given_camera is None and not self.has(_CAMERA_INFO):
+            hint = "" if self._namespace else "; is there a --namespace?"
+            name = resolved(_CAMERA_INFO, self._namespace)
+            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+        wanted = [_CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
+        return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+
+    def _take(self, topic: str, message: BagMessage) -> None:
+        if topic in PICTURES:
+            stamp_ns = header_stamp_ns(message.data)
+            self.picture_stamps_ns.append(stamp_ns)
+            self._look_at_picture(topic, stamp_ns, message)
+            return
+        decoded = self._cdr.deserialize(message.data, message.typename)
+        self.read += 1
+        if topic == _CAMERA_INFO:
+            self._camera = self._given_camera or convert.camera(decoded)
+            if self._checks is not None:
+                self._checks.camera(self._camera, message.log_time_ns)
+            return
+        sample = SAMPLES[topic](decoded)
+        if self._checks is not None:
+            self._checks.sample(topic, sample, message.log_time_ns)
+        sample = self._arrivals.stamped(topic, sample, message.log_time_ns)
+        for taker in self._takers[topic]:
+            taker.take(sample)
+
+    def _look_at_picture(self, topic: str, stamp_ns: int, message: BagMessage) -> None:
+        """Let the checks have a picture; it is decoded where they follow it."""
+        if self._checks is None:
+            return
+        if not self._checks.wants_pixels(stamp_ns, message.log_time_ns):
+            self._checks.passed(topic, stamp_ns, message.log_time_ns)
+            return
+        decoded = self._cdr.deserialize(message.data, message.typename)
+        pixels = convert.pixels(topic, decoded)
+        self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
+
+
+class FlightPoses:
+    """The poses of one registration around some instants (ns), all in one plane."""
+
+    def __init__(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        instants_ns: Sequence[int],
+        topics: Collection[str],
+        watcher: Watcher | None = None,
+        baseline_step_rad: float = 0.0,
+    ) -> None:
+        self.topics = topics
+        self.checks: FlightChecks | None = None
+        self._baseline_step_rad = baseline_step_rad
+        self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
+        self.cameras: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+        self._watcher = watcher
+        self._instants_ns = sorted(instants_ns)
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """The plane of the poses; None before there was one."""
+        return self.registration.navigation.plane
+
+    def take(self, sample: Sample) -> None:
+        """Take a sample to the filter or to the gimbal."""
+        if self._baseline_step_rad and isinstance(sample, HeadingSample):
+            heading_rad = sample.heading_rad - self._baseline_step_rad
+            sample = replace(sample, heading_rad=heading_rad)
+        found = self.registration.take(sample)
+        for pose in found.cameras:
+            if self._is_near(pose.stamp_ns):
+                self.cameras.add(pose)
+        if self._watcher is not None:
+            self._watcher.took(sample, found)
+        if self.checks is not None:
+            self.checks.registered(found, self.plane)
+
+    def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
+        """The pose at one of the instants and the camera's motion there, or None."""
+        return pose_at(self.cameras, stamp_ns)
+
+    def _is_near(self, stamp_ns: int) -> bool:
+        """Whether one of the instants is."""
+        after = bisect_left(self._instants_ns, stamp_ns - _NEAR_NS)
+        return any(one <= stamp_ns + _NEAR_NS for one in self._instants_ns[after : after + 1])
+
+
+def pose_at(
+    poses: PoseHistory[CameraPose], stamp_ns: int
+) -> tuple[CameraPose, CameraRates | None] | None:
+    """The pose at an instant and the camera's motion there, None where it is not known."""
+    pose = poses.at(stamp_ns)
+    if not isinstance(pose, CameraPose):
+        return None
+    around = [poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
+    known = [one for one in around if isinstance(one, CameraPose)]
+    return pose, CameraRates.between(known[0], known[-1]) if len(known) > 1 else None

@@ -1,0 +1,108 @@
+"""Which topics of a bag a run reads, which must be there, and which it does without."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.replay.registration import METHOD_TOPICS
+
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+#: By composition; of more than one topic, one is enough.
+_GIMBAL: dict[str, tuple[str, ...]] = {
+    "paper": ("gimbal/attitude",),
+    "encoders": ("gimbal/joint_states",),
+    "auto": ("gimbal/joint_states", "gimbal/attitude"),
+}
+_POSITIONS = ("rtk/fix", "gps/fix")
+#: What the default method takes beyond ordinary GPS.
+_OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
+
+
+def prefix(namespace: str) -> str:
+    """What stands before a relative name: a slash, or the namespace between two."""
+    return f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+
+
+def resolved(topic: str, namespace: str) -> str:
+    """The name of a contract topic in a bag; a leading slash marks one that does not move."""
+    return topic if topic.startswith("/") else prefix(namespace) + topic
+
+
+def inputs_of(
+    reader: BagReader,
+    method: str,
+    composition: str,
+    namespace: str,
+    *,
+    pictures: bool,
+    camera: bool = True,
+    gimbal: bool = True,
+) -> dict[str, str]:
+    """Resolved name to contract topic of what a run reads from a bag.
+
+    Of ``pictures`` the camera's calibration too, if ``camera`` says that it is asked for; without
+    ``gimbal`` its angles are read where there are some, and not needed.
+
+    Raises BagError naming every needed topic that is absent, or one that has another type.
+    """
+    present = reader.topics()
+    there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
+    wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
+    positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
+    needed = [("imu/data",), positions, *([_GIMBAL[composition]] if gimbal else ())]
+    if pictures:
+        needed += [PICTURES, *([("thermal/camera_info",)] if camera else ())]
+        wanted += ["tirgeo/locate/pixel", *(["thermal/camera_info"] if camera else ())]
+        wanted += [name for name in PICTURES if name in there][:1]
+    _check_present(reader, needed, there, namespace)
+    found = {resolved(name, namespace): name for name in wanted if name in there}
+    for topic, name in found.items():
+        if present[topic] != TOPIC_TYPES[name]:
+            raise BagError(
+                f"{reader.path}: {topic} is of type {present[topic] or 'nothing'}, "
+                f"not {TOPIC_TYPES[name]}"
+            )
+    return found
+
+
+def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
+    """The method for what a bag holds, and why it is not the default; empty where it is.
+
+    Without headings it is ``ekf``, on ordinary GPS where there is no RTK.
+    """
+    present = reader.topics()
+    lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
+    if "rtk/heading" not in lacking:
+        return "ekf_heading", ""
+    alone = lacking == list(_OF_HEADINGS) and resolved("gps/fix", namespace) in present
+    names = ", ".join(resolved(name, namespace) for name in (lacking if alone else lacking[-1:]))
+    on_gps = "; it flies on ordinary GPS" if alone else ""
+    return "ekf", f"method ekf: the bag has no {names}{on_gps}"
+
+
+def done_without(found: Collection[str], method: str) -> list[str]:
+    """The topics (contract names) that a method would rather have and that are not found.
+
+    Ordinary GPS is what a filter falls back on; it is not missed.
+    """
+    return [
+        name
+        for name in METHOD_TOPICS[method]
+        if name not in found and (method == "raw" or not name.startswith("gps/"))
+    ]
+
+
+def _check_present(
+    reader: BagReader, needed: list[tuple[str, ...]], there: Collection[str], namespace: str
+) -> None:
+    absent = [
+        " or ".join(resolved(name, namespace) for name in names)
+        for names in needed
+        if not set(names).intersection(there)
+    ]
+    if absent:
+        hint = "" if namespace else "; is there a --namespace?"
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(absent)}{hint}")

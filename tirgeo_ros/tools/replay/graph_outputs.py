@@ -1,0 +1,81 @@
+"""What a run of the node graph left in its bag: poses, pictures, located points, diagnostics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+
+OVERLAY = "tirgeo/overlay/image/compressed"
+
+
+@dataclass
+class Outputs:
+    """A bag of outputs without its pictures."""
+
+    plane: TangentPlane | None = None
+    cameras: list[CameraPose] = field(default_factory=list)
+    frame_stamps_ns: list[int] = field(default_factory=list)
+    #: Item (``ekf_node: navigation``) to key to every value that was reported, in order.
+    diagnostics: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    #: Of clicks: point (3,) m and covariance (3, 3) m2, NED in the plane.
+    located_n: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def numbers(self, item: str, key: str) -> list[float]:
+        """The finite values of a key of the diagnostics."""
+        texts = self.diagnostics.get(item, {}).get(key, [])
+        return [value for value in map(float, texts) if math.isfinite(value)]
+
+    def earlier(self, shift_ns: int) -> Outputs:
+        """The same with all stamps earlier: those of a bag that was played live, as in the bag."""
+        return replace(
+            self,
+            cameras=[replace(pose, stamp_ns=pose.stamp_ns - shift_ns) for pose in self.cameras],
+            frame_stamps_ns=[stamp_ns - shift_ns for stamp_ns in self.frame_stamps_ns],
+        )
+
+    def last(self, item: str) -> dict[str, str]:
+        """The newest values of an item."""
+        return {key: values[-1] for key, values in self.diagnostics.get(item, {}).items()}
+
+
+def read_outputs(path: Path, namespace: str = "") -> Outputs:
+    """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raises BagError."""
+    lead = f"/{namespace.strip('/')}/".replace("//", "/")
+    cdr, found = Cdr(), Outputs()
+    for item in BagReader(path).messages():
+        message = cdr.deserialize(item.data, item.typename)
+        if item.topic == f"{lead}tirgeo/origin":
+            found.plane = convert.tangent_plane(message)
+        elif item.topic == f"{lead}tirgeo/camera_pose":
+            found.cameras.append(convert.camera_pose(message))
+        elif item.topic == f"{lead}tirgeo/locate/point":
+            found.located_n.append(convert.ground_point(message)[1:])
+        elif item.topic == lead + OVERLAY:
+            found.frame_stamps_ns.append(convert.stamp_ns(message))
+        elif item.topic == "/diagnostics":
+            _note(found, message, lead)
+    return found
+
+
+def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
+    """Stamps and overlay pictures (h, w, 3) BGR of such a bag, one after another."""
+    lead = f"/{namespace.strip('/')}/".replace("//", "/")
+    cdr = Cdr()
+    for item in BagReader(path).messages([lead + OVERLAY]):
+        message = cdr.deserialize(item.data, item.typename)
+        yield convert.stamp_ns(message), convert.compressed_pixels(message)
+
+
+def _note(found: Outputs, message: object, lead: str) -> None:
+    for status in message.status:  # type: ignore[attr-defined]
+        item = found.diagnostics.setdefault(status.name.removeprefix(lead), {})
+        for pair in status.values:
+            item.setdefault(pair.key, []).append(pair.value)

@@ -1,0 +1,149 @@
+"""Pixels of a recorded flight to ground points with error ellipses: the work of ``tirgeo locate``.
+
+The camera's poses come from the same core objects as those of the nodes and of ``tirgeo process``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections import Counter
+from collections.abc import Sequence
+from statistics import median
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.backprojection import Ground, Reason
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.types.errors import ConfigError, SurveyError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml
+from tirgeo_ros.io.surveys.survey import Observation, load_observations
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
+from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+
+def locate_pixels(
+    bag_in: PathLike,
+    pixels: PathLike,
+    output: PathLike,
+    *,
+    params: Files = None,
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
+    method: str | None = None,
+    kml_out: PathLike | None = None,
+    cot_out: PathLike | None = None,
+    namespace: str = "",
+    camera: PathLike | None = None,
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; a summary.
+
+    Writes GeoJSON, and KML and Cursor-on-Target where asked: all of them or none. ``dem`` or
+    ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground,
+    ``camera``, a calibration file, before the bag's. A pixel that cannot be located is written
+    with its reason. Where nobody says a method it is that of what the bag holds. Raises BagError,
+    CameraError, ConfigError, SurveyError, ElevationError.
+    """
+    configs = node_configs(
+        params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
+    )
+    overlay = configs.overlay
+    outputs = [one for one in (output, kml_out, cot_out) if one]
+    check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
+    seen = load_observations(pixels)
+    ground = ground_of(overlay)
+    if ground is None:
+        raise ConfigError("height of the ground not known: give --ground-height or --dem")
+    reader = BagReader(bag_in)
+    fitted, notes = configs.fitting(reader, namespace)
+    camera_given = given_camera(overlay)
+    checks = FlightChecks(
+        setting_of(fitted, reader, params, namespace, ground=ground, camera=camera_given)
+    )
+    latency_ns = round(overlay.video_latency_s * 1e9)
+    instants_ns = [one.stamp_ns - latency_ns for one in seen]
+    recorded = RecordedFlight(reader, namespace, camera=camera_given, checks=checks)
+    flight = recorded.registered(fitted.ekf, fitted.gimbal, instants_ns)
+    flight.checks = checks
+    recorded.read_all(progress)
+    known = recorded.camera
+    answers = [Answered(one.id, _answer(known, flight, one, ground, overlay)) for one in seen]
+    forms = {output: geojson, kml_out: kml, cot_out: cot}
+    write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
+    summary = _summary(answers, ground)
+    summary["error"] = _error(reader, answers)
+    navigation = flight.registration.navigation.status()
+    composition = flight.registration.composer.composition
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in forms if path],
+        "method": navigation.method,
+        "composition": composition,
+        "notes": notes,
+        "state": navigation.state.value,
+        "messages": recorded.read,
+        "messages_refused": recorded.refused,
+        "findings": finding_items(checks.findings()),
+    } | summary
+
+
+def _answer(
+    camera: Camera, flight: FlightPoses, seen: Observation, ground: Ground, overlay: OverlayConfig
+) -> Located | Refusal:
+    uv = (seen.u, seen.v)
+    found = flight.at(seen.stamp_ns - round(overlay.video_latency_s * 1e9))
+    if found is None or flight.plane is None:
+        return Refusal(seen.stamp_ns, uv, Reason.NO_POSE)
+    pose, rates = found
+    answer = place(camera, pose, uv, flight.plane, ground, overlay.confidence, rates)
+    return dataclasses.replace(answer, stamp_ns=seen.stamp_ns)
+
+
+def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
+    """Numbers of pixels, the ellipses' usual length, and what to warn of."""
+    found = [one.answer for one in answers if isinstance(one.answer, Located)]
+    refused = [one.answer for one in answers if isinstance(one.answer, Refusal)]
+    reasons = Counter(one.reason.value for one in refused)
+    notes = list(ground.notes) if isinstance(ground, Terrain) else []
+    if refused and found:
+        why = ", ".join(f"{number} x {reason}" for reason, number in reasons.most_common())
+        notes.append(f"{len(refused)} of {len(answers)} pixels refused: {why}")
+    lengths = [one.ellipse.major_m for one in found]
+    return {
+        "pixels": len(answers),
+        "located": len(found),
+        "refused": dict(reasons),
+        "ellipse_major_m_median": median(lengths) if lengths else None,
+        "warning": "; ".join(notes) or None,
+    }
+
+
+def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
+    """What makes the run a failure although there is an output."""
+    if reader.damage is not None:
+        return f"{reader.path}: {reader.damage}; the points are made from these"
+    reasons = Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
+    if not answers or reasons.total() < len(answers):
+        return None
+    most = reasons.most_common(1)[0][0]
+    stamps = f"; {_stamps(reader, answers)}" if most is Reason.NO_POSE else ""
+    return f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}{stamps}"
+
+
+def _stamps(reader: BagReader, answers: Sequence[Answered]) -> str:
+    """Both sides' times, for a person to see what is wrong with the stamps."""
+    asked_ns = [one.answer.stamp_ns for one in answers]
+    first_ns, last_ns = reader.span_ns
+    return (
+        f"their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was recorded from "
+        f"{first_ns} to {last_ns}"
+    )

@@ -1,0 +1,263 @@
+"""Messages of a flight in, messages of the whole node graph out, in log-time order.
+
+``tirgeo process`` without its files: the core objects of ekf_node, gimbal_node and overlay_node,
+with the conversions that those nodes use. The time of an output is the log time of the input that
+caused it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.tools.replay import FlightChecks
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
+
+DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+#: Poses that are made into messages together. Work of one kind at a stretch finds its code and
+#: data in the processor's caches: it takes two thirds of the time.
+_BLOCK = 32
+_NOTHING = Registered()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Parameters of the three nodes and the map, and whether raw overlay images are wanted."""
+
+    ekf: EkfConfig
+    gimbal: GimbalConfig
+    overlay: OverlayConfig
+    layers: Sequence[MapLayer] | None = None  # None: no overlay
+    ground: Ground | None = None  # under the map, where the parameters name one
+    camera: Camera | None = None  # in place of thermal/camera_info
+    raw_images: bool = False
+
+
+class Sink(Protocol):
+    """Takes what the pipeline gives."""
+
+    def message(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Take a message of a contract topic."""
+
+    def frame(self, stamp_ns: int, pixels: npt.NDArray[np.uint8]) -> None:
+        """Take an overlay picture (h, w, 3) BGR."""
+
+
+class Pipeline:
+    """The chain from sensor messages to overlay, with counts of what could not be read."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        types: Callable[[str], type],
+        sink: Sink,
+        names: str,
+        checks: FlightChecks,
+    ) -> None:
+        """``types`` are the classes of messages, as for ``Messages``.
+
+        ``names`` leads the names in diagnostics: the namespace with a slash at both ends.
+        ``checks`` see all that goes in and comes out, and change nothing of it.
+        """
+        self.registration = Registration(settings.ekf, settings.gimbal)
+        self.overlay: Overlay | None = None
+        if settings.layers is not None:
+            ground = settings.ground if isinstance(settings.ground, Terrain) else None
+            self.overlay = Overlay(settings.overlay, settings.layers, ground)
+            if settings.camera is not None:
+                self.overlay.set_camera(settings.camera)
+        self.unreadable: Counter[str] = Counter()
+        self.unreadable_because: dict[str, str] = {}  # the newest reason
+        self.states_s: Counter[str] = Counter()
+        self.arrivals = Arrivals()
+        self._fix_rate = RateLimit(settings.ekf.fix_rate_hz)
+        self._settings = settings
+        self._checks = checks
+        self._messages = Messages(types)
+        self._located = LocatedMessages(types)
+        self._sink = sink
+        self._names = names
+        self._plane: TangentPlane | None = None
+        self._unsent: list[tuple[Registered, int]] = []  # and log times
+        self._diagnosed_ns: int | None = None
+
+    def wants(self, topic: str) -> bool:
+        """Whether a message of a topic can still change anything."""
+        return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
+
+    def look_at(self, topic: str, message: Any, log_time_ns: int) -> None:
+        """Let the checks have a message that ``wants`` does not want."""
+        with contextlib.suppress(TirgeoError):
+            self._checks.sample(topic, SAMPLES[topic](message), log_time_ns)
+
+    def take(self, topic: str, message: Any, log_time_ns: int) -> None:
+        """Take a message of a contract topic; one that makes no sense is counted."""
+        try:
+            found = self._registered(topic, message, log_time_ns)
+        except TirgeoError as error:
+            self.unreadable[topic] += 1
+            self.unreadable_because[topic] = str(error)
+            self._checks.refused(topic, str(error))
+        else:
+            self._publish(found, log_time_ns)
+        self._draw(log_time_ns)
+        self._diagnose(log_time_ns)
+
+    def finish(self, log_time_ns: int) -> None:
+        """Give out the frames that still wait for their poses, and the last diagnostics."""
+        if self.overlay is not None:
+            for deadline_ns in self.overlay.deadlines_ns:
+                self._draw(log_time_ns, deadline_ns)
+        self._publish_diagnostics(log_time_ns)
+
+    def _registered(self, topic: str, message: Any, log_time_ns: int) -> Registered:
+        convert_sample = SAMPLES.get(topic)
+        if convert_sample is not None:
+            sample = convert_sample(message)
+            self._checks.sample(topic, sample, log_time_ns)
+            stamped = self.arrivals.stamped(topic, sample, log_time_ns)
+            found = self.registration.take(stamped)
+            self._checks.registered(found, self.registration.navigation.plane)
+            return found
+        if topic == "tirgeo/locate/pixel":
+            self._locate(message, log_time_ns)
+        else:
+            self._picture(topic, message, log_time_ns)
+        return _NOTHING
+
+    def _locate(self, message: Any, log_time_ns: int) -> None:
+        if self.overlay is None:
+            return
+        stamp_ns, u, v = convert.pixel(message)
+        answer = self.overlay.clicks.locate((u, v), stamp_ns)
+        if isinstance(answer, Located):
+            self._send("tirgeo/locate/fix", self._located.fix(answer), log_time_ns)
+            self._send("tirgeo/locate/point", self._located.point(answer), log_time_ns)
+
+    def _publish(self, found: Registered, log_time_ns: int) -> None:
+        if found.body is not None:
+            self._new_plane(found.body.stamp_ns, log_time_ns)
+        elif not found.cameras:
+            return
+        if self.overlay is not None:
+            for pose in found.cameras:
+                self.overlay.add_pose(pose)
+        self._unsent.append((found, log_time_ns))
+        if len(self._unsent) >= _BLOCK:
+            self._send_poses()
+
+    def _send_poses(self) -> None:
+        unsent, self._unsent = self._unsent, []
+        made = [
+            (topic, message, log_time_ns)
+            for found, log_time_ns in unsent
+            for topic, message in self._pose_messages(found)
+        ]
+        for topic, message, log_time_ns in made:
+            self._sink.message(topic, message, log_time_ns)
+
+    def _pose_messages(self, found: Registered) -> Iterator[tuple[str, Any]]:
+        if found.solution is not None and found.body is not None:
+            yield "tirgeo/odometry", self._messages.odometry(found.solution, found.body)
+            if self._fix_rate.due(found.solution.stamp_ns):
+                yield "tirgeo/fix", self._messages.fix(found.solution)
+        for pose in found.cameras:
+            yield "tirgeo/camera_pose", self._messages.camera_pose(pose)
+
+    def _send(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Give out a message, behind the poses that were there before it."""
+        self._send_poses()
+        self._sink.message(topic, message, log_time_ns)
+
+    def _new_plane(self, stamp_ns: int, log_time_ns: int) -> None:
+        plane = self.registration.navigation.plane
+        if plane is self._plane or plane is None or plane == self._plane:
+            return
+        self._plane = plane
+        self._send("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
+        if self.overlay is not None:
+            self.overlay.set_plane(plane)
+            if self.overlay.laid is not None:
+                self._checks.map(self.overlay.laid)
+
+    def _picture(self, topic: str, message: Any, log_time_ns: int) -> None:
+        if self.overlay is None:
+            return
+        if topic == "thermal/camera_info":
+            camera = convert.camera(message)
+            self._checks.camera(camera, log_time_ns)
+            self.overlay.set_camera(camera)
+            return
+        self.overlay.set_status(self.registration.navigation.status())
+        pixels, stamp_ns = convert.pixels(topic, message), convert.stamp_ns(message)
+        self._checks.frame(topic, stamp_ns, pixels, log_time_ns)
+        stamp_ns = self.arrivals.stamp_ns(topic, stamp_ns, log_time_ns)
+        self.overlay.add_frame(stamp_ns, pixels, log_time_ns)
+
+    def _draw(self, log_time_ns: int, now_ns: int | None = None) -> None:
+        if self.overlay is None:
+            return
+        result = self.overlay.take(log_time_ns if now_ns is None else now_ns)
+        if result is not None:
+            self._give_out(result, log_time_ns)
+
+    def _give_out(self, result: OverlayResult, log_time_ns: int) -> None:
+        self._sink.frame(result.stamp_ns, result.image)
+        quality = [cv2.IMWRITE_JPEG_QUALITY, self._settings.overlay.jpeg_quality]
+        jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
+        compressed = self._messages.compressed(result.stamp_ns, jpeg)
+        self._send("tirgeo/overlay/image/compressed", compressed, log_time_ns)
+        if self._settings.raw_images:
+            raw = self._messages.image(result.stamp_ns, result.image)
+            self._send("tirgeo/overlay/image", raw, log_time_ns)
+
+    def _diagnose(self, log_time_ns: int) -> None:
+        if self._diagnosed_ns is None:
+            self._diagnosed_ns = log_time_ns
+        late_ns = log_time_ns - self._diagnosed_ns
+        if late_ns >= DIAGNOSTICS_PERIOD_NS:
+            self._diagnosed_ns = log_time_ns - late_ns % DIAGNOSTICS_PERIOD_NS
+            self._publish_diagnostics(log_time_ns)
+
+    def _publish_diagnostics(self, log_time_ns: int) -> None:
+        status = self.registration.navigation.status()
+        self.states_s[status.state.value] += 1
+        name = f"{self._names}ekf_node: navigation"
+        items = [self._messages.navigation_diagnostic(name, status)]
+        items[0].values.update(self.arrivals.diagnostics)
+        composer = self.registration.composer
+        composition = f"composition: {composer.composition}"
+        items.append(self._counts("gimbal_node: camera pose", composer.diagnostics, composition))
+        if self.overlay is not None:
+            items.append(self._counts("overlay_node: overlay", self._overlay_counts(), "ok"))
+        message = self._messages.diagnostics(log_time_ns, items)
+        self._send("/diagnostics", message, log_time_ns)
+
+    def _overlay_counts(self) -> dict[str, int]:
+        assert self.overlay is not None
+        clicks = sorted(self.overlay.clicks.counts.items())
+        return self.overlay.counts | {f"clicks_{name}": number for name, number in clicks}
+
+    def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
+        values = {key: str(number) for key, number in counts.items()}
+        return DiagnosticItem(self._names + name, 0, message, values)

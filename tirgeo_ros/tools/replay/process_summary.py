@@ -1,0 +1,126 @@
+"""What ``tirgeo process`` says to a person: six lines, those of what is wrong first."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.types.verdicts import Outcome
+from tirgeo_ros.tools.presentation.progress import three
+
+#: What becomes of a measurement that nobody need hear of.
+_QUIET = {
+    Outcome.USED,
+    Outcome.WAITING,
+    Outcome.REPEATED,
+    Outcome.STANDBY,
+    Outcome.UNUSED,
+    Outcome.NOT_FIXED,
+}
+#: A larger share refused of one kind of measurement is not chance: gates are at 4 and 5 sigma.
+_MOST_REFUSED = 0.01
+_GOOD_STATES = ("running", "degraded")
+_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+
+
+class Line(NamedTuple):
+    """One line, and whether it tells of something wrong."""
+
+    name: str
+    text: str
+    is_wrong: bool = False
+
+
+def six_lines(result: Mapping[str, Any]) -> str:
+    """Return what was read, state, poses, frames, what was refused, and where the output is."""
+    lines = [_read(result), _state(result), _poses(result), _frames(result), _refused(result)]
+    lines.append(_output(result))
+    lines.sort(key=lambda line: not line.is_wrong)  # stable
+    return "\n".join(
+        f"{'!' if line.is_wrong else ' '} {line.name:<9}{line.text}" for line in lines
+    )
+
+
+def _read(result: Mapping[str, Any]) -> Line:
+    number = sum(result["read"].values())
+    text = (
+        f"{three(result['duration_s'])} s of {result['input']} in {three(result['elapsed_s'])} s"
+    )
+    return Line("read", f"{text}, {three(result['speed'])}x real time; {number} messages")
+
+
+def _state(result: Mapping[str, Any]) -> Line:
+    """The state at the end with its reason, and seconds in each, by diagnostics."""
+    times = sorted(result["states_s"].items(), key=lambda item: -item[1])
+    said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
+    reason = f" ({result['reason']})" if result["reason"] else ""
+    text = f"{result['state']} at the end{reason}, by {result['method']}; in all {said}"
+    return Line("state", text, result["state"] not in _GOOD_STATES)
+
+
+def _poses(result: Mapping[str, Any]) -> Line:
+    body, camera = (_written(result, name) for name in ("odometry", "camera_pose"))
+    sigma_deg = result["heading_sigma_deg"]
+    heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
+    text = f"{body} of the body, {camera} of the camera{heading}"
+    return Line("poses", text, not body or (bool(result["overlay"]) and not camera))
+
+
+def _written(result: Mapping[str, Any], name: str) -> int:
+    found = (n for topic, n in result["written"].items() if topic.endswith(f"tirgeo/{name}"))
+    return sum(found)
+
+
+def _frames(result: Mapping[str, Any]) -> Line:
+    """How many have lines of the map, and how many say why they have none."""
+    counts = result["overlay"]
+    if not counts:
+        return Line("frames", "not drawn: no map was given, or no images asked for")
+    drawn, notices = counts["drawn"], counts["notices"]
+    read = sum(n for topic, n in result["read"].items() if topic.endswith(_PICTURES))
+    lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""
+    text = f"{drawn} of {read} with the map, {notices} with a notice why not{lost}"
+    return Line("frames", text, drawn < notices or bool(lost))
+
+
+def _refused(result: Mapping[str, Any]) -> Line:
+    """Measurements by source and outcome, messages by topic with a reason."""
+    taken: Counter[str] = Counter()
+    refused: dict[str, list[tuple[str, int]]] = {}
+    for name, number in result["verdicts"].items():
+        source, outcome = name.split(" ")
+        taken[source] += number
+        if Outcome(outcome) not in _QUIET:
+            refused.setdefault(source, []).append((outcome, number))
+    parts = [
+        f"{source} {number} of {taken[source]} {outcome.replace('_', ' ')}"
+        for source, found in refused.items()
+        for outcome, number in found
+    ]
+    unreadable = Counter(result["undecodable"]) + Counter(result["unreadable"])
+    because = result["unreadable_because"]
+    parts += [
+        f"{topic} {number} unreadable{f' ({because[topic]})' if topic in because else ''}"
+        for topic, number in unreadable.items()
+    ]
+    many = any(
+        sum(n for _, n in found) > _MOST_REFUSED * taken[source]
+        for source, found in refused.items()
+    )
+    return Line("refused", "; ".join(parts) or "nothing", many or bool(unreadable))
+
+
+def _output(result: Mapping[str, Any]) -> Line:
+    size = f"{three(Path(result['output']).stat().st_size / 1e6)} MB"
+    film = result["video"]
+    video = f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz" if film else ""
+    return Line("output", f"{result['output']}, {size}{video}{_noted(result['notes'])}")
+
+
+def _noted(notes: Sequence[str]) -> str:
+    """Return the first note, and how many more there are."""
+    more = f" (and {len(notes) - 1} more, with -v)" if len(notes) > 1 else ""
+    return f"; {notes[0]}{more}" if notes else ""

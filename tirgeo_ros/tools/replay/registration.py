@@ -1,0 +1,85 @@
+"""Sensor samples in, body and camera poses out: the core objects of the nodes, one after another.
+
+What ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.gimbal.composer import GimbalComposer
+from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    ImuSample,
+    JointSample,
+    NavigationInput,
+)
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
+from tirgeo_ros.core.types.verdicts import Verdict
+from tirgeo_ros.io import messages as convert
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+
+#: What becomes of the messages of the sensors' topics.
+SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
+
+#: The topics that each method takes.
+METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
+    method: tuple(convert.NAVIGATION_INPUTS[source][0] for source in sources)
+    for method, sources in METHOD_SOURCES.items()
+}
+
+
+class Registered(NamedTuple):
+    """What one sample made possible."""
+
+    solution: NavSolution | None = None
+    body: BodyPose | None = None
+    cameras: Sequence[CameraPose] = ()
+
+
+class Registration:
+    """The filter and the gimbal composition, fed with samples in order of arrival.
+
+    ``heard`` is told the filter's verdicts, as by ``Navigation``.
+    """
+
+    def __init__(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        heard: Callable[[Verdict], None] | None = None,
+    ) -> None:
+        self.navigation = Navigation(ekf, heard)
+        self.composer = GimbalComposer(gimbal)
+
+    def take(self, sample: Sample) -> Registered:
+        """Take a sample to the objects that it is for."""
+        solution = navigated(self.navigation, sample)
+        plane = self.navigation.plane
+        if solution is None or plane is None:
+            return Registered(cameras=composed(self.composer, sample, None))
+        body = plane.body_pose(solution)
+        return Registered(solution, body, composed(self.composer, sample, body))
+
+
+def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:
+    """What the filter publishes on a sample; gimbal samples are not for it."""
+    if isinstance(sample, (JointSample, CameraAttitudeSample)):
+        return None
+    return navigation.process(sample).solution
+
+
+def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) -> list[CameraPose]:
+    """Camera poses from a sample and the body pose that the filter published on it."""
+    if isinstance(sample, JointSample):
+        return composer.add_joints(sample)
+    if isinstance(sample, CameraAttitudeSample):
+        return composer.add_attitude(sample)
+    cameras = []
+    if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
+        cameras = composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+    return cameras if body is None else cameras + composer.add_body(body)
