@@ -92,7 +92,7 @@ NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
 
 
 JOINTS = ("yaw", "roll", "pitch")
-#: The orders in which a gimbal's joints may follow each other, aircraft to camera; the usual first.
+#: Orders in which a gimbal's joints may follow each other, aircraft to camera; the usual first.
 JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
 USUAL_ORDER = JOINT_ORDERS[0]
 
