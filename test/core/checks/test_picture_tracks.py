@@ -37,7 +37,10 @@ def test_a_shift_is_followed(size, shift):
     assert len(tracks.first) >= 6
 
 
-@pytest.mark.parametrize("rate_hz", [3, 9, 30])
+@pytest.mark.parametrize(
+    "rate_hz",
+    [pytest.param(3, marks=pytest.mark.slow), 9, pytest.param(30, marks=pytest.mark.slow)],
+)
 def test_frames_that_are_not_wanted_are_not_missed(rate_hz):
     steps = np.random.default_rng(rate_hz).uniform(0.2, 1.8, 40) / rate_hz
     stamps = 10**9 + (np.cumsum(steps) * 1e9).astype(int)

@@ -11,12 +11,12 @@ from dev.planted_faults.live import CLEAN, Live
 from dev.planted_faults.planting import Flight
 from tirgeo_ros.tools.presentation.progress import silent
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 #: Each takes a flight of half a minute. The others are ``--live``'s, and ``check``'s in
 #: ``test_planted_faults``: of each node, and of each kind of evidence, one is enough here.
-QUICK = ("gimbal of another type",)
-SLOW = (
+PLAYED = (
+    "gimbal of another type",
     "fixes above sea level",
     "wrong K",
     "UTM zone",
@@ -30,7 +30,6 @@ def outcome(fault, sample, folder):
     return Live(Flight.in_folder(sample), folder).outcome(fault, silent)
 
 
-@pytest.mark.slow
 def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(sample, tmp_path):
     found = outcome(CLEAN, sample, tmp_path)
     assert found.is_quiet, found
@@ -39,12 +38,7 @@ def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(s
 
 
 @pytest.mark.parametrize(
-    "fault",
-    [
-        pytest.param(fault, marks=[] if fault.name in QUICK else [pytest.mark.slow], id=fault.name)
-        for fault in FAULTS
-        if fault.name in QUICK + SLOW
-    ],
+    "fault", [f for f in FAULTS if f.name in PLAYED], ids=lambda fault: fault.name
 )
 def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, tmp_path):
     found = outcome(fault, sample, tmp_path)

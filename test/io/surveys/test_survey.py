@@ -166,7 +166,7 @@ TABLES = {
 LOAD = """
 import sys
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io import control_points, survey
+from tirgeo_ros.io.surveys import control_points, survey
 name, path = sys.argv[1:]
 try:
     if name == "load_control_points":

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.pose_comparison import differences
 from tirgeo_ros.tools.replay.process import process
+
+pytestmark = pytest.mark.slow
 
 OTHER = "pitch-yaw-roll"
 SCENARIO = "duration_s: 40.0\nroute: {hover_s: 2.0}\n"

@@ -6,6 +6,7 @@ All stamps are integer nanoseconds of the measurement. Frames as in the charter
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -88,6 +89,12 @@ class AutopilotHeading:
 
 
 NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
+
+
+JOINTS = ("yaw", "roll", "pitch")
+#: Orders in which a gimbal's joints may follow each other, aircraft to camera; the usual first.
+JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
+USUAL_ORDER = JOINT_ORDERS[0]
 
 
 @dataclass(frozen=True, slots=True)
