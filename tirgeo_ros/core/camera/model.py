@@ -99,9 +99,9 @@ class Camera:
             )
 
     def _check_inverse(self, corner_radius: float) -> None:
-        """Raise CameraError if the model reaches far past the image but not every corner has a ray.
+        """Raise CameraError if a corner has no ray although the model reaches far past the image.
 
-        Such a model bends too steeply to be inverted there.
+        Such a model bends too steeply to be inverted in that corner.
         """
         farthest = math.hypot(
             max(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx,
