@@ -21,7 +21,7 @@ MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 MOVES[3, :, :3] = -np.eye(3)
 _FIRST, _SECOND = np.triu_indices(4)  # which two of x, y, 1 and 1/z make each product
 _ROWS, _COLUMNS = np.triu_indices(3)  # upper triangle of the displacement's covariance
-_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)
+_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)  # squares are counted twice in _WEIGHTS
 
 
 def _parts(first: IntArray, second: IntArray) -> Array:
@@ -38,7 +38,7 @@ def _parts(first: IntArray, second: IntArray) -> Array:
 _WEIGHTS = _TIMES[:, None, None, None] * (_parts(_FIRST, _SECOND) + _parts(_SECOND, _FIRST))
 _WEIGHTS = _WEIGHTS.transpose(1, 0, 2, 3).reshape(60, 36)
 
-Slopes: TypeAlias = tuple[Array, ...]  # as Camera.slopes gives them
+Slopes: TypeAlias = tuple[Array, ...]  # what Camera.slopes returns
 Spread: TypeAlias = tuple[Array, ...]  # (N,) variance, covariance, variance
 
 

@@ -91,7 +91,7 @@ class Polylines:
         opens, ends = enter[kept], leave[kept]
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(kept) > 1) | (ends[:-1] < 1) | (opens[1:] > 0)
-        last = np.cumsum(1 + fresh) - 1  # where the end of each kept segment goes
+        last = np.cumsum(1 + fresh) - 1  # index, in the result, of each kept segment's end
         starts = last[fresh] - 1
         count = int(last[-1]) + 1 if len(last) else 0
         source = np.empty(count, np.int64)

@@ -28,11 +28,11 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 #: Largest distance between a drawn chord and the curve into which the lens bends a line.
 CHORD_PX = 0.1
-#: Ground farther than this is never drawn.
+#: Lines and marks farther ahead than this are never drawn.
 FAR_M = 20_000.0
-#: Ground less than this many rows below the horizon is not drawn either. Seen from 100 m up, the
-#: ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid bar, and half a
-#: degree of tilt error moves it by kilometres.
+#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
+#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
+#: bar, and half a degree of tilt error moves it by kilometres.
 HORIZON_ROWS = 16.0
 #: With up to this many vertices in view, lines are drawn with all their vertices.
 _FEW_VERTICES = 4096
@@ -184,7 +184,8 @@ class View:
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
         level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
-        # The shape of a piece is free where its box is wholly out of view: use the coarsest level.
+        # The path of a piece wholly out of view does not change the visible fill: use the
+        # coarsest level.
         out = np.ones(len(piece), bool)
         out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
