@@ -1,1 +1,1 @@
-"""Mathematics of the geo-registration: no ROS, no files, no printing."""
+"""Compute the geo-registration: mathematics without ROS, files or printing."""

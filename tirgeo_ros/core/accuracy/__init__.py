@@ -1,1 +1,1 @@
-"""Measure and foretell errors of located ground points."""
+"""Predict and measure the errors of located ground points."""

@@ -1,14 +1,15 @@
-"""How far off on the ground a pixel comes out, for errors of the camera's pose, time and lens.
+"""Predict the error of a pixel's ground point from errors of the camera's pose, time and lens.
 
-Two forms of the same. The paper's (Ren et al. 2022, section 3.5): scalars of a level pinhole
-camera over a plane, Equations 15 to 21 as printed. And ours: the derivative of the ground point by
+There are two forms. The paper's (Ren et al. 2022, section 3.5) is for a level pinhole camera over
+a plane: scalars, Equations 15 to 21 as printed. Ours is the derivative of the ground point by
 position and attitude, from rotation matrices, for any lens and any covariance of the pose; the
 paper's is its special case.
 
-The paper measures its angle ``alpha`` differently in two places. In Equation 15 it is the angle
-from the nadir and ``y_im`` goes up; in Equation 21 it is the depression below the horizon and
-``y_im`` goes down. The second row of Equation 15 has the sign of ``x_im`` wrong: as printed, its
-two rows are no rotation unless ``beta`` is a multiple of 90 degrees. Here it is mended.
+The paper defines its angle ``alpha`` differently in two places. In Equation 15 it is the angle
+from the nadir, and ``y_im`` is positive up. In Equation 21 it is the depression below the horizon,
+and ``y_im`` is positive down. The second row of Equation 15 has the wrong sign of ``x_im``: as
+printed, its two rows are not a rotation unless ``beta`` is a multiple of 90 degrees. The sign is
+corrected here.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ _DOWN = 2
 def paper_ground_offset(
     x_im: Array, y_im: Array, f: float, alpha_rad: float, beta_rad: float, h_m: float
 ) -> tuple[Array, Array]:
-    """Equation 15 less the camera's place: (X_D - x_cam, Y_D - y_cam) in m.
+    """Return Equation 15 minus the camera's position: (X_D - x_cam, Y_D - y_cam), m.
 
-    ``x_im`` and ``y_im`` (px) from the middle, right and up; ``f`` in px; ``alpha_rad`` from the
-    nadir. X goes to the west and Y to the north, ``beta_rad`` from north by east.
+    ``x_im`` and ``y_im`` (px) are from the picture's centre, right and up; ``f`` is in px;
+    ``alpha_rad`` is from the nadir. X points west and Y north; ``beta_rad`` is from north to east.
     """
     sin_a, cos_a, sin_b, cos_b = (
         np.sin(alpha_rad),
@@ -47,16 +48,17 @@ def paper_ground_offset(
 
 
 def paper_position_error_m(east_m: float, north_m: float) -> float:
-    """Equation 17."""
+    """Return the horizontal position error (m) by Equation 17."""
     return float(np.hypot(east_m, north_m))
 
 
 def paper_height_error_m(
     x_im: Array, y_im: Array, f: float, depression_rad: float, height_error_m: float
 ) -> Array:
-    """Equation 19: the derivative of Equation 15 by the camera's height, times its error.
+    """Return the ground error (m) of a height error by Equation 19.
 
-    ``x_im`` and ``y_im`` in px from the middle, right and down, as in Equation 21.
+    It is the derivative of Equation 15 by the camera's height, times the height's error.
+    ``x_im`` and ``y_im`` (px) are from the picture's centre, right and down, as in Equation 21.
     """
     x, y = paper_ground_offset(x_im, -y_im, f, np.pi / 2 - depression_rad, 0.0, 1.0)
     return np.asarray(height_error_m * np.hypot(x, y))
@@ -65,7 +67,7 @@ def paper_height_error_m(
 def paper_heading_error_m(
     x_im: Array, y_im: Array, f: float, depression_rad: float, h_m: float, heading_error_rad: float
 ) -> Array:
-    """Equation 21, as printed."""
+    """Return the ground error (m) of a heading error by Equation 21, as printed."""
     sin_a, cos_a = np.sin(depression_rad), np.cos(depression_rad)
     below = (f * sin_a + y_im * cos_a) ** 2
     first = (f**2 * cos_a**2 - 2 * f * y_im * sin_a * cos_a) / below
@@ -75,11 +77,11 @@ def paper_heading_error_m(
 
 @dataclass(frozen=True)
 class GroundView:
-    """Pixels of a camera over level ground, and how their ground points move.
+    """Hold pixels of a camera over level ground, their ground points and the derivatives of these.
 
-    ``uv`` (N, 2); ``points_n`` (N, 3) NED from the camera, m, nan over the horizon and outside
-    the lens model; ``by_pose`` (N, 2, 6) the derivative of north and east by the camera's position
-    (NED, m) and attitude phi_n (rad); ``by_pixel`` (N, 2, 2) by column and row (m/px).
+    ``uv`` (N, 2) in px; ``points_n`` (N, 3) NED from the camera, m, nan above the horizon and
+    outside the lens model; ``by_pose`` (N, 2, 6) derivatives of north and east by the camera's
+    position (NED, m) and attitude phi_n (rad); ``by_pixel`` (N, 2, 2) by column and row (m/px).
     """
 
     uv: Array
@@ -89,10 +91,11 @@ class GroundView:
 
     @classmethod
     def of(cls, camera: Camera, rotation_nc: Array, height_m: float, uv: Array) -> GroundView:
-        """See pixels (N, 2) from a height over the ground, with an attitude (3, 3).
+        """Back-project pixels (N, 2) to level ground, from a height (m) and an attitude (3, 3).
 
-        With the ground point at d along the ray r, a pose that is off by dp and phi_n moves it by
-        (I - r e3' / r3)(dp + phi x d): along the ground, since the ray meets it elsewhere.
+        Let r be the ray and d the vector from the camera to the ground point. A pose error dp and
+        phi_n moves the point by (I - r e3' / r3)(dp + phi x d). The first factor projects along
+        the ray to the ground.
         """
         rays_c = camera.rays(uv)
         rays_c = rays_c / rays_c[:, 2:]
@@ -119,10 +122,11 @@ class GroundView:
         latency_sigma_s: float = 0.0,
         rates: Array | None = None,
     ) -> Array:
-        """(N, 2, 2) of the ground points' north and east, m2.
+        """Return the covariances (N, 2, 2) of the ground points' north and east, m2.
 
-        ``pose_covariance`` (6, 6) position NED m2 and phi_n rad2; ``rates`` (6,) velocity (m/s)
-        and turn rate (rad/s) of the camera, NED, along which an error of time acts.
+        ``pose_covariance`` (6, 6) is of position (NED, m2) and phi_n (rad2). ``rates`` (6,) has
+        the camera's velocity (m/s) and turn rate (rad/s), NED, which a time error multiplies;
+        without it the time counts as exact.
         """
         covariance = np.array(pose_covariance, float)
         covariance[_DOWN, _DOWN] += ground_sigma_m**2
@@ -134,12 +138,15 @@ class GroundView:
 
 
 def looking(depression_rad: float, heading_rad: float = 0.0) -> Array:
-    """``R_nc`` (3, 3) of a level camera that looks down by so much."""
+    """Return ``R_nc`` (3, 3) of a camera without roll, at a depression angle and a heading."""
     return np.asarray(matrix_from_euler(0.0, -depression_rad, heading_rad) @ BODY_OPTICAL)
 
 
 def pixel_grid(camera: Camera, step_px: int) -> tuple[Array, tuple[int, int]]:
-    """(N, 2) the middles of blocks of pixels over the whole picture, row by row, and the shape."""
+    """Return the centres (N, 2) of blocks of pixels over the whole picture, and (rows, columns).
+
+    The centres are in row order. The blocks are equal, with sides of at most ``step_px``.
+    """
     rows, columns = -(-camera.height // step_px), -(-camera.width // step_px)
     u = (np.arange(columns) + 0.5) * (camera.width / columns) - 0.5
     v = (np.arange(rows) + 0.5) * (camera.height / rows) - 0.5
@@ -147,5 +154,5 @@ def pixel_grid(camera: Camera, step_px: int) -> tuple[Array, tuple[int, int]]:
 
 
 def rms_m(covariance: Array) -> Array:
-    """(N,) root mean square horizontal errors of covariances (N, 2, 2)."""
+    """Return the rms horizontal errors (N,), m, of covariances (N, 2, 2), m2."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))

@@ -1,4 +1,4 @@
-"""How far off ground points come out: root mean squares by point and in all, circular error."""
+"""Summarise the measured errors of ground points: rms by point and in all, circular error."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array
 
-#: The circular error that maps are judged by holds so many of the errors.
+#: The share of errors within the circular error CE90, the usual figure for maps.
 CIRCULAR_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class GroundErrors:
-    """Horizontal errors of N measurements of ground points: located less surveyed."""
+    """Hold the horizontal errors of N measurements of ground points: located minus surveyed."""
 
-    ids: Sequence[str]  # N; a point that was measured more than once stands more than once
-    error_en: Array  # (N, 2) east, north in a plane of metres
+    ids: Sequence[str]  # N; a point that was measured several times occurs several times
+    error_en: Array  # (N, 2) east, north in a plane, m
 
     @cached_property
     def distance_m(self) -> Array:
-        """(N,) the length of each error."""
+        """Return the length (N,) of each error, m."""
         return np.asarray(np.hypot(self.error_en[:, 0], self.error_en[:, 1]))
 
     @property
     def rmse_m(self) -> float | None:
-        """Root mean square of all lengths; None without any."""
+        """Return the rms of all errors, m; None without any."""
         return float(rms(self.distance_m)) if len(self.ids) else None
 
     @cached_property
     def point_rmse_m(self) -> dict[str, float]:
-        """Equation 24 of Ren et al. 2022 for each point, over its measurements."""
+        """Return each point's rms error (m) over its measurements: Ren et al. 2022, Eq. 24."""
         distances: dict[str, list[float]] = {name: [] for name in self.ids}
         for name, distance_m in zip(self.ids, self.distance_m.tolist(), strict=True):
             distances[name].append(distance_m)
@@ -42,15 +42,18 @@ class GroundErrors:
 
     @property
     def mean_point_rmse_m(self) -> float | None:
-        """Mean of Equation 24 over the points, the last row of Table 6; None without any."""
+        """Return the mean of Equation 24 over the points, m; None without any.
+
+        It is the last row of Table 6.
+        """
         each = list(self.point_rmse_m.values())
         return float(np.mean(each)) if each else None
 
     @property
     def ce90_m(self) -> float | None:
-        """The radius that holds 90 % of the errors; None without any.
+        """Return the circular error CE90, m: the radius that holds 90 % of the errors.
 
-        The 90th percentile of the lengths, linear between the two nearest of them.
+        It is the 90th percentile of the lengths, with linear interpolation; None without errors.
         """
         if not len(self.distance_m):
             return None
@@ -58,7 +61,7 @@ class GroundErrors:
 
     @property
     def mean_error_en(self) -> Array | None:
-        """(2,) what all errors have in common, east, north, m; None without any."""
+        """Return the mean error (2,), east, north, m: the common offset; None without any."""
         return np.asarray(self.error_en.mean(axis=0)) if len(self.error_en) else None
 
 

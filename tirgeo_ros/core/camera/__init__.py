@@ -1,1 +1,1 @@
-"""Model a camera: points to pixels, pixels to rays, and their covariances."""
+"""Model a camera: project points to pixels, pixels to rays, and propagate covariances."""

@@ -1,4 +1,4 @@
-"""How far a camera sees, and the most that its lens bends and enlarges."""
+"""Compute a camera's field of view and upper bounds of its lens's curvature and scale."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.types.arrays import Array
 
-#: Lines reach this far beyond the image, so that their cut ends are not seen.
+#: Lines are clipped this far outside the image, so that their cut ends are not visible.
 _BORDER_PX = 8.0
 _EDGE_SAMPLES = 33
 
 
 def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
-    """Left, right, top, bottom of a rectangle on the plane z = 1 that holds the whole image.
+    """Return left, right, top, bottom of a rectangle on the plane z = 1 that holds the image.
 
-    A side of the image that the lens model does not reach is bounded by the model's radius.
+    The image is taken with a border of 8 px. If the lens model does not reach all of the border,
+    the rectangle is the square around the model's ``max_radius``.
     """
     u = np.linspace(-0.5 - _BORDER_PX, camera.width - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
     v = np.linspace(-0.5 - _BORDER_PX, camera.height - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
@@ -32,9 +33,10 @@ def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
 
 
 def largest_bend(camera: Camera, radius: float) -> float:
-    """Bound of the second derivative of pixels along any straight line of the plane z = 1.
+    """Return an upper bound of the second derivative of pixels along any line on the plane z = 1.
 
-    The norm of all second derivatives, by differences, on rings up to ``radius``.
+    It is the largest norm of all second derivatives (px), from differences on rings up to
+    ``radius``.
     """
     ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
     x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
@@ -50,13 +52,13 @@ def largest_bend(camera: Camera, radius: float) -> float:
 
 
 def largest_scale(camera: Camera, radius: float) -> float:
-    """Bound of the pixels that a small angle between two rays makes, up to ``radius``; px/rad."""
+    """Return an upper bound, up to ``radius``, of pixels per angle between two rays (px/rad)."""
     ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
     x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
     h = 1e-4
     by_x = camera.pixels(x + h, y) - camera.pixels(x - h, y)
     by_y = camera.pixels(x, y + h) - camera.pixels(x, y - h)
     gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
-    # On the plane z = 1 an angle makes at most 1 + r^2 as much.
+    # At radius r a small angle spans at most 1 + r^2 times as much on the plane z = 1.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
     return float(scale.max())

@@ -1,10 +1,10 @@
-"""A camera with a lens: points to pixels and pixels to rays, and how far the lens model holds.
+"""Model a camera with lens distortion: points to pixels, pixels to rays, and its valid radius.
 
 The pinhole camera with Brown's distortion (Ren et al. 2022, Eq. 25-26) or the rational model, in
 OpenCV's order of coefficients. Pixel (0, 0) is the centre of the first pixel, so the image spans
--0.5 to width - 0.5. A polynomial fitted inside the image means nothing far outside it: it folds
-back or runs away, and a point beside the image would be drawn on it. Each camera therefore knows
-the radius up to which its model holds and gives nothing beyond.
+-0.5 to width - 0.5. A polynomial that was fitted inside the image is not valid far outside it: it
+folds back or diverges, and a point outside the field of view would be drawn inside the image. Each
+camera therefore has a radius up to which its model is valid, and gives no result beyond it.
 """
 
 from __future__ import annotations
@@ -25,31 +25,32 @@ T = TypeVar("T", Array, float)
 #: Points nearer than this along the optical axis are not projected.
 NEAR_M = 0.1
 
-_BLOCK = 8192  # arrays of this length stay in the processor's cache
+_BLOCK = 8192  # array length that fits in the processor's cache
 _SIZES = (0, 4, 5, 8)  # none, Brown, Brown with k3, rational
-_WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches further
+_WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches farther
 _FOLD_MARGIN = 0.98
 _CORNER_MARGIN = 1.1
-_MOST_PIXELS = 1 << 28  # 268 million: the largest camera that flies has 150
-# Far beyond any lens or sensor; what is larger would overflow further on.
+_MOST_PIXELS = 1 << 28  # 268 million; the largest airborne camera has 150 million
+# Far beyond any real lens or sensor. Larger values would overflow in later computations.
 _LARGEST_PX = 1e6
 _LARGEST_COEFFICIENT = 1e9
-#: A model that reaches this many times as far as the farthest corner has an inverse there.
+#: A model valid beyond this many times the farthest corner's radius must have an inverse there.
 _TOO_FAR = 2.0
 _TABLE_SIZE = 512
 _NEWTON_STEPS = 5
-_SETTLED = 1e-9  # of a correction: the next one is of the order of its square
+_SETTLED = 1e-9  # size of the last Newton correction: the next is of the order of its square
 _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 px
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A calibrated camera. Raises CameraError if the calibration cannot be one.
+    """Hold a calibrated camera; raise CameraError if the calibration is impossible.
 
     ``width``, ``height``, ``fx``, ``fy``, ``cx``, ``cy`` in pixels; ``distortion`` is k1, k2, p1,
     p2, then k3, then k4, k5, k6 (0, 4, 5 or 8 numbers).
-    ``max_radius`` is the distance from the axis, on the plane z = 1, up to which the model holds:
-    98 % of where the lens folds, or 110 % of the farthest corner if that is nearer.
+    ``max_radius`` is the distance from the axis, on the plane z = 1, up to which the model is
+    valid: 98 % of the radius at which the lens model folds, or 110 % of the farthest corner's
+    radius if that is smaller.
     """
 
     width: int
@@ -64,7 +65,7 @@ class Camera:
     _radii: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the calibration and find how far it holds."""
+        """Check the calibration and compute the radius up to which it is valid."""
         self._check()
         k = (*map(float, self.distortion), *[0.0] * (8 - len(self.distortion)))
         object.__setattr__(self, "_k", k)
@@ -98,7 +99,10 @@ class Camera:
             )
 
     def _check_inverse(self, corner_radius: float) -> None:
-        """Refuse a model that reaches far past the image but cannot be undone in its corners."""
+        """Raise CameraError if a corner has no ray although the model reaches far past the image.
+
+        Such a model bends too steeply to be inverted in that corner.
+        """
         farthest = math.hypot(
             max(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx,
             max(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy,
@@ -118,13 +122,13 @@ class Camera:
             )
 
     def _limit(self, max_radius: float) -> None:
-        """Set how far the model holds, with a table of radius over distorted radius."""
+        """Set ``max_radius``, and tabulate the distorted radius and the radius up to it."""
         radius = np.linspace(0.0, max_radius, _TABLE_SIZE)
         object.__setattr__(self, "max_radius", float(max_radius))
         object.__setattr__(self, "_radii", (radius * _radial(self._k, radius**2), radius))
 
     def _corner_radius(self) -> float:
-        """Radius of the farthest image corner; infinite where the model does not reach it."""
+        """Return the radius of the farthest image corner; infinite if a corner has no ray."""
         right, bottom = self.width - 0.5, self.height - 0.5
         corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
         radius = np.hypot(*self.rays(corners)[:, :2].T)
@@ -132,13 +136,13 @@ class Camera:
 
     @property
     def matrix(self) -> Array:
-        """(3, 3) the camera matrix K."""
+        """Return the camera matrix K, (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def pixels(self, x: Array, y: Array) -> Array:
-        """Points of the plane z = 1, within ``max_radius``, as columns and rows.
+        """Project points on the plane z = 1 to pixels (2, ...), columns and rows.
 
-        Of any shape; (2, ...).
+        ``x`` and ``y`` have any one shape (...); the points must lie within ``max_radius``.
         """
         uv = np.empty((2, *x.shape))
         for start in range(0, x.size, _BLOCK):
@@ -150,14 +154,15 @@ class Camera:
         return uv
 
     def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
-        """Derivatives of ``pixels``: du/dx, du/dy, dv/dx, dv/dy in px; any shape, or floats."""
+        """Return du/dx, du/dy, dv/dx, dv/dy (px) of ``pixels``; arrays of any shape, or floats."""
         xx, xy, yy = _slopes(self._k, x, y)
         return self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
 
     def project(self, points_c: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Points (N, 3) in the optical frame, m, to pixels (N, 2) and which are valid (N,).
+        """Project points (N, 3) in the optical frame, m, to pixels (N, 2); also return valid (N,).
 
-        Points nearer than NEAR_M or beyond ``max_radius`` are not valid, and nan.
+        Points nearer than NEAR_M along the axis or beyond ``max_radius`` are not valid; their
+        pixels are nan.
         """
         x, y, z = np.asarray(points_c, float).reshape(-1, 3).T
         with np.errstate(invalid="ignore", over="ignore"):
@@ -170,9 +175,10 @@ class Camera:
         return uv, valid
 
     def rays(self, uv: Array) -> Array:
-        """Pixels (N, 2) to rays (N, 3) in the optical frame, z = 1; nan where there is none.
+        """Convert pixels (N, 2) to rays (N, 3) in the optical frame, z = 1; nan if there is none.
 
-        The distortion is inverted by Newton's method, begun from the radial part's table.
+        The distortion is inverted by Newton's method. The first guess is from the table of the
+        radial distortion.
         """
         uv = np.asarray(uv, float).reshape(-1, 2)
         if len(uv) == 1:
@@ -186,7 +192,7 @@ class Camera:
         return rays
 
     def _ray(self, u: float, v: float) -> Array:
-        """``rays`` of one pixel, a click, in floats: a fifth of the time."""
+        """Return ``rays`` (1, 3) of one pixel, computed in floats: a fifth of the time."""
         xd, yd = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         distorted = math.hypot(xd, yd)
         shrink = float(np.interp(distorted, *self._radii)) / max(distorted, 1e-300)
@@ -221,8 +227,9 @@ class Camera:
 
 
 def _fold_radius(k: tuple[float, ...]) -> float:
-    """Smallest radius at which the distorted radius stops growing, or has a pole; else infinite.
+    """Return the smallest radius at which the distorted radius stops growing or has a pole.
 
+    Infinite if there is none.
     With s = r^2 and r_d = r N(s) / D(s): dr_d/dr = ((N + 2 s N') D - 2 s N D') / D^2.
     """
     top, bottom = [1.0, k[0], k[1], k[4]], [1.0, k[5], k[6], k[7]]
@@ -235,25 +242,27 @@ def _fold_radius(k: tuple[float, ...]) -> float:
 
 
 def _largest_root(coefficients: Array) -> float:
-    """Largest positive 1 / s at which a polynomial in s is zero, else 0.
+    """Return the largest positive 1 / s at which a polynomial in s is zero; 0 if there is none.
 
-    In 1 / s the highest coefficient is the one, so that vanishing ones do no harm.
+    Solved as a polynomial in 1 / s: its leading coefficient is then the constant 1, so distortion
+    coefficients that are zero do no harm.
     """
     roots = poly.polyroots(coefficients[::-1])
-    # A curve that only touches zero has a pair of roots with a tiny imaginary part: a fold too.
+    # A polynomial that only touches zero has a double root, which numerically is a pair with a
+    # tiny imaginary part. This counts as a fold too.
     real = np.abs(roots.imag) <= 1e-6 * np.abs(roots)
     return float(np.max(roots.real[real], initial=0.0))
 
 
 def _radial(k: tuple[float, ...], s: T) -> T:
-    """The radial factor at s = r^2."""
+    """Return the radial distortion factor at s = r^2."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top = 1 + s * (k1 + s * (k2 + s * k3 if k3 else k2))
     return top if k4 == k5 == k6 == 0 else top / (1 + s * (k4 + s * (k5 + s * k6)))
 
 
 def _radial_slope(k: tuple[float, ...], s: T) -> T:
-    """Derivative of the radial factor by s."""
+    """Return the derivative of the radial distortion factor by s = r^2."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top = k1 + s * (2 * k2 + s * (3 * k3))
     if k4 == k5 == k6 == 0:
@@ -263,7 +272,7 @@ def _radial_slope(k: tuple[float, ...], s: T) -> T:
 
 
 def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
-    """Undistorted to distorted points of the plane z = 1 (Ren et al. 2022, Eq. 25-26)."""
+    """Distort points of the plane z = 1 (Ren et al. 2022, Eq. 25-26)."""
     p1, p2 = k[2:4]
     s = x * x
     s += y * y
@@ -274,7 +283,7 @@ def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
 
 
 def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:
-    """The correction that brings the distorted (x, y) to (xd, yd), to first order."""
+    """Return the step to subtract from (x, y) so that it distorts to (xd, yd), to first order."""
     got = _distort(k, x, y)
     ex, ey = got[0] - xd, got[1] - yd
     xx, xy, yy = _slopes(k, x, y)
@@ -283,7 +292,7 @@ def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:
 
 
 def _slopes(k: tuple[float, ...], x: T, y: T) -> tuple[T, T, T]:
-    """Derivatives of the distorted point: dx/dx, dx/dy (which is dy/dx), dy/dy."""
+    """Return the distortion's derivatives: dxd/dx, dxd/dy (which equals dyd/dx), dyd/dy."""
     p1, p2 = k[2:4]
     s = x * x + y * y
     factor, slope = _radial(k, s), _radial_slope(k, s)

@@ -1,14 +1,15 @@
-"""How far from its drawn place a point of the map may truly appear: covariances in the picture.
+"""Estimate the covariance, in pixels, of the place where a map point is drawn.
 
-What is drawn is off by the errors of the camera's pose, of the time of exposure, of the lens and
-of the map. Each is carried to pixels by the derivative of the projection at the point (Coelho,
-MacIntyre and Julier, OSGAR, ISMAR 2004), with the pose's covariance kept whole.
+The drawn place has errors from the camera's pose, the time of exposure, the lens and the map.
+Each is propagated to pixels with the derivative of the projection at the point (Coelho, MacIntyre
+and Julier, OSGAR, ISMAR 2004). The full 6x6 covariance of the pose is used.
 
-A time error moves the pose along the camera's own motion, and an error of a map point acts as the
-camera's in the opposite direction, so that both join the pose's 6x6 covariance once a frame.
+A time error moves the pose along the camera's own motion. A height error of the ground acts like
+one of the camera in the opposite direction. Both are added to the pose's 6x6 covariance once for
+each frame. Horizontal errors of the map are added for each point.
 
-To first order only. Where the second is not small beside it (a point so near that its depth is
-uncertain, an attitude that is hardly known) the answer says so: ``linear`` is False.
+The propagation is of first order. Where the second order is not small against it (the relative
+error of a point's depth is large, or the attitude is poorly known), ``linear`` is False.
 """
 
 from __future__ import annotations
@@ -40,46 +41,48 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Squared radius, in standard deviations, that holds 95 % of a plane's normal distribution:
-#: 5.991, chi-square with two degrees of freedom.
+#: 95 % quantile of chi-square with two degrees of freedom, 5.991: the squared radius, in standard
+#: deviations, that holds 95 % of a two-dimensional normal distribution.
 CHI2_95 = -2 * math.log(0.05)
-#: The same of a line's: 95 % lie within so many standard deviations of the middle.
+#: The same in one dimension: 95 % lie within this many standard deviations of the mean.
 SIGMAS_95 = 1.959963984540054
-#: First order is enough up to this standard deviation of a point's depth over its depth, and this
-#: change of the lens's slopes within the ellipse: of drawn errors 93 to 97 % are then inside.
+#: First order is enough up to this relative standard deviation of a point's depth, and up to this
+#: relative change of the lens's derivatives within the ellipse. With both, the ellipse of 95 %
+#: holds 93 to 97 % of simulated errors.
 MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
-_ROUNDING = 1e-4  # of correlations in float32 messages and sums
+_ROUNDING = 1e-4  # rounding error of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
-_BLOCK = 2500  # points: larger products of matrices are handed to threads, at a loss
-_LEAST_RADIUS2 = 1e-12  # of the plane z = 1: a thousandth of a pixel
+_BLOCK = 2500  # points: NumPy runs larger matrix products in threads, which is slower here
+_LEAST_RADIUS2 = 1e-12  # squared radius on the plane z = 1: about a thousandth of a pixel
 
 
 class CameraRates(NamedTuple):
-    """The camera's motion at an exposure."""
+    """Hold the camera's velocity and turn rate at an exposure."""
 
     velocity_n: Array  # (3,) m/s
-    rate_n: Array  # (3,) rad/s, resolved in n: phi_n a second
+    rate_n: Array  # (3,) rad/s, resolved in n: phi_n per second
 
     @classmethod
     def between(cls, first: CameraPose, last: CameraPose) -> CameraRates:
-        """The mean motion between two poses of different stamps."""
+        """Return the mean motion between two poses with different stamps."""
         step_s = (last.stamp_ns - first.stamp_ns) * 1e-9
         turn = quat_multiply(last.q_nc, quat_conjugate(first.q_nc))
         return cls((last.position_n - first.position_n) / step_s, rotvec_from_quat(turn) / step_s)
 
 
 class ScreenCovariance(NamedTuple):
-    """Covariances of points in the picture."""
+    """Hold the covariances of points in the picture."""
 
     covariance: Array  # (N, 2, 2) px2, column and row; nan where the camera does not see the point
-    linear: BoolArray  # (N,) whether an ellipse tells the whole; False where there is none
+    linear: BoolArray  # (N,) whether first order is enough; False where there is no covariance
 
 
 def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Array, Array]:
-    """Derivatives of pixels by the pose (N, 2, 6) and by the point (N, 2, 3), for points (N, 3).
+    """Return the derivatives of pixels by the pose (N, 2, 6) and by the point (N, 2, 3).
 
-    The pose's columns are position (px/m) and phi_n (px/rad), the order of its covariance; the
-    point's are px/m. nan where the point is not in front of the camera or outside the lens model.
+    ``points_n`` is (N, 3). The pose's columns are position (px/m) and phi_n (px/rad), in the order
+    of its covariance; the point's are px/m. The result is nan where the point is nearer than
+    NEAR_M along the optical axis, or outside the lens model.
     """
     rays = rays_to(camera, pose, points_n)
     x, y, nearness = rays
@@ -91,7 +94,7 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
 
 
 def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
-    """Points (N, 3) as the camera sees them, (3, N): x, y on the plane z = 1, and 1/z (1/m).
+    """Convert points (N, 3), NED, m, to rays (3, N): x, y on the plane z = 1, and 1/z (1/m).
 
     nan where a point is nearer than NEAR_M along the optical axis, or outside the lens model.
     """
@@ -107,9 +110,10 @@ def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
 
 
 def timed_covariance(pose: CameraPose, rates: CameraRates | None, sigma_s: float) -> Array:
-    """The pose's covariance (6, 6) with an error of the time in it, along the camera's motion.
+    """Return the pose's covariance (6, 6) plus that of a time error along the camera's motion.
 
-    All nan where the pose's is none, with a negative variance: nothing follows from it.
+    ``sigma_s`` is the standard deviation of the time; without ``rates`` the time counts as exact.
+    All nan if the pose's covariance is not positive semidefinite within rounding.
     """
     covariance = np.array(pose.covariance, float)
     if rates is not None:
@@ -121,12 +125,12 @@ def timed_covariance(pose: CameraPose, rates: CameraRates | None, sigma_s: float
 
 
 class FrameConfidence:
-    """One frame's errors, ready for any number of its points.
+    """Compute the pixel covariances of any number of points in one frame.
 
-    ``pose`` at the exposure with its covariance; ``rates`` of the camera then, None where they are
-    not known: the time of exposure then counts as exact. Points are given as ``rays_to`` or
-    ``View`` give them; ``sigma_m`` is the standard deviation of their horizontal places on the
-    map, one or (N,), and where it is None or nan the configured one holds.
+    ``pose`` is the camera's at the exposure, with its covariance. ``rates`` is the camera's motion
+    then; if it is None, the time of exposure counts as exact. Points are given as rays (3, N) from
+    ``rays_to`` or ``View``. ``sigma_m`` is the standard deviation of their horizontal positions on
+    the map, one for all or (N,); where it is None or nan the configured ``map_sigma_m`` applies.
     """
 
     def __init__(
@@ -149,22 +153,23 @@ class FrameConfidence:
         self._level = level_moves(rotation_cn)
 
     def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
-        """Covariances of the points' pixels; rays (3, N)."""
+        """Return the covariances of the pixels of rays (3, N)."""
         spread, linear = self.spread(rays, sigma_m, rays.shape[1])
         return ScreenCovariance(matrices(spread), linear)
 
     def spread(
         self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
     ) -> tuple[Array, BoolArray]:
-        """(3, N) the column's variance, its covariance with the row, and the row's variance, px2.
+        """Return the pixel covariances of rays (3, N), and whether first order is enough.
 
-        And of so many of the points, the first ones, whether this tells the whole; rays (3, N).
+        The covariances are (3, N): variance of the column, covariance, variance of the row, px2.
+        The second result, (closely,), is computed for the first ``closely`` points alone.
         """
         count = rays.shape[1]
         sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
         if count <= _BLOCK:
             found = self._spread(rays, sigma, closely)
-        else:  # in pieces that stay in the processor's cache
+        else:  # in blocks that fit in the processor's cache
             parts = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
             done = [
                 self._spread(
@@ -178,7 +183,7 @@ class FrameConfidence:
         return found[:3], found[3, :closely] > 0
 
     def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
-        """(4, N): as ``spread``, and 1 where it tells the whole, else 0."""
+        """Return (4, N): the covariances as in ``spread``, then 1 where first order is enough."""
         moves = self._moves(rays, sigma_m)
         plane = on_plane(rays, moves)
         slopes = self.camera.slopes(rays[0], rays[1])
@@ -193,9 +198,10 @@ class FrameConfidence:
         return found
 
     def _linear(self, rays: Array, depth: Array, spread: Spread, slopes: Slopes) -> BoolArray:
-        """(N,) whether first order is enough; ``depth`` is the variance of the depth over it."""
-        # The second order is to the first as the depth's error to the depth: this is the turns'
-        # too, by which a tangent bends. A turn about the axis bends by half its angle.
+        """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,)."""
+        # The ratio of the second order to the first is the relative error of the depth. This also
+        # holds for rotations across the optical axis, where the tangent is not linear. For a
+        # rotation about the optical axis the ratio is half its angle.
         with np.errstate(invalid="ignore"):
             linear = depth + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
         inside, scale = _outermost(rays, spread, self.camera.max_radius)
@@ -207,14 +213,20 @@ class FrameConfidence:
     def half_width_95(
         self, rays: Array, normals: Array, sigma_m: Array | float | None = None
     ) -> Array:
-        """(N,) px to both sides of a line that hold 95 %; its unit normals (2, N) in pixels."""
+        """Return the half-widths (N,), px, of the band around a line that holds 95 % of errors.
+
+        ``rays`` (3, N) are points of the line, ``normals`` (2, N) its unit normals in pixels.
+        """
         uu, uv, vv = self.spread(rays, sigma_m)[0]
         u, v = normals
         across = u * u * uu + 2 * u * v * uv + v * v * vv
         return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
 
     def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
-        """(6, N) covariance of how points move in c, over their depth: its upper triangle."""
+        """Return the covariances of the points' displacements in c over their depth.
+
+        Each is an upper triangle: (6, N).
+        """
         factors = products(rays)
         least, beyond = self._map_variance(sigma_m)
         weights = self._moves_of.copy()
@@ -225,7 +237,10 @@ class FrameConfidence:
         return np.asarray(moves, float)
 
     def _map_variance(self, sigma_m: Array | None) -> tuple[float, Array | None]:
-        """The least variance of the points' level places, m2, and (N,) what some have beyond."""
+        """Return the least variance of the points' horizontal positions, m2, and the excess (N,).
+
+        The excess over the least variance is None if it is zero for all points.
+        """
         if sigma_m is None or not len(sigma_m):
             return self._map_sigma_m**2, None
         variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
@@ -234,9 +249,11 @@ class FrameConfidence:
 
 
 def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:
-    """(N,) whether the ellipse lies where the lens model holds, and where its outermost point.
+    """Return whether each 95 % ellipse lies inside the lens model, and how far out it reaches.
 
-    That is so many times as far from the axis; a lens bends more the farther from its axis.
+    Both are (N,). The second is the distance from the axis of the ellipse's outermost point, in
+    the direction of the ray, divided by the ray's own distance; 1 where the ellipse is not inside.
+    A lens distorts more the farther from its axis, so this point shows the largest change.
     """
     x, y = rays[:2]
     xx, xy, yy = spread
@@ -250,12 +267,12 @@ def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArra
 
 
 def matrices(spread: Array) -> Array:
-    """(N, 2, 2) covariances from ``FrameConfidence.spread`` (3, N)."""
+    """Return the covariance matrices (N, 2, 2) of ``FrameConfidence.spread`` (3, N)."""
     return np.asarray(spread[[0, 1, 1, 2]].T.reshape(-1, 2, 2))
 
 
 def radius_95(spread: Array) -> Array:
-    """(N,) major semi-axes of the ellipses of 95 %, px, from ``FrameConfidence.spread`` (3, N)."""
+    """Return the major semi-axes (N,), px, of the 95 % ellipses of ``FrameConfidence.spread``."""
     uu, uv, vv = spread
     longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
     return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
@@ -269,16 +286,17 @@ def screen_covariance(
     rates: CameraRates | None = None,
     sigma_m: Array | float | None = None,
 ) -> ScreenCovariance:
-    """Covariances in the picture of points (N, 3) of the map, as ``FrameConfidence`` has them."""
+    """Return the pixel covariances of map points (N, 3), NED, m, from ``FrameConfidence``."""
     frame = FrameConfidence(config, camera, pose, rates)
     return frame.covariance(rays_to(camera, pose, points_n), sigma_m)
 
 
 def ellipse_95(covariance: Array) -> tuple[Array, Array]:
-    """The ellipses that hold 95 % of normal distributions (N, 2, 2).
+    """Return the ellipses that hold 95 % of normal distributions with covariances (N, 2, 2).
 
-    Semi-axes (N, 2), the larger first, in the unit of the covariance's root, and the angle (N,)
-    of the larger from the first axis towards the second, rad: in pixels, clockwise as seen.
+    The semi-axes (N, 2), the larger first, have the unit of the standard deviation. The angle (N,)
+    is that of the larger axis, from the first coordinate towards the second, rad: in pixels,
+    clockwise on the screen.
     """
     covariance = np.asarray(covariance, float).reshape(-1, 2, 2)
     uu, uv, vv = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]

@@ -1,7 +1,7 @@
-"""The picture without the lens's distortion, as Ren et al. 2022 show it (Fig. 35).
+"""Remove the lens distortion from pictures, as in Ren et al. 2022 (Fig. 35).
 
-The camera keeps its focal lengths and its principal point. Where the lens has no picture to give
-a blank border is left, which is hatched and edged so that nobody takes it for a dark scene.
+The camera keeps its focal lengths and its principal point. Where the source picture has no
+pixels, a border remains. It is hatched and outlined so that nobody takes it for a dark scene.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ Places = npt.NDArray[np.float32]
 
 _GROUND_BGR, _HATCH_BGR, _EDGE_BGR = (24, 24, 24), (40, 40, 110), (60, 60, 230)
 _HATCH_PX = 12
-_MOST_PIXELS = 10_000_000  # cinema 4K has 9; the maps take 80 bytes for each while they are made
+_MOST_PIXELS = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 class Rectifier:
-    """Pictures of a camera as one without distortion would have taken them.
+    """Rectify the pictures of a camera: show them as a camera without distortion would.
 
-    ``camera`` is that one. Its maps and its border are computed once.
+    ``camera`` is the camera without distortion. The remap tables and the border are computed once.
     """
 
     def __init__(self, camera: Camera) -> None:
-        """Raise CameraError for more pixels than memory should go to."""
+        """Compute the tables; raise CameraError if the picture has too many pixels for them."""
         if camera.width * camera.height > _MOST_PIXELS:
             size = f"{camera.width}x{camera.height}"
             raise CameraError(f"camera: {size} pixels are too many to rectify: set rectify false")
@@ -41,13 +41,16 @@ class Rectifier:
         self._border = _hatched(blank)
 
     def rectified(self, image: Pixels) -> Pixels:
-        """A new (h, w, 3) BGR picture of one (h, w, 3) as the camera took it."""
+        """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
         straight = cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(cv2.copyTo(self._border, self._blank, straight), np.uint8)
 
 
 def _sources(camera: Camera) -> tuple[Places, Places, BoolArray]:
-    """Column and row (h, w) float32 in the camera's picture of each pixel, and which have none."""
+    """Return for each rectified pixel its source column and row, and whether it has none.
+
+    Columns and rows are (h, w) float32 in the distorted picture; the mask is (h, w).
+    """
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     held = x * x + y * y <= camera.max_radius**2
@@ -59,11 +62,11 @@ def _sources(camera: Camera) -> tuple[Places, Places, BoolArray]:
 
 
 def _hatched(blank: BoolArray) -> Pixels:
-    """(h, w, 3) BGR: hatching, with a line along the edge of what is blank."""
+    """Return a hatched picture (h, w, 3) BGR with a line along the edge of the blank area."""
     v, u = np.indices(blank.shape)
     border = np.empty((*blank.shape, 3), np.uint8)
     border[:] = _GROUND_BGR
     border[(u + v) % _HATCH_PX < 2] = _HATCH_BGR
-    inner = cv2.erode(blank.astype(np.uint8), np.ones((3, 3), np.uint8))  # what is beyond is blank
+    inner = cv2.erode(blank.astype(np.uint8), np.ones((3, 3), np.uint8))  # outside counts as blank
     border[blank & (inner == 0)] = _EDGE_BGR
     return border

@@ -1,1 +1,1 @@
-"""Turn between frames: rotations, axes, the WGS84 ellipsoid and its tangent planes."""
+"""Convert between frames: rotations, axes, the WGS84 ellipsoid and its tangent planes."""

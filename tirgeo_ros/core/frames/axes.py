@@ -1,8 +1,8 @@
-"""ROS's frames (ENU, FLU) and the core's (NED, FRD), and the camera's two.
+"""Convert between ROS axes (ENU, FLU) and the core's (NED, FRD), and between the camera's two.
 
-NED and ENU differ by swapping the first two axes and turning the third; FRD and FLU by turning
-the last two. Both maps are their own inverse, so one serves both ways. What is inside a message
-is turned by ``io.messages.axes``.
+NED and ENU differ by a swap of the first two axes and the sign of the third; FRD and FLU by the
+signs of the last two. Each conversion is its own inverse, so one function serves both directions.
+The contents of ROS messages are converted by ``io.messages.axes``.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 
-#: ENU from NED and back: rows are E, N, U.
+#: NED to ENU, or ENU to NED (the matrix is its own inverse).
 ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-#: FLU from FRD and back.
+#: FRD to FLU, or FLU to FRD.
 FLU_FRD = np.diag([1.0, -1.0, -1.0])
-#: ``R_gc``: camera body (forward, right, down) from optical (right, down, forward).
+#: ``R_gc``: optical frame (right, down, forward) to camera body (forward, right, down).
 BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-#: ``q_gc``, the quaternion of BODY_OPTICAL.
+#: ``q_gc``, (w, x, y, z): the quaternion of BODY_OPTICAL.
 Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
 
 _HALF = math.sqrt(0.5)
@@ -28,13 +28,13 @@ Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 def flu_from_frd(v: Array) -> Array:
-    """(..., 3) FRD to FLU, or FLU to FRD."""
+    """Convert vectors (..., 3) from FRD to FLU, or from FLU to FRD."""
     return np.asarray(np.asarray(v, float) * FLU_FRD.diagonal())
 
 
 def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Quaternion (w, x, y, z) of FRD-to-NED to FLU-to-ENU, or the other way round.
+    """Convert an attitude quaternion (w, x, y, z) from FRD-to-NED to FLU-to-ENU, or back.
 
-    Linear and unchecked: a quaternion of any length keeps it.
+    The conversion is linear and keeps the quaternion's norm, which is not checked.
     """
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

@@ -1,6 +1,7 @@
-"""Rotations: matrices, quaternions (w, x, y, z), rotation vectors, Euler angles.
+"""Convert rotations: matrices, quaternions (w, x, y, z), rotation vectors, Euler angles.
 
-Every function takes leading axes: a ``(..., 4)`` quaternion gives a ``(..., 3, 3)`` matrix.
+Unless a single shape is given, functions accept leading axes: quaternions ``(..., 4)`` give
+matrices ``(..., 3, 3)``.
 Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
 2nd ed., section 2.2; rotation vectors as in its section 2.2.4.
 """
@@ -17,13 +18,14 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
-    """The same angle in [-pi, pi)."""
+    """Return angles, any shape, wrapped to [-pi, pi)."""
     wrapped = (np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi
-    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))  # a remainder can round up
+    # Rounding can make the remainder 2 pi itself.
+    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))
 
 
 def skew(v: Array) -> Array:
-    """``[v x]``, so that ``skew(v) @ w == cross(v, w)``; (..., 3) -> (..., 3, 3)."""
+    """Return ``[v x]``, so that ``skew(v) @ w == cross(v, w)``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, float)
     x, y, z = _parts(v)
     out = np.zeros((*v.shape[:-1], 3, 3))
@@ -33,12 +35,12 @@ def skew(v: Array) -> Array:
 
 
 def _parts(a: Array) -> Any:
-    """The entries of the last axis: arrays, or for a single vector floats, which are faster."""
+    """Return the entries of the last axis: arrays, or floats (faster) for a single vector."""
     return a.tolist() if a.ndim == 1 else np.moveaxis(a, -1, 0)
 
 
 def matrix_from_quat(q: Array) -> Array:
-    """Unit quaternion (..., 4) to rotation matrix (..., 3, 3)."""
+    """Convert unit quaternions (..., 4) to rotation matrices (..., 3, 3)."""
     q = np.asarray(q, float)
     flat = rotation_of(_parts(q))
     out = np.array(flat) if q.ndim == 1 else np.stack(flat, -1)
@@ -46,7 +48,7 @@ def matrix_from_quat(q: Array) -> Array:
 
 
 def rotation_of(q: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
-    """The entries of ``matrix_from_quat``, row by row, of w, x, y, z: floats, or arrays."""
+    """Return the 9 entries of ``matrix_from_quat``, row by row, as floats or arrays."""
     w, x, y, z = q
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
@@ -64,10 +66,10 @@ def rotation_of(q: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
 
 
 def quat_from_matrix(matrix: Array) -> Array:
-    """Rotation matrix (..., 3, 3) to unit quaternion (..., 4) with w >= 0.
+    """Convert rotation matrices (..., 3, 3) to unit quaternions (..., 4) with w >= 0.
 
-    Of the four classic forms the one with the largest divisor is taken (Shepperd, 1978): the rows
-    of 4 q q^T, of which that with the largest diagonal entry.
+    The four classic formulas are the rows of 4 q q^T. The row with the largest diagonal entry is
+    normalised, which gives the largest divisor (Shepperd, 1978).
     """
     m = np.asarray(matrix, float)
     lead = m.shape[:-2]
@@ -87,7 +89,7 @@ def quat_from_matrix(matrix: Array) -> Array:
 
 
 def canonical(q: Array) -> Array:
-    """The same rotation with unit norm and w >= 0."""
+    """Return quaternions (..., 4) of the same rotations with unit norm and w >= 0."""
     q = np.asarray(q, float)
     if q.ndim == 1:
         return _canonical(q.tolist())
@@ -96,19 +98,19 @@ def canonical(q: Array) -> Array:
 
 
 def _canonical(q: list[float]) -> Array:
-    """``canonical`` of one quaternion, with fewer array calls."""
+    """Return ``canonical`` of one quaternion, with fewer array calls."""
     return np.array(q) / math.copysign(math.sqrt(_dot(q, q)), q[0])
 
 
 def quat_multiply(p: Array, q: Array) -> Array:
-    """Hamilton product: ``R(p q) = R(p) R(q)``; (..., 4)."""
+    """Return the Hamilton product (..., 4), with ``R(p q) = R(p) R(q)``."""
     p, q = np.asarray(p, float), np.asarray(q, float)
     product = hamilton(_parts(p), _parts(q))
     return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
 
 
 def hamilton(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
-    """The entries of ``quat_multiply`` of w, x, y, z: floats, or arrays that fit each other."""
+    """Return the 4 entries of ``quat_multiply``: floats, or arrays that broadcast."""
     p0, p1, p2, p3 = p
     q0, q1, q2, q3 = q
     return (
@@ -120,20 +122,20 @@ def hamilton(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def quat_conjugate(q: Array) -> Array:
-    """The inverse rotation of a unit quaternion; (..., 4)."""
+    """Return the inverse rotations of unit quaternions (..., 4)."""
     return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def quat_from_rotvec(rotvec: Array) -> Array:
-    """Rotation vector (..., 3), radians, to unit quaternion (..., 4)."""
+    """Convert rotation vectors (..., 3), radians, to unit quaternions (..., 4)."""
     v = np.asarray(rotvec, float)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
-    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half), fine at zero
+    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half), also exact at zero
     return np.concatenate([np.cos(half), scale * v], -1)
 
 
 def rotvec_from_quat(q: Array) -> Array:
-    """Unit quaternion (..., 4) to the shortest rotation vector (..., 3), radians."""
+    """Convert unit quaternions (..., 4) to the shortest rotation vectors (..., 3), radians."""
     q = canonical(q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., :1])
@@ -142,14 +144,14 @@ def rotvec_from_quat(q: Array) -> Array:
 
 
 def matrix_from_rotvec(rotvec: Array) -> Array:
-    """Rotation vector (..., 3), radians, to rotation matrix (..., 3, 3): ``exp([v x])``."""
+    """Convert rotation vectors (..., 3), radians, to matrices (..., 3, 3): ``exp([v x])``."""
     return matrix_from_quat(quat_from_rotvec(rotvec))
 
 
 def matrix_from_euler(
     roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
 ) -> Array:
-    """Euler angles to ``R_nb`` (..., 3, 3), z-y'-x'' (Groves 2.24, transposed)."""
+    """Convert Euler angles (...) to ``R_nb`` (..., 3, 3), z-y'-x'' (Groves 2.24, transposed)."""
     roll, pitch, yaw = np.broadcast_arrays(
         np.asarray(roll_rad, float), np.asarray(pitch_rad, float), np.asarray(yaw_rad, float)
     )
@@ -157,10 +159,10 @@ def matrix_from_euler(
 
 
 def euler_from_matrix(matrix: Array) -> Array:
-    """``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3); pitch in [-pi/2, pi/2].
+    """Convert ``R_nb`` (..., 3, 3) to roll, pitch, yaw (..., 3), rad; pitch in [-pi/2, pi/2].
 
-    Roll is what is left of the matrix once yaw is taken out. So the three give the matrix again
-    with the nose straight up or down too, where roll and yaw turn about one axis.
+    Roll is computed from the matrix with the yaw removed. The three angles therefore reproduce
+    the matrix also with the nose straight up or down, where roll and yaw share one axis.
     """
     m = np.asarray(matrix, float)
     pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 0, 0], m[..., 1, 0]))
@@ -173,41 +175,41 @@ def euler_from_matrix(matrix: Array) -> Array:
 
 
 def euler_from_quat(q: Array) -> Array:
-    """``q_nb`` (..., 4) to roll, pitch, yaw (..., 3)."""
+    """Convert ``q_nb`` (..., 4) to roll, pitch, yaw (..., 3), rad."""
     return euler_from_matrix(matrix_from_quat(q))
 
 
 def quat_from_euler(
     roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
 ) -> Array:
-    """Euler angles to ``q_nb`` (..., 4)."""
+    """Convert Euler angles (...) to ``q_nb`` (..., 4)."""
     return quat_from_matrix(matrix_from_euler(roll_rad, pitch_rad, yaw_rad))
 
 
 def rotation_x(angle_rad: npt.ArrayLike) -> Array:
-    """Rotation by an angle about x; (...) -> (..., 3, 3)."""
+    """Return the rotation matrices of angles about x; (...) -> (..., 3, 3)."""
     return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [1.0, 0.0, 0.0]))
 
 
 def rotation_y(angle_rad: npt.ArrayLike) -> Array:
-    """Rotation by an angle about y; (...) -> (..., 3, 3)."""
+    """Return the rotation matrices of angles about y; (...) -> (..., 3, 3)."""
     return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 1.0, 0.0]))
 
 
 def rotation_z(angle_rad: npt.ArrayLike) -> Array:
-    """Rotation by an angle about z; (...) -> (..., 3, 3)."""
+    """Return the rotation matrices of angles about z; (...) -> (..., 3, 3)."""
     return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 0.0, 1.0]))
 
 
 def slerp(q0: Array, q1: Array, fraction: float) -> Array:
-    """The rotation a fraction of the shortest way from q0 to q1; (4,), (4,) -> (4,)."""
+    """Interpolate from q0 to q1 along the shortest rotation, by a fraction; (4,), (4,) -> (4,)."""
     start, end = q0.tolist(), q1.tolist()
     cosine = _dot(start, end)
     sign = math.copysign(1.0, cosine)
     across = [sign * (b - cosine * a) for a, b in zip(start, end, strict=True)]
     sine = math.sqrt(_dot(across, across))
     angle = math.atan2(sine, abs(cosine))
-    # below 1e-8 sin(f a) / sin(a) is f to the last digit
+    # Below 1e-8, sin(f a) / sin(a) equals f to the last digit.
     scale = math.sin(fraction * angle) / sine if sine > 1e-8 else fraction
     keep = math.cos(fraction * angle)
     return _canonical([keep * a + scale * b for a, b in zip(start, across, strict=True)])

@@ -1,4 +1,4 @@
-"""Convert between geodetic coordinates and a plane that touches the WGS84 ellipsoid."""
+"""Convert between geodetic coordinates and a tangent plane of the WGS84 ellipsoid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.poses import BodyPose, NavSolution
 
 @dataclass(frozen=True)
 class TangentPlane:
-    """The tangent plane of the ROS frame ``map``, in north, east, down metres from its origin."""
+    """Hold the tangent plane of the ROS frame ``map``: NED axes at its origin, metres."""
 
     latitude_rad: float
     longitude_rad: float
@@ -31,7 +31,7 @@ class TangentPlane:
     _q_ne: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Compute the origin and the axes in the earth-fixed frame once."""
+        """Compute the plane's origin and axes in the earth-fixed frame once."""
         origin = ecef_from_geodetic(self.latitude_rad, self.longitude_rad, self.height_m)
         object.__setattr__(self, "_origin_e", origin)
         rotation = rotation_ecef_from_ned(self.latitude_rad, self.longitude_rad)
@@ -42,27 +42,31 @@ class TangentPlane:
     def ned_from_geodetic(
         self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
     ) -> Array:
-        """(..., 3) metres in the plane's axes."""
+        """Convert geodetic positions (...) to positions (..., 3) in the plane, NED, m."""
         position_e = ecef_from_geodetic(latitude_rad, longitude_rad, height_m)
         return np.asarray((position_e - self._origin_e) @ self._rotation_en)
 
     def geodetic_from_ned(self, position_n: Array) -> tuple[Array, Array, Array]:
-        """Latitude, longitude (rad), height (m) of (..., 3) metres in the plane's axes."""
+        """Convert positions (..., 3), NED, m, to latitude, longitude (rad) and height (m)."""
         return geodetic_from_ecef(self._origin_e + np.asarray(position_n) @ self._rotation_en.T)
 
     def up_n(self, latitude_rad: Array, longitude_rad: Array) -> Array:
-        """(..., 3) the ellipsoid's normal at places (...), in the plane's axes."""
+        """Return the ellipsoid's upward normals (..., 3) at places (...), in the plane's axes."""
         cosine = np.cos(latitude_rad)
         parts = (cosine * np.cos(longitude_rad), cosine * np.sin(longitude_rad))
         return np.asarray(np.stack([*parts, np.sin(latitude_rad)], axis=-1) @ self._rotation_en)
 
     def rotation_from_local(self, latitude_rad: float, longitude_rad: float) -> Array:
-        """(3, 3): north, east, down at a place to the plane's axes."""
+        """Return the rotation (3, 3) from north, east, down at a place to the plane's axes."""
         local_en = rotation_ecef_from_ned(latitude_rad, longitude_rad)
         return np.asarray(np.dot(self._rotation_en.T, local_en))
 
     def body_pose(self, solution: NavSolution) -> BodyPose:
-        """A navigation solution as a pose in the plane, turned by the convergence too."""
+        """Convert a navigation solution to a pose in the plane.
+
+        The solution's NED axes are those at the aircraft: attitude and covariance are rotated to
+        the plane's axes, which includes the meridian convergence.
+        """
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)

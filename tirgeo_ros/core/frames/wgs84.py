@@ -1,4 +1,4 @@
-"""The WGS84 ellipsoid: radii, gravity, earth-fixed coordinates and the map's tangent plane.
+"""Compute radii of curvature, gravity and earth-fixed coordinates of the WGS84 ellipsoid.
 
 Equations: Groves, 2nd ed., sections 2.3 and 2.4. Latitude and longitude in radians, heights in
 metres above the ellipsoid.
@@ -18,17 +18,17 @@ SEMI_MAJOR_AXIS_M = 6378137.0
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
-# Of Bowring's formula: e'^2 b along the earth's axis, e^2 a from it.
+# Terms of Bowring's formula: e'^2 b along the earth's axis, e^2 a perpendicular to it.
 _POLAR_BEND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED) * SEMI_MINOR_AXIS_M
 _AXIAL_BEND = ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M
-_FEW = 9  # numbers, of three places
+_FEW = 9  # numbers in three positions: up to this, floats are faster than arrays
 _OF_FLOATS = (math.hypot, math.atan2, math.sin, math.cos, math.sqrt)
 _OF_ARRAYS = (np.hypot, np.arctan2, np.sin, np.cos, np.sqrt)
 EARTH_RATE_RAD_S = 7.292115e-5
 GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
 GRAVITY_EQUATOR_M_S2 = 9.7803253359
 SOMIGLIANA_CONSTANT = 0.001931853
-# Gravity's decrease with height (Groves 2.139): by height, by height and sin2, by height squared.
+# Decrease of gravity with height (Groves 2.139): the coefficients of h, h sin^2(latitude) and h^2.
 _CENTRIFUGAL = (
     EARTH_RATE_RAD_S**2 * SEMI_MAJOR_AXIS_M**2 * SEMI_MINOR_AXIS_M / GRAVITATIONAL_CONSTANT_M3_S2
 )
@@ -38,14 +38,15 @@ _SQUARE = 3 / SEMI_MAJOR_AXIS_M**2
 
 
 def radii_of_curvature(latitude_rad: float) -> tuple[float, float]:
-    """Meridian and transverse (prime vertical) radius in metres; Groves 2.105, 2.106."""
+    """Return the meridian and transverse (prime vertical) radius in m; Groves 2.105, 2.106."""
     return earth_at(latitude_rad, 0.0)[2:4]
 
 
 def earth_at(latitude_rad: float, height_m: float) -> tuple[float, float, float, float, float]:
-    """Sine and cosine of a latitude, both radii of curvature plus height (m), gravity (m/s2).
+    """Return sine and cosine of a latitude, both radii plus height (m), and gravity (m/s2).
 
-    Groves 2.105, 2.106, 2.134 and 2.139, in one go: it is called at every IMU sample.
+    The radii of curvature are meridian and transverse; gravity is positive down. Groves 2.105,
+    2.106, 2.134 and 2.139, computed together for speed: called once for each IMU sample.
     """
     sine = math.sin(latitude_rad)
     sin2 = sine * sine
@@ -64,14 +65,14 @@ def earth_at(latitude_rad: float, height_m: float) -> tuple[float, float, float,
 
 
 def gravity_down(latitude_rad: float, height_m: float) -> float:
-    """Gravity (with the centrifugal part) in m/s2, down positive; Groves 2.134, 2.139."""
+    """Return gravity with its centrifugal part in m/s2, positive down; Groves 2.134, 2.139."""
     return earth_at(latitude_rad, height_m)[4]
 
 
 def ecef_from_geodetic(
     latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike, height_m: npt.ArrayLike
 ) -> Array:
-    """Earth-fixed position (..., 3) in metres; Groves 2.112."""
+    """Convert geodetic positions (...) to earth-fixed ones (..., 3) in m; Groves 2.112."""
     lat, lon, h = (np.asarray(x, float) for x in (latitude_rad, longitude_rad, height_m))
     transverse = SEMI_MAJOR_AXIS_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
     out = np.empty((*np.broadcast(lat, lon, h).shape, 3))
@@ -84,7 +85,7 @@ def ecef_from_geodetic(
 def _ecef(
     latitude_rad: float, longitude_rad: float, height_m: float
 ) -> tuple[float, float, float]:
-    """``ecef_from_geodetic`` of one place, at a tenth of the price: once an IMU sample."""
+    """Return ``ecef_from_geodetic`` of one position, in a tenth of the time (each IMU sample)."""
     transverse = radii_of_curvature(latitude_rad)[1]
     axial = (transverse + height_m) * math.cos(latitude_rad)
     polar = transverse * (1 - ECCENTRICITY_SQUARED) + height_m
@@ -93,10 +94,11 @@ def _ecef(
 
 
 def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
-    """Latitude, longitude, height of (..., 3) earth-fixed metres.
+    """Convert earth-fixed positions (..., 3) in m to latitude, longitude (rad) and height (m).
 
-    Bowring's start, then two Newton steps on the reduced latitude: below 1e-9 m for any height
-    an aircraft reaches. A few places are worked out in floats: one at a fifth of the price.
+    Bowring's formula, then two more Newton steps on the reduced latitude: the error is below
+    1e-9 m for any height that an aircraft reaches. Up to three positions are computed in floats,
+    which takes a fifth of the time for one.
     """
     position_e = np.asarray(position_e, float)
     if 0 < position_e.size <= _FEW and math.isfinite(position_e.sum()):
@@ -122,7 +124,7 @@ def _geodetic(x: Any, y: Any, z: Any, functions: tuple[Any, ...]) -> tuple[Any, 
 
 
 def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
-    """``R_en`` (3, 3): local north, east, down to earth-fixed; Groves 2.150, transposed."""
+    """Return ``R_en`` (3, 3): local NED to earth-fixed; Groves 2.150, transposed."""
     sl, cl = math.sin(latitude_rad), math.cos(latitude_rad)
     so, co = math.sin(longitude_rad), math.cos(longitude_rad)
     flat = (-sl * co, -so, -cl * co, -sl * so, co, -cl * so, cl, 0.0, -sl)
@@ -132,9 +134,9 @@ def rotation_ecef_from_ned(latitude_rad: float, longitude_rad: float) -> Array:
 def quat_ecef_from_ned(
     latitude_rad: float, longitude_rad: float
 ) -> tuple[float, float, float, float]:
-    """``q_en`` (w, x, y, z) of ``rotation_ecef_from_ned``.
+    """Return ``q_en`` (w, x, y, z), the quaternion of ``rotation_ecef_from_ned``.
 
-    It turns by the longitude about z, then by -(90 deg + latitude) about y.
+    The rotation is by the longitude about z, then by -(90 deg + latitude) about the new y.
     """
     so, co = math.sin(longitude_rad / 2), math.cos(longitude_rad / 2)
     sl, cl = math.sin(latitude_rad / 2 + math.pi / 4), math.cos(latitude_rad / 2 + math.pi / 4)

@@ -1,1 +1,1 @@
-"""Intersect rays with the ground: a level, or an elevation model."""
+"""Intersect rays with the ground: a surface of constant height, or an elevation model."""

@@ -1,8 +1,8 @@
-"""Where on the ground a pixel lies (Ren et al. 2022, Eq. 23), or why it lies nowhere.
+"""Back-project pixels to the ground (Ren et al. 2022, Eq. 23), or return why it is impossible.
 
-The ray through the pixel meets the ground: a surface of constant ellipsoidal height, or the
-bilinear surface of an elevation model. Both follow the earth's curvature, which the map's tangent
-plane leaves by 8 cm at 1 km.
+The ray through the pixel is intersected with the ground: a surface of constant ellipsoidal height,
+or the bilinear surface of an elevation model. Both follow the earth's curvature; the map's tangent
+plane departs from it by 8 cm at 1 km.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from tirgeo_ros.core.ground.level_intersection import level_hits
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: What lies under the map: one ellipsoidal height (m) everywhere, or an elevation model.
+#: The ground under the map: one ellipsoidal height (m) everywhere, or an elevation model.
 Ground: TypeAlias = float | Terrain
 
 
 class Reason(Enum):
-    """Why a pixel has no ground point; the value is for a person to read."""
+    """Name why a pixel has no ground point; the value is the text shown to the user."""
 
     OUTSIDE_LENS = "the pixel is outside the lens model"
     OUTSIDE_PICTURE = "the pixel is outside the picture"
@@ -56,10 +56,10 @@ _OF_STOP = {
 def locate(
     camera: Camera, pose: CameraPose, uv: Array, plane: TangentPlane, ground: Ground
 ) -> tuple[Array, list[Reason | None]]:
-    """Pixels (N, 2) to points (N, 3) of the ground, NED in the map's plane; None where one is.
+    """Back-project pixels (N, 2) to ground points (N, 3), NED in the map's plane, m.
 
-    A pixel without a point has nan and a reason. The first point along the ray counts: what a
-    ridge hides is not found.
+    The list has N entries: None for a pixel with a point, else the reason why it has none; that
+    point is nan. The point is the first one along the ray, so ground behind a ridge is not found.
     """
     rays_n = camera.rays(uv) @ matrix_from_quat(pose.q_nc).T
     rays_n /= np.linalg.norm(rays_n, axis=1, keepdims=True)

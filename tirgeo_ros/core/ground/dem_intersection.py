@@ -1,10 +1,10 @@
-"""The first point at which a ray meets an elevation model's surface.
+"""Find the first point at which a ray meets an elevation model's surface.
 
-The ray is followed in pieces, each so short that column, row and height along it are parabolas to
-0.1 mm (the third derivative of an ellipsoid's coordinates over 2 km, below 85 deg of latitude).
-A piece is cut at every line of the grid that it crosses; over one cell the ray's height above the
-bilinear surface is a parabola again, and its first zero is exact. So no ridge is stepped over,
-however thin.
+The ray is followed in pieces. Each is so short that column, row and height along it are parabolas
+to 0.1 mm (the third derivative of an ellipsoid's coordinates over 2 km, below 85 deg of latitude).
+A piece is cut at every grid line that it crosses. Over one cell the ray's height above the
+bilinear surface is then a parabola too, and its first zero is computed in closed form. No ridge is
+missed, however thin it is.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from tirgeo_ros.core.types.arrays import Array
 
 _PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
 _PIECE_CELLS = 2048.0
-_LEVEL = 1e-6  # the slope of a ray that is as good as level
+_LEVEL = 1e-6  # a ray that falls less steeply than this counts as level
 _KNOTS = np.array([0.0, 0.5, 1.0])
-#: From the values at the knots to constant, linear and square coefficient.
+#: Converts the values at the knots to the constant, linear and square coefficients.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
 
 
 class Stop(Enum):
-    """Why a ray meets no ground."""
+    """Name why a ray meets no ground."""
 
-    OVER = "over"  # it passes over all that is there
-    UNDER = "under"  # it starts below the surface
-    STARTS_BESIDE = "starts beside"  # the grid is not under its start
+    OVER = "over"  # it passes above all of the ground
+    UNDER = "under"  # it starts at or below the surface
+    STARTS_BESIDE = "starts beside"  # it starts outside the grid
     BESIDE = "beside"  # it leaves the grid before it meets the surface
     GAP = "gap"  # it passes over a cell without heights before it meets the surface
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A part of a ray: parabolas of s, 0 to 1, from ``start_m`` over ``length_m``."""
+    """Hold a part of a ray as parabolas of s, from 0 at ``start_m`` to 1 after ``length_m``."""
 
     start_m: float
     length_m: float
@@ -49,14 +49,14 @@ class _Piece:
     height: Array
 
     def at(self, s: Array) -> tuple[Array, Array, Array]:
-        """Column, row and height."""
+        """Return column, row and height (m) at s, any shape."""
         column, row, height = (
             c[0] + s * (c[1] + s * c[2]) for c in (self.column, self.row, self.height)
         )
         return column, row, height
 
     def is_over(self, s: float, highest_m: float) -> bool:
-        """Whether the ray is above all heights at a place, and climbs from there on."""
+        """Return whether the ray at s is above ``highest_m`` and does not descend there."""
         height, linear, square = self.height.tolist()
         return bool(
             height + s * (linear + s * square) > highest_m and linear + 2 * s * square >= 0
@@ -66,9 +66,10 @@ class _Piece:
 def first_hit(
     terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array
 ) -> float | Stop:
-    """How far (m) along a unit ray (3,) from a place (3,) it meets the surface first, or why not.
+    """Return the distance (m) along a unit ray (3,) to its first point on the surface, or a Stop.
 
-    Both are NED in the map's plane. Of a ray with nan it is Stop.OVER.
+    The ray starts at ``position_n`` (3,), m; both are NED in the map's plane. A ray with nan gives
+    Stop.OVER.
     """
     if not math.isfinite(float(ray_n.sum())):
         return Stop.OVER
@@ -88,7 +89,11 @@ def first_hit(
 def _piece(
     terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array, start_m: float
 ) -> _Piece:
-    """The ray's next part: as far as it may reach the lowest height, but no longer than may be."""
+    """Return the ray's next piece.
+
+    It reaches about to the model's lowest height, but not beyond ``_PIECE_M`` and about
+    ``_PIECE_CELLS`` cells.
+    """
     length_m = _guessed_m(terrain, plane, position_n, ray_n)
     while True:
         ways = start_m + length_m * _KNOTS
@@ -105,21 +110,27 @@ def _piece(
 
 
 def _guessed_m(terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array) -> float:
-    """The way to the lowest height as on a flat earth, and a little more."""
+    """Return a first guess of a piece's length (m): to the lowest height on a flat earth.
+
+    It is 1 % and 1 m more, and at most ``_PIECE_M``.
+    """
     drop = plane.height_m - float(position_n[2]) - terrain.lowest_m
     down = float(ray_n[2])
     return min(_PIECE_M, 1.01 * max(drop, 0.0) / down + 1.0) if down > _LEVEL else _PIECE_M
 
 
 def _to_lowest_m(terrain: Terrain, piece: _Piece) -> float:
-    """The length of a piece that goes down to the lowest height, and 1 m more."""
+    """Return the length (m) at which the piece's tangent reaches the lowest height, plus 1 m.
+
+    Infinite if the ray is level or climbs.
+    """
     drop = float(piece.height[0]) - terrain.lowest_m
     down = -float(piece.height[1]) / piece.length_m
     return max(drop, 0.0) / down + 1.0 if down > _LEVEL else math.inf
 
 
 def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
-    """The first meeting within a piece, as s from 0 to 1; None where it only passes over."""
+    """Return s, 0 to 1, of the first intersection in a piece, or a Stop; None if there is none."""
     cuts = np.sort(np.concatenate([[0.0], _crossings(piece.column), _crossings(piece.row), [1.0]]))
     begin, end = cuts[:-1], cuts[1:]
     middle = 0.5 * (begin + end)
@@ -154,7 +165,7 @@ def _surface(
     columns: Array,
     rows: Array,
 ) -> Array:
-    """The surface of cells (K,) at three places (3, K) of each."""
+    """Return the surface heights of cells (K,) at three places of each, (3, K)."""
     nw, ne, sw, se = terrain.corners(i, j)
     x, y = columns - i, rows - j
     surface: Array = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
@@ -162,7 +173,10 @@ def _surface(
 
 
 def _crossings(parabola: Array) -> Array:
-    """Where in (0, 1) a parabola passes a whole number: both roots, stable for no curvature."""
+    """Return all s in (0, 1) at which a parabola of s is a whole number.
+
+    The roots are computed in the form that is stable for a curvature near zero.
+    """
     constant, linear, square = parabola.tolist()
     ends = [constant, constant + linear + square]
     if square and 0 < -linear / (2 * square) < 1:
@@ -178,11 +192,14 @@ def _crossings(parabola: Array) -> Array:
 
 
 def _first_zero(above: Array) -> Array:
-    """Where from 0 to 1 a parabola of values (3, K) at its knots first falls to zero, or nan."""
+    """Return s (K,), 0 to 1, where parabolas first fall to zero; nan where they do not.
+
+    The parabolas are given by their values (3, K) at the knots.
+    """
     constant, linear, square = _PARABOLA @ above
     with np.errstate(invalid="ignore", divide="ignore"):
         root = np.sqrt(linear**2 - 4 * square * constant)
-        # The smaller positive root is this one whatever the square term's sign; at or below zero
-        # from the start (by rounding, on a line of the grid) it is there already.
+        # This form gives the smaller positive root for either sign of the square term. A start at
+        # or below zero (by rounding, on a grid line) is itself the intersection.
         share = np.where(constant <= 0, 0.0, 2 * constant / (root - linear))
         return np.where((share >= 0) & (share <= 1), share, np.nan)

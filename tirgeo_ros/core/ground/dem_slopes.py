@@ -1,4 +1,4 @@
-"""How steep an elevation model is around a point, over steps of any length."""
+"""Measure the slope of an elevation model around a point, over steps of any length."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _PROBE_M = 1.0
 
 
 class Slopes:
-    """The terrain around a place on the ellipsoid (rad).
+    """Measure the terrain's slope around one place, given by latitude and longitude (rad).
 
-    ``axes_n`` (3, 3) are north, east and down there, as columns. ``cell_m`` is about the longer
-    side of a cell there.
+    ``axes_n`` (3, 3) has north, east and down at that place as columns. ``cell_m`` is about the
+    longer side of a cell there.
     """
 
     def __init__(
@@ -32,15 +32,15 @@ class Slopes:
         columns, rows = (x.tolist() for x in terrain.grid_of(latitudes, longitudes))
         by_m = [[x[k] - x[0] for k in (1, 2)] for x in (columns, rows)]
         self._place = np.array([columns[0], rows[0]])
-        self._by_m = np.array(by_m) / _PROBE_M  # columns and rows a metre
+        self._by_m = np.array(by_m) / _PROBE_M  # (2, 2) columns and rows per metre north and east
         least = min(math.hypot(by_m[0][k], by_m[1][k]) for k in (0, 1)) / _PROBE_M
         self.cell_m = 1.0 / max(least, 1e-9)
 
     def normal_n(self, step_m: float) -> Array:
-        """(3,) the surface's normal, 1 along up, from differences over a step to both sides.
+        """Return the surface's normal (3,), with 1 along up, from differences over a step (m).
 
-        Beside the model or a gap over the other side alone; level where both lack, as a model of
-        one cell has no more to say.
+        The differences are to both sides. Where one side has no height (edge or gap), the other
+        side is used alone. Where neither has one, the surface counts as level in that direction.
         """
         steps = step_m * np.array([0.0, -1.0, 1.0])
         column, row = self._place[:, None, None] + self._by_m[:, :, None] * steps
@@ -51,6 +51,6 @@ class Slopes:
 
 
 def _rise(before: float, here: float, after: float) -> float:
-    """The mean of the rises before and behind a place that are known; 0 of none."""
+    """Return the mean of the known rises before and after a place; 0 if none is known."""
     rises = [x for x in (here - before, after - here) if math.isfinite(x)]
     return sum(rises) / max(len(rises), 1)

@@ -1,4 +1,4 @@
-"""A located ground point with all that a person or a program asks of it, or the refusal."""
+"""Locate the ground point at a pixel, with its covariance and coordinates, or refuse it."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from tirgeo_ros.core.ground.ground_point_covariance import point_covariance
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: A point whose ellipse of 95 % is longer than this share of its distance is refused: beyond,
-#: the ellipse of first order says less than the truth, which has a long tail away from the camera.
+#: A point is refused if the major semi-axis of its 95 % ellipse exceeds this share of its
+#: distance: then the first-order ellipse is too small, as the true errors have a long tail away
+#: from the camera.
 MOST_SHARE = 0.5
 
 
 class Ellipse(NamedTuple):
-    """The horizontal ellipse that holds 95 % of the true places."""
+    """Hold the horizontal ellipse that contains the true position with a probability of 95 %."""
 
     major_m: float  # semi-axes
     minor_m: float
-    azimuth_rad: float  # of the major one, from north clockwise, 0 to pi
+    azimuth_rad: float  # of the major axis, from north clockwise, 0 to pi
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """A ground point seen at a pixel of a picture."""
+    """Hold a ground point that was located at a pixel of a picture."""
 
     stamp_ns: int  # of the picture
     uv: tuple[float, float]  # column, row
     point_n: Array  # (3,) NED in the map's plane, m
-    #: (3, 3) m2 along the axes of the map's plane. Those at the point itself are turned from them
-    #: by 1e-3 rad at 6 km from its origin: nothing in a covariance.
+    #: (3, 3) m2, in the axes of the map's plane. The local NED axes at the point differ by 1e-3
+    #: rad at 6 km from the plane's origin, which is negligible in a covariance.
     covariance_n: Array
     latitude_rad: float
     longitude_rad: float
@@ -46,21 +47,21 @@ class Located:
 
     @property
     def ellipse(self) -> Ellipse:
-        """The horizontal ellipse of 95 %."""
+        """Return the horizontal 95 % ellipse."""
         return ellipse_of(self.covariance_n)
 
     @property
     def label(self) -> str:
-        """Latitude, longitude (deg, 0.1 m) and the ellipse's major semi-axis, for the picture."""
+        """Return the label for the picture: latitude, longitude (deg, 0.1 m), major semi-axis."""
         latitude, longitude = math.degrees(self.latitude_rad), math.degrees(self.longitude_rad)
         return f"{latitude:.6f} {longitude:.6f} \N{PLUS-MINUS SIGN}{self.ellipse.major_m:.1f} m"
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A pixel that is located nowhere."""
+    """Hold the reason why a pixel has no ground point."""
 
-    stamp_ns: int  # of the picture that was asked for
+    stamp_ns: int  # of the requested picture
     uv: tuple[float, float]
     reason: Reason
 
@@ -74,11 +75,12 @@ def place(
     config: ConfidenceConfig,
     rates: CameraRates | None = None,
 ) -> Located | Refusal:
-    """The ground point at a pixel of the picture that ``camera`` made at ``pose``.
+    """Return the ground point at a pixel of the picture that ``camera`` took at ``pose``.
 
-    ``pose`` is in ``plane``, with its covariance; its stamp becomes the answer's, so that a caller
-    with another latency sets it. ``rates`` are the camera's then: without them the time of
-    exposure counts as exact. ``config`` gives the other sigmas.
+    A pixel without a ground point, or with one that is too uncertain, gives a Refusal.
+    ``pose`` is in ``plane``, with its covariance. Its stamp becomes the result's stamp; a caller
+    that corrects the latency sets it before. ``rates`` is the camera's motion at the exposure;
+    without it the time of exposure counts as exact. ``config`` gives the other sigmas.
     """
     if not _is_inside(camera, uv):
         return Refusal(pose.stamp_ns, uv, Reason.OUTSIDE_PICTURE)
@@ -98,12 +100,12 @@ def place(
 
 
 def _is_inside(camera: Camera, uv: tuple[float, float]) -> bool:
-    """Whether a pixel is in the picture; the first one's centre is (0, 0)."""
+    """Return whether a pixel is in the picture; (0, 0) is the centre of the first pixel."""
     return -0.5 <= uv[0] <= camera.width - 0.5 and -0.5 <= uv[1] <= camera.height - 0.5
 
 
 def _timed(pose: CameraPose, rates: CameraRates | None, config: ConfidenceConfig) -> Array | None:
-    """The pose's covariance (6, 6) with that of the time in it; None where it is none."""
+    """Return the pose's covariance (6, 6) plus that of the time; None if it is not usable."""
     if not math.isfinite(pose.covariance.sum()):
         return None
     covariance = timed_covariance(pose, rates, config.latency_sigma_s)
@@ -111,7 +113,7 @@ def _timed(pose: CameraPose, rates: CameraRates | None, config: ConfidenceConfig
 
 
 def ellipse_of(covariance_n: Array) -> Ellipse:
-    """The horizontal ellipse of 95 % of a covariance (3, 3), NED, m2."""
+    """Return the horizontal 95 % ellipse of a covariance (3, 3), NED, m2."""
     (north, across), (_, east) = covariance_n[:2, :2].tolist()
     middle, reach = (north + east) / 2, math.hypot((north - east) / 2, across)
     major, minor = (math.sqrt(CHI2_95 * max(x, 0.0)) for x in (middle + reach, middle - reach))

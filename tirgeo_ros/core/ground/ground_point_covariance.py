@@ -1,13 +1,14 @@
-"""How sure a ground point is that was located through a pixel.
+"""Estimate the covariance of a ground point that was located through a pixel.
 
-The point moves with the errors of pose, time, lens and ground. Let the camera's place err by dc
-and its attitude by phi, so that the ray's far end, at d from the camera, errs by w = dc - d x phi;
-let the lens move it by e across the ray. The true point is on the ray so moved and on the ground
-of normal m, whose height errs by dh along up: with the ray's direction r,
+The point has errors from the pose, the time, the lens and the ground. Let dc be the error of the
+camera's position and phi that of its attitude. The end of the ray, at d from the camera, then has
+the error w = dc - d x phi. Let e be its error across the ray from the lens, and dh the error of
+the ground's height, along up. The true point lies both on the displaced ray, of direction r, and
+on the displaced ground, of normal m:
 
     d_point = P (w + e) + r (m . up) / (m . r) dh,    P = I - r m^T / (m . r).
 
-To first order only; the ground's normal is that over the length of the error itself.
+This is of first order. The ground's normal is measured over the length of the error itself.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ def point_covariance(
     ground: Ground,
     config: ConfidenceConfig,
 ) -> Array:
-    """Covariance (3, 3) in m2 of a located point (3,), both NED in the map's plane.
+    """Return the covariance (3, 3), m2, of a located point (3,), both NED in the map's plane.
 
-    ``timed`` (6, 6) is the pose's covariance with the error of the time in it, finite. On an
-    elevation model the slope is that over two cells, or over the length of the error itself where
-    that is longer. nan where pixel and ground do not fix the point.
+    ``timed`` (6, 6) is the pose's covariance plus that of the time error, finite. On an elevation
+    model the slope is measured over two cells, or over the length of the error itself if that is
+    longer. The result is nan if the ray is parallel to the ground.
     """
     offset_n = point_n - pose.position_n
     off_ray = _off_ray(camera, pose, timed, offset_n, config.lens_sigma_px)
@@ -54,9 +55,10 @@ def point_covariance(
     slopes = Slopes(ground, latitude, longitude, axes_n)
     found = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
     spread = float(found[0, 0] + found[1, 1])
-    if not spread > (2 * slopes.cell_m) ** 2:  # nor where it is nan
+    if not spread > (2 * slopes.cell_m) ** 2:  # "not >" also catches nan
         return found
-    # As far as the point may truly be away, and no further than could pass for one slope.
+    # Over the length of the error, but at most a tenth of the distance: one slope cannot describe
+    # the terrain over more.
     step_m = min(math.sqrt(spread), 0.1 * math.hypot(*offset_n.tolist()))
     return _on_ground(off_ray, offset_n, slopes.normal_n(step_m), up_n, sigma_m)
 
@@ -64,10 +66,11 @@ def point_covariance(
 def _off_ray(
     camera: Camera, pose: CameraPose, timed: Array, offset_n: Array, lens_sigma_px: float
 ) -> Array:
-    """(3, 3) covariance of the ray's end at ``offset_n`` from the camera, for all but the ground.
+    """Return the covariance (3, 3) of the ray's end, without the error of the ground.
 
-    An error of the lens is in pixels: it is taken back to the plane through the point across the
-    optical axis. What it holds along the ray does not matter.
+    The end is at ``offset_n`` (3,) from the camera. The lens error, in pixels, is converted to the
+    plane through the point and perpendicular to the optical axis. Its part along the ray does not
+    matter.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     x, y, depth_m = (offset_n @ rotation_nc).tolist()
@@ -84,7 +87,7 @@ def _off_ray(
 def _on_ground(
     off_ray: Array, offset_n: Array, normal_n: Array, up_n: Array, ground_sigma_m: float
 ) -> Array:
-    """(3, 3): the covariance of the point where the ray meets the ground."""
+    """Return the covariance (3, 3) of the point where the ray meets the ground."""
     fall = float(normal_n @ offset_n)
     if not abs(fall) > 0:
         return _NO_COVARIANCE

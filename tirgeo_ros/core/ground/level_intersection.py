@@ -1,4 +1,4 @@
-"""Rays to a surface of constant ellipsoidal height."""
+"""Intersect rays with a surface of constant ellipsoidal height."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from tirgeo_ros.core.ground.dem_intersection import Stop
 from tirgeo_ros.core.types.arrays import Array
 
 _MOST_STEPS = 6
-#: Of a height. Earth-fixed coordinates are rounded by 1e-9 m, some times over.
+#: Height errors at which the iteration ends and at which its result is accepted. Earth-fixed
+#: coordinates have a rounding error of 1e-9 m, which accumulates.
 _SETTLED_M, _CLOSE_M = 1e-8, 1e-6
-#: Rays closer to the surface's tangent than this (rad) say nothing: no attitude is so well known.
+#: Rays closer to the surface's tangent than this (rad) give no point: no attitude is so accurate.
 _LEVEL_RAD = 1e-4
 
 
 def level_hits(
     height_m: float, plane: TangentPlane, position_n: Array, rays_n: Array
 ) -> tuple[Array, list[Stop | None]]:
-    """How far (N,) along unit rays (N, 3) the height is reached, m; nan and why where it is not.
+    """Return the distances (N,), m, along unit rays (N, 3) at which the height is reached.
 
-    Begun on a sphere, then Newton's method on the ellipsoidal height.
+    Where it is not reached, the distance is nan and the list has a Stop instead of None. The first
+    guess is on a sphere; Newton's method on the ellipsoidal height then refines it.
     """
     latitude, longitude, camera_m = plane.geodetic_from_ned(position_n)
     above_m = float(camera_m) - height_m
@@ -40,7 +42,7 @@ def level_hits(
 
 
 def _on_a_sphere(above_m: float, slopes: Array) -> Array:
-    """The nearer root of above + slope t + (1 - slope^2) t^2 / 2 R; nan where there is none."""
+    """Return the smaller root t of above + slope t + (1 - slope^2) t^2 / 2 R; nan if none."""
     bend = (1 - slopes**2) / (2 * SEMI_MAJOR_AXIS_M)
     root = np.sqrt(np.where(slopes < 0, slopes**2 - 4 * bend * above_m, np.nan))
     way: Array = 2 * above_m / (root - slopes)
@@ -50,9 +52,9 @@ def _on_a_sphere(above_m: float, slopes: Array) -> Array:
 def _heights_and_slopes(
     plane: TangentPlane, position_n: Array, ways: Array, rays_n: Array
 ) -> tuple[Array, Array]:
-    """Heights (N,) of points so far along rays, and how fast they grow there.
+    """Return the heights (N,), m, at distances (N,) along rays, and their derivatives (N,).
 
-    A height grows along the ellipsoid's normal at its place.
+    The height's gradient is the ellipsoid's normal at the place.
     """
     latitude, longitude, height = plane.geodetic_from_ned(position_n + ways[:, None] * rays_n)
     return height, (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)

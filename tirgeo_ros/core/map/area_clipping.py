@@ -1,8 +1,8 @@
-"""Cutting the insides of outlines to what a lens can see, before they are projected.
+"""Clip the insides of outlines to the camera's field of view, before they are projected.
 
-Rings are cut at one plane after another (Sutherland and Hodgman), all rings together. A ring that
-a plane cuts in several parts stays one ring, with edges to and fro along the plane; filled by the
-even-odd rule it is right nevertheless.
+Rings are clipped at one plane after another (Sutherland and Hodgman), all rings together. A ring
+that a plane cuts into several parts stays one ring, with edges that run back and forth along the
+plane. The even-odd fill rule still fills it correctly.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ _DISC_SIDES = 64
 
 
 def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Polylines:
-    """The part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
+    """Return the part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
 
-    The last point of a ring joins its first.
+    The last point of a ring is joined to its first; it is not repeated.
     """
     for normal, offset in zip(normals, offsets, strict=True):
         rings = _cut(rings, normal @ rings.points - offset)
@@ -28,10 +28,10 @@ def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Pol
 
 
 def cut_rings_to_disc(rings: Polylines, radius: float) -> Polylines:
-    """The part within a distance of the origin, in the first two coordinates.
+    """Return the part of the rings' insides within a radius of the origin, in the first two axes.
 
-    The disc is a polygon of 64 sides inscribed in it: 0.1 % of the radius is lost between its
-    corners.
+    The disc is approximated by an inscribed polygon of 64 sides, which loses 0.1 % of the radius
+    between its corners.
     """
     inner = radius * math.cos(math.pi / _DISC_SIDES)
     far = np.hypot(*rings.points[:2]) > inner
@@ -44,14 +44,14 @@ def cut_rings_to_disc(rings: Polylines, radius: float) -> Polylines:
 
 
 def disc(radius: float) -> Polylines:
-    """The ring (2, V) to which ``cut_rings_to_disc`` cuts."""
+    """Return the polygon, one ring (2, V), to which ``cut_rings_to_disc`` clips."""
     turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
     points = radius * np.stack([np.cos(turn), np.sin(turn)])
     return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))
 
 
 def closed(rings: Polylines) -> Polylines:
-    """Rings whose last point is their first, once more."""
+    """Return the rings with their first point repeated at the end."""
     last = rings.starts[1:] - 1
     index = np.insert(np.arange(rings.points.shape[1]), last + 1, rings.starts[:-1])
     starts = rings.starts + np.arange(len(rings) + 1)
@@ -59,7 +59,7 @@ def closed(rings: Polylines) -> Polylines:
 
 
 def _cut(rings: Polylines, distance: Array) -> Polylines:
-    """The part of the rings where a linear function of the points is not negative."""
+    """Return the part of the rings where ``distance`` (V,), linear in the points, is >= 0."""
     inside = distance >= 0
     if inside.all():
         return rings

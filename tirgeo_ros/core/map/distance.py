@@ -1,4 +1,4 @@
-"""Where a map lies, seen from a place: how far, which way, and what may have put it there."""
+"""Find how far away and in which direction a map lies, and guess why it is far away."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tirgeo_ros.core.map.level_of_detail import Boxes
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array
 
-#: A map so far away is not that of the flight.
+#: A map farther away than this does not belong to the flight.
 ELSEWHERE_M = 20_000.0
 
 _RUN = 64  # points in a box
-_CANDIDATES = 16  # boxes that are searched: the nearest box need not have the nearest feature
-_HINT_M = 50_000.0  # what a mistake moved is so near once that is undone
+_CANDIDATES = 16  # boxes to search: the nearest box may not have the nearest feature
+_HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
 _ZONE_DEG = 6.0  # width of a UTM zone
 _WORDS = (
     "north",
@@ -33,18 +33,18 @@ _WORDS = (
 
 
 class Nearest(NamedTuple):
-    """The nearest point of a map's features."""
+    """Hold the nearest point of a map's features."""
 
-    distance_m: float  # level, over the ground
+    distance_m: float  # horizontal, over the ground
     azimuth_rad: float  # 0 is north, clockwise
     point_n: Array  # (3,) in the map's plane, m
 
 
 class Whereabouts:
-    """Finds what is nearest of one map, from boxes around its parts."""
+    """Find the nearest point of one map, with the help of boxes around its parts."""
 
     def __init__(self, vector_map: VectorMap, first_n: Array | None = None) -> None:
-        """``first_n`` (3,) stands for a map of which no part is laid on the ground."""
+        """Prepare the boxes; ``first_n`` (3,) is used if no part of the map has a place."""
         self._first = [] if first_n is None else [first_n[:, None]]
         self._details = vector_map.details
         self._marks = vector_map.marks.points
@@ -52,7 +52,7 @@ class Whereabouts:
         self._mark_boxes = Boxes.around(self._marks, self._marks, starts)
 
     def nearest(self, position_n: Array) -> Nearest | None:
-        """From a position (3,) in the map's plane; None of a map without a place."""
+        """Return the point nearest to a position (3,), NED, m; None if the map has no place."""
         points = [*self._of_lines(position_n), *self._of_marks(position_n)] or self._first
         if not points:
             return None
@@ -83,7 +83,7 @@ def _nearest_of(boxes: Boxes, position_n: Array) -> list[int]:
 
 
 def _on_segments(vertices: Array, position_n: Array) -> Array:
-    """(3, N) the nearest point, over the ground, of each segment of a line (3, N + 1)."""
+    """Return the horizontally nearest point (3, N) on each segment of a line (3, N + 1)."""
     start, along = vertices[:, :-1], np.diff(vertices, axis=1)
     squared = (along[:2] ** 2).sum(axis=0) + 1e-9
     to_place = position_n[:2, None] - start[:2]
@@ -92,7 +92,10 @@ def _on_segments(vertices: Array, position_n: Array) -> Array:
 
 
 def _over_ground(away_n: Array) -> float:
-    """The distance along a round Earth; near by the level one, whatever the heights."""
+    """Return the distance (m) over a spherical Earth; near by, the horizontal distance.
+
+    Near by, differences of height do not count.
+    """
     level, chord = math.hypot(away_n[0], away_n[1]), float(np.linalg.norm(away_n))
     if level < ELSEWHERE_M and chord < 2 * ELSEWHERE_M:
         return level
@@ -100,25 +103,26 @@ def _over_ground(away_n: Array) -> float:
 
 
 def compass_word(azimuth_rad: float) -> str:
-    """The nearest of eight directions."""
+    """Return the name of the nearest of eight directions, such as ``north-east``."""
     return _WORDS[round(azimuth_rad / (math.pi / 4)) % 8]
 
 
 def distance_words(distance_m: float) -> str:
-    """A distance to two digits: ``300 m``, ``1.2 km``."""
+    """Return a distance to two digits as text: ``300 m``, ``1.2 km``."""
     rounded = float(f"{distance_m:.2g}")
     return f"{rounded:g} m" if rounded < 1000 else f"{rounded / 1000:g} km"
 
 
 def way_words(distance_m: float, azimuth_rad: float) -> str:
-    """Distance and direction: ``300 m away to the north-east``."""
+    """Return distance and direction as text: ``300 m away to the north-east``."""
     return f"{distance_words(distance_m)} away to the {compass_word(azimuth_rad)}"
 
 
 def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
-    """Return a question on what put a map's place (3,) so far from the plane's origin, or "".
+    """Return a question about why a map's point (3,) is far from the plane's origin, or "".
 
-    Each usual mistake is undone; the answer is the one that brings the place near by.
+    The usual mistakes are undone in turn. The question names the first one whose correction brings
+    the point within 50 km. A point within 50 km of latitude and longitude 0 suggests local metres.
     """
     latitude, longitude, _ = (float(each) for each in plane.geodetic_from_ned(place_n))
     origin = plane.latitude_rad, plane.longitude_rad
@@ -146,7 +150,10 @@ def _zone(longitude_rad: float) -> int:
 
 
 def _apart_m(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Of two places, latitude and longitude (rad), through the Earth."""
+    """Return the chord (m) between two places, latitude and longitude (rad).
+
+    Infinite if the latitude of ``other`` is impossible.
+    """
     if abs(other[0]) > math.pi / 2:
         return math.inf
     apart = ecef_from_geodetic(*one, 0.0) - ecef_from_geodetic(*other, 0.0)

@@ -1,4 +1,4 @@
-"""Features laid on the ground: at one height, on an elevation model, or at their own heights."""
+"""Drape features on the ground: at one height, on an elevation model, or at their own heights."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
 
-#: One ellipsoidal height (m) for all, nan for the map's own heights, or an elevation model.
+#: One ellipsoidal height (m) for all features, nan for their own heights, or an elevation model.
 Ground = float | Terrain
 
-#: A model of 1 m under a map of a whole county would take all memory: then lines touch it less
-#: often.
+#: A 1 m model under the map of a whole county would need more memory than there is. Above this
+#: number, lines get fewer vertices than cells.
 MOST_VERTICES = 5_000_000
-#: Segments are first cut in pieces of so many cells, to leave out those beside the model.
+#: Segments are first cut into pieces of this many cells, to leave out pieces outside the model.
 _FIRST_CELLS = 256.0
 
 
@@ -40,11 +40,11 @@ def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:
 
 
 def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polylines, float]:
-    """Lines (3, V) of latitude, longitude (rad), height (m) as north, east, down in a plane.
+    """Drape lines (3, V) of latitude, longitude (rad), height (m) on the ground.
 
-    On an elevation model they get a vertex for each of its cells, so that they follow it, and are
-    nan where it has no height. The second is the number of cells between two vertices: 1, or
-    more where there would be over ``MOST_VERTICES``.
+    Return them as north, east, down in the plane, m. On an elevation model the lines get a vertex
+    for each cell, so that they follow it; vertices are nan where it has no height. Also return the
+    number of cells between two vertices: 1, or more if there would be over ``MOST_VERTICES``.
     """
     if not isinstance(ground, Terrain):
         height = lines.points[2]
@@ -62,13 +62,13 @@ def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polyline
 
 
 def _cells_spanned(latitude: Array, longitude: Array, terrain: Terrain) -> Array:
-    """(V - 1,) how many cells of the model lie between a point and the next; 0 beside it."""
+    """Return (V - 1,) the number of cells from each point to the next; 0 outside the model."""
     rows, columns = terrain.heights_m.shape
     column, row = (
         np.nan_to_num(each, nan=-1.0, posinf=-1.0, neginf=-1.0)
         for each in terrain.grid_of(latitude, longitude)
     )
-    # Points that the grid's rim brings together lie on one side of it.
+    # If clamping to the grid makes both ends equal, the segment lies outside the grid.
     rim = np.stack([np.clip(column, 0, columns - 1), np.clip(row, 0, rows - 1)])
     crosses = (np.diff(rim, axis=1) != 0).any(axis=0)
     return np.where(crosses, np.hypot(np.diff(column), np.diff(row)), 0.0)

@@ -1,4 +1,4 @@
-"""What a map is made of, as its file tells it: features in layers, each layer with a style."""
+"""Define a map as read from its file: features in layers, each layer with a style."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ Colour = tuple[int, int, int]  # blue, green, red, 0 to 255
 
 @dataclass(frozen=True, slots=True)
 class GeoFeature:
-    """A line, an outline or a point of a map. One point alone is drawn as a mark."""
+    """Hold a line, an outline or a point of a map; a single point is drawn as a mark."""
 
     label: str
-    closed: bool  # an outline: its last point joins its first
+    closed: bool  # an outline: its last point is joined to its first
     points: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m), nan = unknown
-    group: int = -1  # parts of one feature share a number >= 0 and one label; of closed ones the
-    # inner are holes (even-odd)
+    group: int = -1  # parts of one feature share a number >= 0 and one label; closed parts inside
+    # others are holes (even-odd rule)
 
 
 @dataclass(frozen=True, slots=True)
 class LayerStyle:
-    """How a layer is drawn."""
+    """Hold how a layer is drawn."""
 
     line_bgr: Colour = (0, 255, 255)
     width_px: int = 1  # 1 to 5
-    fill_bgr: Colour | None = None  # inside of outlines; None: not filled
+    fill_bgr: Colour | None = None  # fill of outlines; None: not filled
     fill_opacity: float = 0.25  # 0 to 1
     labels: bool = True
-    #: Shown where a pixel at the middle of the picture spans so many metres of ground.
+    #: The layer is shown while a pixel at the picture's centre spans this range of ground, m.
     scale_m_px: tuple[float, float] = (0.0, math.inf)
 
 
 @dataclass(frozen=True, slots=True)
 class MapLayer:
-    """Features of one kind, drawn alike, over those of the layers before it."""
+    """Hold features of one style; they are drawn over those of the layers before."""
 
     name: str
     features: Sequence[GeoFeature]
     style: LayerStyle = LayerStyle()
-    sigma_m: float | None = None  # standard deviation of its horizontal positions; None: not told
-    left_out: tuple[str, ...] = ()  # what of the file is not in it, or not as told: a line each
+    sigma_m: float | None = None  # standard deviation of its horizontal positions; None: unknown
+    left_out: tuple[str, ...] = ()  # what is left out or changed from the file, one line each

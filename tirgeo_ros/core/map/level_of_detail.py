@@ -1,9 +1,9 @@
-"""A map's lines in short pieces, each at several levels of detail, chosen by distance.
+"""Cut a map's lines into short pieces, each at several levels of detail, chosen by distance.
 
-Douglas and Peucker's rule tells for each vertex the largest tolerance at which it stays; a level
-is what stays at one tolerance. The ends of a piece stay at every level, so that pieces of one
-line meet whatever their levels. No vertex of a line is farther from its simplified line than the
-tolerance, and the other way round.
+The Douglas-Peucker rule gives for each vertex the largest tolerance at which it is kept. A level
+of detail has the vertices that are kept at one tolerance. The ends of a piece are kept at every
+level, so pieces of one line meet at any levels. The distance between a line and its simplified
+line is within the tolerance, for the vertices of both.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
-#: Metres in space. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
+#: In metres on the map. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
 TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
-#: Long enough to be simplified, short enough to be culled well.
+#: Largest number in a piece: enough to simplify, few enough to cull pieces well.
 PIECE_VERTICES = 64
 _BLOCK_PIECES = 64
 #: A level that drops less than this share of the vertices is not worth its memory.
@@ -27,13 +27,16 @@ _MORTON_BITS = 15
 
 @dataclass(frozen=True, slots=True)
 class Boxes:
-    """Boxes along the axes: ``bounds`` (6, N), their centres over half their sizes, m."""
+    """Hold axis-aligned boxes: ``bounds`` (6, N), m, has centres, then half sizes, in rows."""
 
     bounds: Array
 
     @classmethod
     def around(cls, low: Array, high: Array, starts: IntArray) -> Boxes:
-        """Around runs of boxes from ``low`` to ``high`` (3, V); ``starts`` (N + 1,)."""
+        """Return N boxes, each around a run of boxes from ``low`` to ``high`` (3, V).
+
+        ``starts`` (N + 1,) has the beginning of each run and the end of the last.
+        """
         if len(starts) < 2:
             return cls(np.empty((6, 0)))
         low = np.minimum.reduceat(low, starts[:-1], axis=1)
@@ -42,25 +45,28 @@ class Boxes:
 
     @property
     def centres(self) -> Array:
-        """(3, N)."""
+        """Return the centres (3, N), m."""
         return self.bounds[:3]
 
     @property
     def halves(self) -> Array:
-        """(3, N) half their sizes."""
+        """Return half the sizes (3, N), m."""
         return self.bounds[3:]
 
     def take(self, which: IntArray) -> Boxes:
-        """The boxes of these numbers."""
+        """Return the boxes with these indices."""
         return Boxes(self.bounds.take(which, axis=1))
 
     def within(self, normals: Array, offsets: Array) -> IntArray:
-        """Numbers of those not wholly outside a plane: ``normals @ point >= offsets``."""
+        """Return the indices of boxes that are not wholly outside one of the planes.
+
+        Inside a plane is ``normals @ point >= offsets``; (m, 3), (m,).
+        """
         nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.bounds
         return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
 
     def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
-        """``within``, and for each of those whether it is wholly inside."""
+        """Return the indices of ``within``, and for each whether the box is wholly inside."""
         reach = np.abs(normals)
         sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
         inside = (sides @ self.bounds).reshape(2, len(offsets), -1) >= offsets[:, None]
@@ -69,7 +75,7 @@ class Boxes:
         return number, np.all(inside[1], axis=0)[number]
 
     def distance(self, point: Array) -> Array:
-        """(N,) from a point to the nearest one of each box."""
+        """Return the distances (N,), m, from a point (3,) to each box; 0 inside."""
         apart = np.abs(self.centres - point[:, None])
         apart -= self.halves
         np.maximum(apart, 0.0, out=apart)
@@ -78,11 +84,12 @@ class Boxes:
 
 @dataclass(frozen=True)
 class Details:
-    """Pieces of lines, sorted by layer and place, at the levels of ``TOLERANCES_M``.
+    """Hold pieces of lines, sorted by layer and location, at the levels of ``TOLERANCES_M``.
 
     ``points`` (3, M) holds all levels; piece ``i`` at level ``k`` is the run of ``count[k, i]``
-    from ``first[k, i]`` on. ``boxes`` are of the pieces, ``blocks`` of every 64 pieces. Line ``j``
-    is the pieces ``place[piece_starts[j]:piece_starts[j + 1]]``.
+    points from ``first[k, i]`` on. ``owner`` has the feature of each piece. ``boxes`` enclose the
+    pieces, ``blocks`` each run of 64 pieces. Line ``j`` consists of the pieces
+    ``place[piece_starts[j]:piece_starts[j + 1]]``, in this order.
     """
 
     points: Array
@@ -96,7 +103,7 @@ class Details:
 
     @classmethod
     def of(cls, lines: Polylines, layer: IntArray) -> Details:
-        """Cut and simplify lines (3, V) of two points or more, of layers (lines,)."""
+        """Cut and simplify lines (3, V) of two points or more; ``layer`` (lines,) is of each."""
         pieces, line = cut_in_pieces(lines)
         boxes = Boxes.around(pieces.points, pieces.points, pieces.starts)
         order = np.lexsort((_morton(boxes.centres), layer[line]))
@@ -110,7 +117,7 @@ class Details:
         return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
 
     def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
-        """Numbers of the pieces that may be inside the planes, rising, and which wholly are."""
+        """Return rising indices of the pieces that may be inside planes, and which wholly are."""
         block = self.blocks.within(normals, offsets)
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
@@ -118,30 +125,30 @@ class Details:
         return near[number], whole
 
     def vertices(self, piece: IntArray, level: IntArray) -> IntArray:
-        """(N,) how many vertices pieces (N,) have at their levels (N,)."""
+        """Return the numbers of vertices (N,) of pieces (N,) at their levels (N,)."""
         return self.count.take(self._place(piece, level))
 
     def _place(self, piece: IntArray, level: IntArray) -> IntArray:
-        """In the tables of levels and pieces: NumPy takes from two axes at a tenth of the rate."""
+        """Return flat indices into ``first`` and ``count``: ten times faster than two indices."""
         return level * len(self.owner) + piece
 
     def lines(self, piece: IntArray, level: IntArray) -> Polylines:
-        """Pieces (N,), each at its level (N,)."""
+        """Return the polylines of pieces (N,), each at its level (N,)."""
         place = self._place(piece, level)
         index, starts = runs(self.first.take(place), self.count.take(place))
         return Polylines(self.points.take(index, axis=1), starts, self.owner[piece])
 
 
 def levels_at(tolerance_m: Array) -> IntArray:
-    """(N,) the coarsest level within each tolerance, m."""
-    # The tolerances double from one to the next: the exponent tells.
+    """Return the coarsest level (N,) within each tolerance (N,), m."""
+    # The tolerances double from level to level, so the binary exponent gives the level.
     _, exponent = np.frexp(tolerance_m * (1 / TOLERANCES_M[1]))
     level = np.minimum(np.maximum(exponent, 0), len(TOLERANCES_M) - 1)
     return np.asarray(level, np.int64)
 
 
 def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:
-    """Pieces that share their ends, and the line of each."""
+    """Cut lines into pieces that share their ends; also return the line index of each piece."""
     segments = np.diff(lines.starts) - 1
     per_line = -(-segments // (PIECE_VERTICES - 1))
     line = np.repeat(np.arange(len(lines)), per_line)
@@ -153,10 +160,10 @@ def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:
 
 
 def worths(lines: Polylines) -> Array:
-    """(V,) the largest tolerance at which each vertex stays; infinite at the ends of a line.
+    """Return the largest tolerance (V,), m, at which each vertex is kept; infinite at line ends.
 
-    All lines are halved together, each where it leaves its chord most, until what is left is
-    finer than the first tolerance.
+    All lines are split together, each at the vertex farthest from its chord, until the remaining
+    distances are within the smallest tolerance above 0.
     """
     worth = np.zeros(lines.points.shape[1])
     first, last = lines.starts[:-1], lines.starts[1:] - 1
@@ -175,7 +182,7 @@ def worths(lines: Polylines) -> Array:
 
 
 def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray, Array]:
-    """Which vertex between two is farthest from the segment that joins them, and how far."""
+    """Return the vertex between each two that is farthest from their chord, and its distance."""
     inner, starts = runs(first + 1, last - first - 1)
     of = np.repeat(np.arange(len(first)), last - first - 1)
     begin = points[:, first]
@@ -189,12 +196,15 @@ def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray,
     largest = np.maximum.reduceat(distance, starts[:-1])
     hits = np.flatnonzero(distance == largest[of])[::-1]
     at = np.empty_like(first)
-    at[of[hits]] = inner[hits]  # the first of equals is written last
+    at[of[hits]] = inner[hits]  # reversed order: of equals the first is written last, and stays
     return at, np.sqrt(largest)
 
 
 def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
-    """Points of all levels, and where each level of each piece begins and how many it has."""
+    """Return the points of all levels, and the first index and count (levels, N) of each piece.
+
+    Where a level would drop too few vertices, the piece uses the level before.
+    """
     worth = worths(pieces)
     lengths = np.diff(pieces.starts)
     count, first = [lengths], [pieces.starts[:-1]]
@@ -212,7 +222,7 @@ def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
 
 
 def _morton(centres: Array) -> IntArray:
-    """(N,) numbers by which neighbours in the plane are mostly neighbours."""
+    """Return Morton codes (N,) of centres (3, N): sorted by them, neighbours stay mostly close."""
     if not centres.size:
         return np.empty(0, np.int64)
     plane = centres[:2] - centres[:2].min(axis=1)[:, None]

@@ -1,9 +1,9 @@
-"""Cutting lines to what a lens can see, before they are projected.
+"""Clip lines to the camera's field of view, before they are projected.
 
-Inside is where a set of linear functions is not negative (the near plane and the four sides of
-the field of view), or a disc (the radius up to which the lens model holds). Most segments lie
-wholly inside or outside and are told by one byte a point (Cohen and Sutherland); the rest are cut
-along their length (Liang and Barsky).
+The inside is where all of a set of linear functions are not negative (the near and far planes and
+the four sides of the field of view), or a disc (the radius up to which the lens model is valid).
+Most segments lie wholly inside or outside, which an outcode of one byte for each point shows
+(Cohen and Sutherland). The others are cut along their length (Liang and Barsky).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
-    """The part of the lines where ``normals @ point >= offsets``; (m, k), (m,), m up to 8."""
+    """Return the part of lines where ``normals @ point >= offsets``; (m, k), (m,), m up to 8."""
     distance = normals @ lines.points - offsets[:, None]
     code = np.bitwise_or.reduce((distance < 0) * _BITS[: len(normals)], axis=0)
     if not code.any():
@@ -34,7 +34,7 @@ def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polyline
 
 
 def clip_to_disc(lines: Polylines, radius: float) -> Polylines:
-    """The part of lines within a distance of the origin, in their first two coordinates."""
+    """Return the part of lines within a radius of the origin, in their first two coordinates."""
     excess = lines.points[0] ** 2 + lines.points[1] ** 2 - radius**2
     outside = excess > 0
     if not outside.any():

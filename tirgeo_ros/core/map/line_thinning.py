@@ -1,7 +1,7 @@
-"""Fewer lines with the same ink: what is flat and lies in one row of the picture is one span.
+"""Reduce the number of drawn lines: merge those that lie in one row of the picture into spans.
 
-Seen from a drone, most of a large map is far off and flat: outlines and roads of less than half
-a row. There may be thousands to a row.
+Seen from a drone, most of a large map is far away and flat in the picture: outlines and roads
+lower than half a row, with up to thousands of them in a row.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _FAR_APART_PX = 1e6  # wider than any picture
 
 
 def ends(lines: Polylines, across: Array) -> Polylines:
-    """Of each line its points where ``across`` (V,) is least and most, as a line of two."""
+    """Reduce each line to the two points where ``across`` (V,) is smallest and largest."""
     first, count = lines.starts[:-1], np.diff(lines.starts)
     chosen = np.empty((len(lines), 2), np.int64)
     for length in np.flatnonzero(np.bincount(count)).tolist():
@@ -29,15 +29,16 @@ def ends(lines: Polylines, across: Array) -> Polylines:
 
 
 def merged(spans: Polylines, uv: Array, sheet: IntArray) -> Polylines:
-    """Spans, lines of two points from left to right, with those that overlap in a row made one.
+    """Merge spans, lines of two points from left to right, that overlap in a row of the picture.
 
-    ``uv`` (2, V) are their points in pixels; those of another ``sheet`` (lines,) stay apart.
+    ``uv`` (2, V) are their points in pixels. Only spans with the same ``sheet`` (lines,) are
+    merged. A merged span has the owner of its leftmost part.
     """
     if not len(spans):
         return spans
     left, right = uv[0, ::2], uv[0, 1::2]
     row = np.rint((uv[1, ::2] + uv[1, 1::2]) / 2)
-    # One number to sort by: rows and sheets follow each other far apart.
+    # Shift each row of each sheet by its own large offset, so that one sort serves all of them.
     offset = (sheet * (row.max() - row.min() + 1) + row) * _FAR_APART_PX
     left, right = left + offset, right + offset
     order = np.argsort(left)

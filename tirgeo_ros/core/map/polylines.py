@@ -1,7 +1,7 @@
-"""Many polylines in one block of memory, cut and subdivided together.
+"""Hold many polylines in one block of memory, to cut and subdivide them together.
 
-Component by component: ``points`` is (k, V), so each coordinate is one contiguous row. Line ``i``
-is ``points[:, starts[i]:starts[i + 1]]`` and belongs to ``owner[i]``.
+``points`` is (k, V), so each coordinate is one contiguous row. Line ``i`` is
+``points[:, starts[i]:starts[i + 1]]`` and belongs to ``owner[i]``.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 T = TypeVar("T", bound=np.generic)
 
-_OFTEN = 64  # so many lines of one length are handed out together
+_OFTEN = 64  # from this many lines of one length on, one NumPy call takes them all
 
 
 @dataclass(frozen=True, slots=True)
 class Polylines:
-    """Lines of one or more points each."""
+    """Hold lines of one or more points each."""
 
     points: Array  # (k, V)
     starts: IntArray  # (lines + 1,), the last is V
@@ -33,18 +33,18 @@ class Polylines:
         return len(self.owner)
 
     def split(self) -> list[Array]:
-        """Each line as an array (n, k)."""
+        """Return each line as an array (n, k)."""
         return self.split_rows(np.ascontiguousarray(self.points.T))
 
     def split_rows(self, rows: npt.NDArray[T]) -> list[npt.NDArray[T]]:
-        """An array with one row a point, line by line."""
+        """Split an array with one row for each point into one array for each line."""
         ends = self.starts.tolist()
         return [rows[a:b] for a, b in pairwise(ends)]
 
     def runs_of(self, rows: npt.NDArray[T], which: IntArray) -> list[npt.NDArray[T]]:
-        """As ``split_rows``, of the lines of these numbers (rising), in any order.
+        """Return as ``split_rows`` the lines with these rising indices, in arbitrary order.
 
-        NumPy hands out the lines of one length in a third of the time that slicing takes.
+        Lines of one length are taken together, in a third of the time that slicing takes.
         """
         first, count = self.starts[which], self.starts[which + 1] - self.starts[which]
         if not len(which):
@@ -62,18 +62,18 @@ class Polylines:
         return lines
 
     def links(self) -> BoolArray:
-        """(V - 1,): whether a point and the next one are of the same line."""
+        """Return (V - 1,) whether each point and the next one belong to the same line."""
         links = np.ones(max(self.points.shape[1] - 1, 0), bool)
         links[self.starts[1:-1] - 1] = False
         return links
 
     def select(self, which: IntArray) -> Polylines:
-        """The lines of these numbers."""
+        """Return the lines with these indices."""
         index, starts = runs(self.starts[which], self.starts[which + 1] - self.starts[which])
         return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
     def parted(self, count: int) -> tuple[Polylines, Polylines]:
-        """The first lines, so many, and the others."""
+        """Split into the first ``count`` lines and the others."""
         starts, owner, at = self.starts, self.owner, int(self.starts[count])
         return (
             Polylines(self.points[:, :at], starts[: count + 1], owner[:count]),
@@ -81,17 +81,17 @@ class Polylines:
         )
 
     def cut(self, enter: Array, leave: Array) -> Polylines:
-        """What is left when segment ``i`` keeps only its part from ``enter`` to ``leave``.
+        """Return the lines with segment ``i`` cut to its part from ``enter[i]`` to ``leave[i]``.
 
-        (V - 1,) fractions from 0, the first point, to 1, the second; nothing is kept where
-        ``enter >= leave``, which must hold between two lines. Segments that still meet stay
-        in one line.
+        Both are (V - 1,) fractions from 0, the segment's first point, to 1, its second. Nothing is
+        kept where ``enter >= leave``; this must hold between the end of one line and the next.
+        Segments that still meet stay in one line.
         """
         kept = np.flatnonzero(enter < leave)
         opens, ends = enter[kept], leave[kept]
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(kept) > 1) | (ends[:-1] < 1) | (opens[1:] > 0)
-        last = np.cumsum(1 + fresh) - 1  # where the end of each kept segment goes
+        last = np.cumsum(1 + fresh) - 1  # index, in the result, of each kept segment's end
         starts = last[fresh] - 1
         count = int(last[-1]) + 1 if len(last) else 0
         source = np.empty(count, np.int64)
@@ -108,13 +108,13 @@ class Polylines:
         return np.asarray(start + fraction * (end - start))
 
     def subdivided(self, pieces: IntArray) -> Polylines:
-        """Segment ``i`` in ``pieces[i]`` equal pieces; (V - 1,), 1 between two lines."""
+        """Divide segment ``i`` into ``pieces[i]`` equal pieces; (V - 1,), 1 between two lines."""
         if not (pieces > 1).any():
             return self
         pieces = np.append(pieces, 1)
         after = np.cumsum(pieces)
         many = np.flatnonzero(pieces > 1)
-        # The new points are copies of the segments' first ones; those of many pieces then move.
+        # First repeat each segment's first point, then move the copies to their places.
         points = np.repeat(self.points, pieces, axis=1)
         segment = np.repeat(many, pieces[many])
         place = np.arange(len(segment)) - np.repeat(np.cumsum(pieces[many]), pieces[many])
@@ -126,9 +126,9 @@ class Polylines:
 
 
 def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
-    """``count[i]`` numbers from ``first[i]`` on, one run after another, and where each begins.
+    """Return runs of ``count[i]`` integers from ``first[i]`` on, joined, and where each begins.
 
-    The second has one entry more, the end of the last run.
+    The second array has one entry more: the end of the last run.
     """
     starts = np.zeros(len(count) + 1, np.int64)
     np.cumsum(count, out=starts[1:])
@@ -138,7 +138,7 @@ def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def joined(first: Polylines, second: Polylines) -> Polylines:
-    """The lines of both."""
+    """Return the lines of both, those of ``first`` before those of ``second``."""
     if not len(second):
         return first
     if not len(first):

@@ -1,4 +1,4 @@
-"""A map of lines, outlines and points in layers, laid once into the map's tangent plane."""
+"""Build a map of lines, outlines and points in layers, in the map's tangent plane."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Rings:
-    """Outlines that are filled, each as the pieces of the map's lines that it is made of.
+    """Hold the outlines that are filled, as indices of the pieces of the map's lines.
 
-    Ring ``i`` is ``pieces[starts[i]:starts[i + 1]]``, one after the other, of ``owner[i]``.
+    Ring ``i`` consists of ``pieces[starts[i]:starts[i + 1]]``, in this order, and belongs to
+    feature ``owner[i]``. ``boxes`` enclose the rings.
     """
 
     pieces: IntArray
@@ -36,15 +37,15 @@ class Rings:
 
 @dataclass(frozen=True)
 class VectorMap:
-    """A map in the tangent plane: north, east, down from its origin, metres.
+    """Hold a map in the tangent plane: north, east, down from its origin, metres.
 
-    ``lines`` and ``marks`` (3, V) are owned by indices of ``labels``, one for each feature of the
-    map, and ``labelled`` says which are not empty; outlines are lines that end where they begin.
-    ``layers`` are in the order of drawing, without their features; ``layer`` (features,) is the
-    one to which a feature belongs, and never falls from one feature to the next.
-    ``details`` are the lines as they are drawn, ``rings`` the outlines of layers with a fill.
-    ``without_ground`` features have parts where the ground's height is unknown, which are left
-    out; ``notes`` is what a person should be told.
+    The owners of ``lines`` and ``marks`` (3, V) are indices of features. ``labels`` has one entry
+    for each feature; ``labelled`` (features,) is False where it is empty. Outlines are lines that
+    end where they begin. ``layers`` are in the order of drawing, without their features; ``layer``
+    (features,) is the index of each feature's layer, in ascending order.
+    ``details`` are the lines at their levels of detail, ``rings`` the outlines of layers with a
+    fill. ``without_ground`` is the number of features with parts where the ground's height is
+    unknown; these parts are left out. ``notes`` are messages for the user.
     """
 
     labels: tuple[str, ...]
@@ -62,7 +63,7 @@ class VectorMap:
     def from_layers(
         cls, layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground = math.nan
     ) -> VectorMap:
-        """Lay layers into a plane, on the ground; raises ConfigError where heights are unknown."""
+        """Drape layers on the ground in a plane; raise ConfigError for unknown heights."""
         check_heights(layers, ground)
         of_layers = [[f for f in layer.features if len(f.points)] for layer in layers]
         labels, layer, owner = _owners(of_layers)
@@ -109,9 +110,9 @@ def _notes(without_ground: int, features: int, step: float) -> list[str]:
 def _owners(
     of_layers: Sequence[Sequence[GeoFeature]],
 ) -> tuple[tuple[str, ...], IntArray, IntArray]:
-    """The labels and layers of features, and for each part the index of its own.
+    """Return the labels and layers of all features, and the feature's index for each part.
 
-    Parts of a layer's group are one feature.
+    Parts of one group in one layer are one feature.
     """
     keys = [
         (layer, f.group, -1) if f.group >= 0 else (layer, -1, i)
@@ -134,7 +135,7 @@ def _closed(feature: GeoFeature) -> Array:
 
 
 def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylines:
-    """The parts of these numbers, (3, V) latitude, longitude, height."""
+    """Return the parts with these indices as lines (3, V): latitude, longitude, height."""
     chosen = [parts[i] for i in which.tolist()]
     starts = np.cumsum([0, *map(len, chosen)], dtype=np.int64)
     geodetic = np.concatenate([np.empty((0, 3)), *chosen])
@@ -142,7 +143,7 @@ def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylin
 
 
 def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
-    """What is finite of lines, which of them are whole rings, and the features that lost."""
+    """Return the finite parts of lines, which of them are whole rings, and the features cut."""
     finite: BoolArray = np.isfinite(lines.points.sum(axis=0))
     if finite.all():
         return lines, rings, np.empty(0, np.int64)
@@ -158,7 +159,7 @@ def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray
 
 
 def _rings(lines: Polylines, which: IntArray, details: Details) -> Rings:
-    """The lines of these numbers as rings, each from its pieces in their order."""
+    """Return the lines with these indices as rings, each from its pieces in order."""
     first = details.piece_starts[which]
     number, starts = runs(first, details.piece_starts[which + 1] - first)
     pieces = details.place[number]

@@ -1,8 +1,9 @@
-"""What a camera sees of a map: culled, clipped in the camera frame, then bent by the lens.
+"""Project the visible part of a map: cull, clip in the camera frame, then apply the lens model.
 
-Pieces of lines come at the coarsest level of detail that stays within half a pixel of the line,
-unless so little is in view that all of it can be drawn. Of pieces smaller than a pixel one is
-drawn in each pixel, and pieces lower than half a row become spans of that row.
+Pieces of lines are drawn at the coarsest level of detail within half a pixel of the line. If few
+vertices are in view, all are drawn; if very many, the tolerance grows to 1 or 2 px. Of pieces
+smaller than a pixel one is drawn for each pixel. Pieces lower than half a row become spans of that
+row. Both limits grow with the tolerance.
 """
 
 from __future__ import annotations
@@ -25,39 +26,41 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: How far a drawn chord may leave the curve into which the lens bends a straight line.
+#: Largest distance between a drawn chord and the curve into which the lens bends a line.
 CHORD_PX = 0.1
-#: Ground farther than this is never drawn.
+#: Lines and marks farther ahead than this are never drawn.
 FAR_M = 20_000.0
-#: Nor is ground so few rows under the horizon. The 16 rows from 5 km on, seen from 100 m up, are
-#: a degree: what lies there is a solid bar, and half a degree of tilt moves it by kilometres.
+#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
+#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
+#: bar, and half a degree of tilt error moves it by kilometres.
 HORIZON_ROWS = 16.0
-#: With fewer vertices in view than this, lines are drawn with all of theirs.
+#: With up to this many vertices in view, lines are drawn with all their vertices.
 _FEW_VERTICES = 4096
-#: How far a line at a coarser level of detail may leave its place: the first at which no more
-#: than so many vertices are left. Where half a pixel leaves more, they cover the whole picture.
+#: Tolerances of the coarser levels of detail. The first one that leaves at most _MANY_VERTICES is
+#: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
-#: Ink of an edge is one pixel wide, and may be rounded to either side: two pixels of the rim.
+#: Erosion by two pixels: OpenCV draws the edge of a filled area one pixel wide, and may round it
+#: to either side.
 _RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class Seen(Polylines):
-    """Lines as they are drawn: ``points`` (2, V) in pixels, owned by features of the map.
+    """Hold lines as they are drawn: ``points`` (2, V) in pixels, owned by features of the map.
 
-    ``rays`` (3, V) has x and y on the plane z = 1 of the optical frame, and one over the depth z.
+    ``rays`` (3, V) has x and y on the plane z = 1 of the optical frame, and 1/z (1/m).
     """
 
     rays: Array
 
     def points_c(self) -> Array:
-        """(3, V) the places on the map, in the optical frame, m."""
+        """Return the points' positions (3, V) in the optical frame, m."""
         x, y, inverse_depth = self.rays
         return np.asarray(np.stack([x, y, np.ones_like(x)]) / inverse_depth)
 
     def points_n(self, pose: CameraPose) -> Array:
-        """(3, V) the places on the map, as seen from the pose, m."""
+        """Return the positions (3, V) of the points in the map's plane, NED, m."""
         turned = matrix_from_quat(pose.q_nc) @ self.points_c()
         return np.asarray(turned + pose.position_n[:, None])
 
@@ -66,7 +69,7 @@ _NOTHING = Seen(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), 
 
 
 class View:
-    """A camera's field of view, computed once for a calibration."""
+    """Project maps into the picture of one camera; its field of view is computed once."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
@@ -74,7 +77,7 @@ class View:
         self._normals_c = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
-        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])  # and the farthest
+        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])  # _eye appends the far plane's
         widest = math.hypot(max(-left, right), max(-top, bottom))
         self._reaches_past_lens = widest > camera.max_radius
         radius = min(widest, camera.max_radius)
@@ -85,10 +88,10 @@ class View:
 
     @property
     def reached(self) -> Pixels | None:
-        """(h, w) 255 where areas may be filled; None for the whole image.
+        """Return a mask (h, w), 255 where areas may be filled; None for the whole image.
 
-        Where the lens model ends within the image, rings are cut to its rim and may run to and
-        fro along it. The rim is left out, for OpenCV inks the edges of what it fills.
+        Where the lens model ends within the image, rings are clipped to its rim and may run back
+        and forth along it. The rim is masked out, because OpenCV draws the edges of filled areas.
         """
         return self._reached
 
@@ -97,19 +100,22 @@ class View:
         uv = self.camera.pixels(*rim.points).T
         mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
         cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
-        # The image's border is no rim: OpenCV takes what is beside it for full.
+        # The image's border is not eroded: OpenCV treats pixels outside the image as set.
         return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def farthest_m(self, height_m: float) -> float:
-        """How far ground is drawn from so high above it; nan where that is not known."""
+        """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
+
+        An unknown height is nan; then, as for a height that is not positive, it is ``FAR_M``.
+        """
         rows_m = height_m * self.camera.fy / HORIZON_ROWS
         return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
-        """The map's lines up to ``far_m`` ahead as they are drawn: (2, V) pixels.
+        """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
 
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
-        A line may come in several parts that meet; all are owned as in the map.
+        A line may be returned in several parts that meet; each has the line's owner.
         """
         details, eye = vector_map.details, self._eye(pose, far_m)
         piece, whole = details.seen(eye.normals, eye.offsets)
@@ -124,7 +130,8 @@ class View:
         inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(cut_off)
         some = np.concatenate([inner, outer])
         lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
-        # Most pieces lie wholly in view, and cutting costs as much as all the rest.
+        # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
+        # long as all other steps together.
         cut = clip_to_planes(cut, self._normals_c, np.append(self._offsets, -far_m))
         flat = _flat(joined(lines, cut))
         if self._reaches_past_lens:
@@ -134,10 +141,11 @@ class View:
         return self._seen(flat)
 
     def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
-        """Which boxes, of those wholly in view, are lower than a part of a row.
+        """Return (N,) whether each box is wholly in view and lower than ``row_px`` in the picture.
 
-        A step of x, y, z in the optical frame moves the row by (y - v z) / depth, where v is the
-        row on the plane z = 1.
+        A step (x, y, z) in the optical frame moves the row by (y - v z) / depth, where v is the
+        row on the plane z = 1. All are False if ``row_px`` is 0, or if the field of view reaches
+        beyond the lens model.
         """
         if self._reaches_past_lens or not row_px:
             return np.zeros(len(whole), bool)
@@ -151,17 +159,17 @@ class View:
     def _spans(
         self, vector_map: VectorMap, piece: IntArray, level: IntArray, eye: _Eye
     ) -> Polylines:
-        """Pieces that lie in one row each, as spans of rows on the plane z = 1."""
+        """Return pieces that each lie in one row as merged spans on the plane z = 1."""
         lines = _flat(eye.sees(vector_map.details.lines(piece, level)))
         spans = ends(lines, lines.points[0])
         uv = self.camera.pixels(*spans.points[:2])
         return merged(spans, uv, _sheet(vector_map, spans.owner))
 
     def areas(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
-        """Insides of the outlines of layers with a fill: closed rings (2, V) pixels.
+        """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
 
-        To be filled by the even-odd rule, all rings of one owner together. They reach a little
-        beyond the image, and are filled beyond the distance at which lines end.
+        The caller fills all rings of one owner together by the even-odd rule. The rings reach a
+        little beyond the image. They are not cut at the distance at which lines end.
         """
         rings, details = vector_map.rings, vector_map.details
         if not len(rings):
@@ -176,13 +184,14 @@ class View:
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
         level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
-        # A piece in a box that no part of is seen may take any way through it.
+        # The path of a piece wholly out of view does not change the visible fill: use the
+        # coarsest level.
         out = np.ones(len(piece), bool)
         out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
         lines = details.lines(piece, level)
         lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
-        # What lies wholly in view ends where it begins, as in the map.
+        # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = lines.parted(int(whole.sum()))
         flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets))
         if self._reaches_past_lens:
@@ -198,7 +207,7 @@ class View:
     def _levels(
         self, details: Details, piece: IntArray, distance_m: Array
     ) -> tuple[IntArray, float]:
-        """(N,) the level of detail of each piece, and how far it may be off, px."""
+        """Return the level of detail (N,) of each piece, and their tolerance in px."""
         level, detail_px = np.zeros(len(piece), np.int64), 0.0
         if details.vertices(piece, level).sum() <= _FEW_VERTICES:
             return level, detail_px
@@ -217,7 +226,11 @@ class View:
         eye: _Eye,
         dot_px: float,
     ) -> BoolArray:
-        """Which pieces to keep so that of those smaller than a dot there is one in each."""
+        """Return (N,) which pieces to keep: those smaller than a dot are thinned to one a dot.
+
+        A dot is a square of ``dot_px``. Only pieces that are drawn alike replace each other. Small
+        pieces with their centre outside the image are kept.
+        """
         keep = np.ones(len(piece), bool)
         size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
         small = np.flatnonzero(size * self._px_per_rad < dot_px * distance_m)
@@ -241,7 +254,7 @@ class View:
         return Seen(uv, flat.starts, flat.owner, flat.points)
 
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
-        """The map's points in the image, up to ``far_m`` ahead: lines of one point (2, V) px."""
+        """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
         marks = vector_map.marks
         if not len(marks):
             return _NOTHING
@@ -255,18 +268,18 @@ class View:
         return Seen(uv[valid].T, np.arange(len(owner) + 1), owner, rays)
 
     def inside(self, uv: Array) -> BoolArray:
-        """Whether pixels (2, N) lie in the image; (N,)."""
+        """Return (N,) whether pixels (2, N) lie in the image."""
         u, v = uv
         inside = (u >= -0.5) & (u < self.camera.width - 0.5)
         return np.asarray(inside & (v >= -0.5) & (v < self.camera.height - 0.5))
 
     def _bent(self, flat: Polylines) -> Polylines:
-        """With as many points as it takes to follow the lens."""
+        """Return lines on the plane z = 1 subdivided so that drawn chords follow the lens."""
         x, y = flat.points[:2]
         dx, dy = x[1:] - x[:-1], y[1:] - y[:-1]
         squared = dx * dx
         squared += dy * dy
-        squared[flat.starts[1:-1] - 1] = 0.0  # no segment, but a way from line to line
+        squared[flat.starts[1:-1] - 1] = 0.0  # not a segment: the gap between two lines
         squared *= self._pieces_per_length**2
         long = np.flatnonzero(squared > 1)
         if not len(long):
@@ -278,28 +291,32 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class _Eye:
-    """The camera at one pose in the map's plane."""
+    """Hold the camera's pose in the map's plane and the planes of its field of view."""
 
     rotation_cn: Array
     position_n: Array
-    offset_c: Array  # the position, turned
+    offset_c: Array  # the position, rotated to c
     normals: Array  # the field of view is where normals @ point >= offsets
     offsets: Array
 
     def sees(self, lines: Polylines) -> Polylines:
-        """Lines of the map's plane in the optical frame."""
+        """Transform lines from the map's plane to the optical frame."""
         points_c = self.rotation_cn @ lines.points
         points_c -= self.offset_c[:, None]
         return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
-    """Lines of one number may stand for each other: of one layer, with a label or without."""
+    """Return a number for each line; lines with equal numbers are drawn alike.
+
+    They are of one layer, and all or none of their features have a label. One such line may
+    replace another.
+    """
     return 2 * vector_map.layer[owner] + vector_map.labelled[owner]
 
 
 def _flat(lines: Polylines) -> Polylines:
-    """On the plane z = 1: x, y and one over the depth, which change evenly along a line there."""
+    """Project lines to the plane z = 1: x, y and 1/z, which are linear along a line there."""
     points = np.empty_like(lines.points)
     inverse_depth = np.divide(1.0, lines.points[2], out=points[2])
     np.multiply(lines.points[:2], inverse_depth, out=points[:2])

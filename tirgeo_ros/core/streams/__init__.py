@@ -1,1 +1,1 @@
-"""Judge samples by themselves: numbers, stamps, rates and silence."""
+"""Check single streams of samples: values, time stamps, order, rates and silence."""

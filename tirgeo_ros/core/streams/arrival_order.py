@@ -1,4 +1,4 @@
-"""What waits in several queues, in the order in which it arrived."""
+"""Hold items in several queues and return them in the order of their arrival."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ Entry = tuple[int, int, T]  # time of arrival in ns, number, item
 
 
 class ArrivalOrder(Generic[T]):
-    """One queue a lane, each in the order in which it was filled; the lanes merged by arrival.
+    """Merge several bounded FIFO queues, called lanes, by the time of arrival.
 
-    The stamps of samples have no say: what is early, late or of another clock is for the filter
-    to judge, and it judges by what came before. A full lane gives up its oldest item.
+    The samples' own time stamps do not affect the order. The filter decides what is early, late
+    or from another clock, and it needs the samples as they arrived to do so. A full lane discards
+    its oldest item.
     """
 
     def __init__(self) -> None:
@@ -25,16 +26,16 @@ class ArrivalOrder(Generic[T]):
         return sum(map(len, self._lanes.values()))
 
     def open(self, lane: str, depth: int) -> None:
-        """Have a lane that holds ``depth`` items."""
+        """Create an empty lane that holds up to ``depth`` items."""
         self._lanes[lane] = deque(maxlen=depth)
 
     @property
     def given_up(self) -> dict[str, int]:
-        """How many items each lane has given up; without those that gave up none."""
+        """Return the number of discarded items by lane, without lanes that discarded none."""
         return dict(self._given_up)
 
     def put(self, lane: str, arrived_ns: int, item: T) -> None:
-        """Add an item that arrived at ``arrived_ns``, behind those of its lane."""
+        """Append an item that arrived at ``arrived_ns`` to a lane; discard the oldest if full."""
         entries = self._lanes[lane]
         if len(entries) == entries.maxlen:
             self._given_up[lane] = self._given_up.get(lane, 0) + 1
@@ -42,7 +43,7 @@ class ArrivalOrder(Generic[T]):
         entries.append((arrived_ns, self._number, item))
 
     def pop(self) -> T | None:
-        """Take the item that arrived first of those at the lanes' heads; None where none waits."""
+        """Remove and return the earliest of the lanes' first items; None if all are empty."""
         waiting = [entries for entries in self._lanes.values() if entries]
         if not waiting:
             return None

@@ -1,16 +1,17 @@
-"""Whether a stream of samples is there: steadily, until it has been silent."""
+"""Detect when a stream of samples has become steady and when it has fallen silent."""
 
 from __future__ import annotations
 
-#: A stream is steady after so many samples over so long.
+#: A stream is steady after this many samples over at least this time.
 _SAMPLES = 5
 _STEADY_NS = 2_000_000_000
-#: It is gone after so long; a longer gap on the way to steady begins anew.
+#: A steady stream is gone after this silence. Before that, a gap of this length or a step back of
+#: the stamps restarts the count.
 _SILENT_NS = 2_000_000_000
 
 
 class Presence:
-    """Watches the stamps of one stream against those of the others."""
+    """Track whether one stream is steady, from its stamps and those of another stream."""
 
     def __init__(self) -> None:
         self.steady = False
@@ -19,7 +20,7 @@ class Presence:
         self._count = 0
 
     def heard(self, stamp_ns: int) -> bool:
-        """Take a sample's stamp; True where the stream becomes steady with it."""
+        """Take a sample's stamp (ns); return True if the stream becomes steady with it."""
         if self._count and not 0 <= stamp_ns - self._newest_ns < _SILENT_NS:
             self._count = 0
         if self._count == 0:
@@ -32,9 +33,9 @@ class Presence:
         return became
 
     def gone(self, now_ns: int) -> bool:
-        """Take the stamp of another stream; True where this one ends by its silence.
+        """Take a stamp (ns) of another stream; return True if this one has just fallen silent.
 
-        A clock that was set back says nothing of silence.
+        A clock that was set back does not count as silence.
         """
         if not self.steady or now_ns - self._newest_ns < _SILENT_NS:
             return False

@@ -1,12 +1,12 @@
-"""A highest rate for outputs that follow inputs."""
+"""Limit the rate of outputs that follow inputs."""
 
 from __future__ import annotations
 
 
 class RateLimit:
-    """Says which of a stream of stamps are due at a rate.
+    """Select from a stream of time stamps those at which an output is due at a rate (Hz).
 
-    A quarter of a period of jitter is let pass, so that inputs at the rate itself are all due.
+    A stamp may be early by a quarter of a period, so that all inputs at the rate itself are due.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -14,9 +14,11 @@ class RateLimit:
         self._next_ns: int | None = None
 
     def due(self, stamp_ns: int) -> bool:
-        """Whether an output is due at a stamp; the next one then is a period later.
+        """Return whether an output is due at a stamp (ns).
 
-        After a pause, or when stamps go back, the schedule begins anew.
+        If it is, the next one is scheduled a period later. If the stamp is more than
+        two periods from the schedule (after a pause, or when stamps go back), the schedule
+        restarts at this stamp.
         """
         if self._next_ns is None or abs(stamp_ns - self._next_ns) > 2 * self._period_ns:
             self._next_ns = stamp_ns

@@ -1,4 +1,4 @@
-"""What is wrong with a sample by itself: numbers that are no measurement."""
+"""Check a sample by itself: refuse values that cannot be a measurement."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from tirgeo_ros.core.types.measurements import (
     PositionSample,
 )
 
-#: Where there is air to fly in, and a good deal more.
+#: Far above any height at which an aircraft can fly.
 LARGEST_HEIGHT_M = 50_000.0
-#: No two such places are further apart: the earth's diameter (WGS84) and twice the height.
+#: Upper bound of the distance between two such places: the earth's diameter plus twice the height.
 _LARGEST_DISTANCE_M = 2 * (SEMI_MAJOR_AXIS_M + LARGEST_HEIGHT_M)
-# Beyond the full scale of any IMU on an aircraft (40 g, 4000 deg/s), and its fastest flight.
+# Beyond the full scale of any IMU on an aircraft (40 g, 4000 deg/s), and beyond any flight speed.
 _LARGEST_FORCE_M_S2 = 400.0
 _LARGEST_RATE_RAD_S = 70.0
 _LARGEST_SPEED_M_S = 1e3
-_LARGEST_ANGLE_RAD = 1e6  # a joint that turns on, once a second, for two days
-_LARGEST_VARIANCE = 1e30  # m2, (m/s)2, rad2: some send as much for "unknown"
-_ROUNDING = 1e-6  # of a covariance that was sent in single precision
+_LARGEST_ANGLE_RAD = 1e6  # a joint that turns once a second for two days
+_LARGEST_VARIANCE = 1e30  # m2, (m/s)2, rad2: some sources send such values for "unknown"
+_ROUNDING = 1e-6  # rounding error of a covariance that was sent in single precision
 
 
 def fault_of(sample: NavigationInput) -> str:
-    """Why a sample cannot be used, or an empty string."""
+    """Return why a sample cannot be used, or an empty string if it can."""
     if isinstance(sample, ImuSample):
         return _imu_fault(sample)
     if isinstance(sample, HeadingSample):
@@ -46,28 +46,29 @@ def fault_of(sample: NavigationInput) -> str:
 
 
 def pose_fault(position_n: Array, q: Array, covariance: Array) -> str:
-    """Why a pose in a tangent plane cannot be used: (3,) m, (4,) wxyz, (6, 6); or empty.
+    """Return why a pose in a tangent plane cannot be used, or an empty string if it can.
 
-    The quaternion is of unit length within what messages and sums leave.
+    ``position_n`` is (3,) in m, ``q`` (4,) wxyz, ``covariance`` (6, 6). The quaternion's squared
+    norm must be 1 within 1e-3, which allows for the rounding in messages and sums.
     """
     if not _within(position_n.tolist(), _LARGEST_DISTANCE_M):
         return "position is not finite, or not on this earth"
     w, x, y, z = q.tolist()
-    if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # nor is it for NaN and infinity
+    if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # "not <" also catches NaN and infinity
         return "attitude is no unit quaternion"
-    # No entry of a covariance is larger than the largest variance.
+    # No entry of a covariance exceeds its largest variance: this bounds the sum of the squares.
     if not np.vdot(covariance, covariance) < covariance.size * _LARGEST_VARIANCE**2:
         return "covariance is not finite"
     return "" if covariance.diagonal().min() > -_ROUNDING else "covariance is not positive"
 
 
 def joints_fault(angles_rad: tuple[float, float, float]) -> str:
-    """Why angles of joints cannot be used, or an empty string."""
+    """Return why joint angles (rad) cannot be used, or an empty string if they can."""
     return "" if _within(angles_rad, _LARGEST_ANGLE_RAD) else "angle is not finite or no angle"
 
 
 def usable_attitude(q: Array | None) -> bool:
-    """Whether a quaternion (4,) is there, finite and of unit norm within 1 %."""
+    """Return whether a quaternion (4,) is given, finite and of unit norm within 1 %."""
     return q is not None and abs(math.hypot(*q) - 1.0) < 0.01
 
 
@@ -80,13 +81,13 @@ def _imu_fault(sample: ImuSample) -> str:
 
 
 def _within(vector: Sequence[float], limit: float) -> bool:
-    """Whether no entry is larger; false for a NaN."""
+    """Return whether no entry of a vector (3,) exceeds the limit in size; False for NaN."""
     x, y, z = vector
     return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
 
 
 def place_fault(latitude_rad: float, longitude_rad: float, height_m: float) -> str:
-    """Why a place cannot be one of this earth's, or an empty string."""
+    """Return why a geodetic position is impossible, or an empty string if it is not."""
     if not all(map(math.isfinite, (latitude_rad, longitude_rad, height_m))):
         return "position is not finite"
     if abs(latitude_rad) > math.pi / 2 or abs(longitude_rad) > 2 * math.pi:
@@ -103,14 +104,14 @@ def _position_fault(sample: PositionSample) -> str:
 def _covariance_fault(covariance: Array) -> str:
     (a, b, c), (b2, d, e), (c2, e2, f) = covariance.tolist()
     total = abs(a) + abs(b) + abs(c) + abs(d) + abs(e) + abs(f) + abs(b2) + abs(c2) + abs(e2)
-    if not total < _LARGEST_VARIANCE:  # nor is a NaN
+    if not total < _LARGEST_VARIANCE:  # "not <" also catches NaN
         return "covariance is not finite"
-    if a <= 0 or d <= 0 or f <= 0:  # the message says that it does not know
+    if a <= 0 or d <= 0 or f <= 0:  # the source marks the covariance as unknown: no fault
         return ""
     largest = max(a, d, f)
     b, c, e = 0.5 * (b + b2) / largest, 0.5 * (c + c2) / largest, 0.5 * (e + e2) / largest
     a, d, f = a / largest + _ROUNDING, d / largest + _ROUNDING, f / largest + _ROUNDING
-    # Sylvester: the leading minors of a positive matrix are positive.
+    # Sylvester's criterion: all leading principal minors of a positive definite matrix are > 0.
     second = a * d - b * b
     third = second * f - a * e * e + 2 * b * c * e - d * c * c
     return "" if second > 0 and third > 0 else "covariance is not positive"

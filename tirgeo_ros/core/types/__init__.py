@@ -1,1 +1,1 @@
-"""Define the records that go through the core: samples, poses, verdicts, findings, errors."""
+"""Define the records that the core passes on: samples, poses, verdicts, findings, errors."""

@@ -1,4 +1,4 @@
-"""Name the array types of the whole package, each once."""
+"""Define the array types that the whole package uses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-#: Of a picture to be drawn on or shown: (h, w) grey or (h, w, 3) BGR.
+#: A picture to draw on or to show: (h, w) grey or (h, w, 3) BGR, uint8.
 Pixels = npt.NDArray[np.uint8]
-#: Of a picture as a camera gives it: (h, w) or (h, w, 3), uint8 or uint16.
+#: A picture as a camera delivers it: (h, w) or (h, w, 3), uint8 or uint16.
 RawPixels = npt.NDArray[Any]

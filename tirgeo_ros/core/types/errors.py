@@ -1,8 +1,8 @@
-"""The errors that tirgeo raises: one root, one child a subject.
+"""Define the errors that tirgeo raises: one root class, and one child class for each subject.
 
-Each carries a message of one line that names the file, key or topic and says what to do; the
-command line prints it and nothing else. What a message quotes may come from anywhere: it is shown
-as one line of a bounded length.
+Each error carries a message of one line. The message names the file, key or topic and says what
+to do; the command line prints it and nothing else. A message may quote text from outside, so it
+is always returned as one printable line of limited length.
 """
 
 from __future__ import annotations
@@ -11,56 +11,59 @@ from tirgeo_ros.core.types.quoted_text import shown
 
 
 class TirgeoError(Exception):
-    """Root of all errors that tirgeo raises on purpose."""
+    """Serve as the root of all errors that tirgeo raises on purpose."""
 
     def __str__(self) -> str:
-        """Return the message as one line."""
+        """Return the message as one printable line of limited length."""
         return shown(super().__str__())
 
 
 class ConfigError(TirgeoError):
-    """A parameter is unknown, of the wrong type or out of its range."""
+    """Report a parameter that is unknown, of the wrong type or out of its range."""
 
 
 class BagError(TirgeoError):
-    """A bag cannot be read or written, or lacks a needed topic."""
+    """Report a bag that cannot be read or written, or that lacks a required topic."""
 
 
 class MessageError(TirgeoError):
-    """A message cannot be decoded or lacks what it must hold: count it and go on."""
+    """Report a message that cannot be decoded or lacks required data.
+
+    The receiver counts the message and goes on.
+    """
 
 
 class MapError(TirgeoError):
-    """A map file cannot be read or makes no sense as a map."""
+    """Report a map file that cannot be read or whose contents are not a valid map."""
 
 
 class ElevationError(TirgeoError):
-    """An elevation model cannot be read, or makes no sense as one."""
+    """Report an elevation model that cannot be read or whose contents are not valid."""
 
 
 class CameraError(TirgeoError):
-    """A camera's calibration cannot be used."""
+    """Report a camera calibration that cannot be used."""
 
 
 class SurveyError(TirgeoError):
-    """A survey or an observation file cannot be read."""
+    """Report a survey file or an observation file that cannot be read."""
 
 
 class ScenarioError(TirgeoError):
-    """A scenario of the simulator cannot be flown."""
+    """Report a scenario that the simulator cannot fly."""
 
 
 class CalibrationError(TirgeoError):
-    """A calibration or an evaluation cannot be made of what is given."""
+    """Report data from which a calibration or an evaluation cannot be computed."""
 
 
 class VideoError(TirgeoError):
-    """A video file cannot be written."""
+    """Report a video file that cannot be written."""
 
 
 class GraphError(TirgeoError):
-    """The node graph did not start, stopped early or gave nothing."""
+    """Report a node graph that did not start, stopped early or produced no output."""
 
 
 class DjiError(TirgeoError):
-    """A capture, a table of packages, a key or the link to the aircraft cannot be used."""
+    """Report a capture, a package table, a key or an aircraft link that cannot be used."""

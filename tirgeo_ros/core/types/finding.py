@@ -1,4 +1,4 @@
-"""What a check has found, and the one line that says whether to fly."""
+"""Define the finding of a check, and build the one-line verdict on whether to fly."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from enum import IntEnum
 
 
 class Severity(IntEnum):
-    """How bad a finding is."""
+    """Rank how serious a finding is."""
 
-    NOTE = 0  # worth knowing; nothing is wrong
-    CAUTION = 1  # the map may be off by more than its ellipses say
-    STOP = 2  # the map is wrong, or there will be none
+    NOTE = 0  # for information; nothing is wrong
+    CAUTION = 1  # the error of the drawn map may exceed its 95 % ellipses
+    STOP = 2  # the map is drawn in a wrong place, or cannot be drawn
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong.
+    """Hold one fault that a check has found.
 
-    ``evidence`` has the numbers that show it and what they should be. ``parameter`` is what to
+    ``evidence`` gives the measured numbers and the expected ones. ``parameter`` names what to
     look at: a node's parameter (``gimbal_node boresight_rpy_deg``), a topic (``rtk/fix``) or an
     argument (``--map``). ``mend`` says what to do, as a sentence without a full stop.
     """
 
-    check: str  # its name, words with underscores: the key in diagnostics and JSON
+    check: str  # the check's name in snake case: the key in diagnostics and JSON
     severity: Severity
     evidence: str
     parameter: str
@@ -32,12 +32,16 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """Evidence, parameter and mend in one line."""
+        """Return ``evidence: parameter: mend`` as one line."""
         return f"{self.evidence}: {self.parameter}: {self.mend}"
 
 
 def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings, the worst first and each check's name once, in their order else."""
+    """Return the findings sorted by severity, the worst first, and one for each check.
+
+    Of several findings of one check the most severe is kept, the first of equals. Findings of
+    equal severity keep the order in which their checks first appear.
+    """
     kept: dict[str, Finding] = {}
     for finding in findings:
         before = kept.get(finding.check)
@@ -47,7 +51,11 @@ def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def verdict_line(findings: Sequence[Finding]) -> str:
-    """Return ``GO``, ``CAUTION: ...`` or ``NO GO: ...`` with the worst finding's evidence."""
+    """Return ``GO``, ``CAUTION: ...`` or ``NO GO: ...`` with the worst finding's evidence.
+
+    The line also has that finding's parameter and the number of the other findings. Notes do not
+    count.
+    """
     worst = [finding for finding in sorted_findings(findings) if finding.severity]
     if not worst:
         return "GO"

@@ -1,7 +1,7 @@
-"""Define what sensors say: immutable records with stamps, frames and units.
+"""Define the sensor samples: immutable records with time stamps, frames and units.
 
-All stamps are integer nanoseconds of the measurement. Frames as in the charter
-(``tirgeo_ros/__init__.py``). Arrays are float64 unless said otherwise.
+All stamps are integer nanoseconds, the time of the measurement. The frames are defined in
+``tirgeo_ros/__init__.py``. Arrays are float64 unless another type is given.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 class FixStatus(IntEnum):
-    """Quality of a satellite fix, numbered as the status of ``rtk/fix``."""
+    """Name the quality of a satellite fix; the numbers are those of the status of ``rtk/fix``."""
 
     NONE = -1
     SINGLE = 0
@@ -23,7 +23,7 @@ class FixStatus(IntEnum):
 
 
 class Source(Enum):
-    """Where a sample comes from; the value is its name in diagnostics and verdicts."""
+    """Name the source of a sample; the value is its name in diagnostics and verdicts."""
 
     IMU = "imu"
     RTK_POSITION = "rtk_position"
@@ -33,23 +33,24 @@ class Source(Enum):
     GPS_VELOCITY = "gps_velocity"
     AUTOPILOT_HEADING = "autopilot_heading"
 
-    # Members are single objects: Enum's own hash, of the name, costs ten times as much.
+    # Each member exists once, so its identity can be its hash. Enum's own hash, which hashes the
+    # name, takes ten times as long.
     __hash__ = object.__hash__
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """Body specific force and rate at ``stamp_ns``, with the autopilot's own attitude if known."""
+    """Hold the body's specific force and angular rate, and the autopilot's attitude if known."""
 
     stamp_ns: int
     specific_force_b: Array  # (3,) FRD, m/s2; (0, 0, -9.8) at rest
     angular_rate_b: Array  # (3,) FRD, rad/s
-    autopilot_q_nb: Array | None = None  # (4,) wxyz; None where the message says it is absent
+    autopilot_q_nb: Array | None = None  # (4,) wxyz; None if the message marks it as absent
 
 
 @dataclass(frozen=True, slots=True)
 class PositionSample:
-    """A satellite position of an antenna."""
+    """Hold the satellite position of an antenna."""
 
     stamp_ns: int
     source: Source  # RTK_POSITION or GPS_POSITION
@@ -62,7 +63,7 @@ class PositionSample:
 
 @dataclass(frozen=True, slots=True)
 class VelocitySample:
-    """A satellite velocity of an antenna."""
+    """Hold the satellite velocity of an antenna."""
 
     stamp_ns: int
     source: Source  # RTK_VELOCITY or GPS_VELOCITY
@@ -72,16 +73,16 @@ class VelocitySample:
 
 @dataclass(frozen=True, slots=True)
 class HeadingSample:
-    """The heading that two antennas give."""
+    """Hold the heading that a receiver with two antennas measures."""
 
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
-    variance_rad2: float  # not positive: not known
+    variance_rad2: float  # zero or negative: unknown
 
 
 @dataclass(frozen=True, slots=True)
 class AutopilotHeading:
-    """The nose's azimuth by the autopilot's own attitude; the filter's last resort."""
+    """Hold the heading from the autopilot's attitude, which the filter uses as a last resort."""
 
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
@@ -92,25 +93,25 @@ NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
 
 
 JOINTS = ("yaw", "roll", "pitch")
-#: Orders in which a gimbal's joints may follow each other, aircraft to camera; the usual first.
+#: Possible orders of a gimbal's joints from the aircraft to the camera; the usual order is first.
 JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
 USUAL_ORDER = JOINT_ORDERS[0]
 
 
 @dataclass(frozen=True, slots=True)
 class JointSample:
-    """Gimbal encoder angles: ``R_bg = Rz(yaw) Rx(roll) Ry(pitch)``, FRD axes, radians."""
+    """Hold gimbal encoder angles: ``R_bg = Rz(yaw) Rx(roll) Ry(pitch)``, FRD axes, radians."""
 
     stamp_ns: int
-    yaw_rad: float  # clockwise from above
-    roll_rad: float  # right side down
-    pitch_rad: float  # camera up
-    computed: bool = False  # from the reported attitudes: no encoder saw them
+    yaw_rad: float  # positive clockwise, seen from above
+    roll_rad: float  # positive with the right side down
+    pitch_rad: float  # positive with the camera up
+    computed: bool = False  # computed from the reported attitudes, not measured by encoders
 
 
 @dataclass(frozen=True, slots=True)
 class CameraAttitudeSample:
-    """Camera attitude as the flight controller reports it: camera body (FRD) to NED."""
+    """Hold the camera attitude that the flight controller reports: camera body (FRD) to NED."""
 
     stamp_ns: int
     q_ng: Array  # (4,) wxyz

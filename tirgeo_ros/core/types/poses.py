@@ -1,7 +1,7 @@
-"""Define states and poses that the core estimates: immutable records with frames and units.
+"""Define the states and poses that the core estimates: immutable, with frames and units.
 
-All stamps are integer nanoseconds of the measurement. Frames as in the charter
-(``tirgeo_ros/__init__.py``).
+All stamps are integer nanoseconds, the time of the measurement. The frames are defined in
+``tirgeo_ros/__init__.py``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 class NavSolution(NamedTuple):
-    """The aircraft's navigation state: the IMU's position, ``n`` at the aircraft."""
+    """Hold the aircraft's navigation state: the position is the IMU's, ``n`` at the aircraft."""
 
     stamp_ns: int
     latitude_rad: float
@@ -27,13 +27,13 @@ class NavSolution(NamedTuple):
 
     @property
     def pose_covariance(self) -> Array:
-        """(6, 6): position NED in m2, attitude phi_n in rad2."""
+        """Return the covariance (6, 6) of position (NED, m2) and attitude phi_n (rad2)."""
         return self.covariance[:6, :6]
 
 
 @dataclass(frozen=True, slots=True)
 class BodyPose:
-    """Pose of the body in the ``map`` tangent plane, NED axes."""
+    """Hold the pose of the body in the ``map`` tangent plane, NED axes."""
 
     stamp_ns: int
     position_n: Array  # (3,) m from the map's origin
@@ -43,7 +43,7 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True)
 class CameraPose:
-    """Pose of the camera's optical frame in the ``map`` tangent plane, NED axes."""
+    """Hold the pose of the camera's optical frame in the ``map`` tangent plane, NED axes."""
 
     stamp_ns: int
     position_n: Array  # (3,) m from the map's origin
