@@ -39,7 +39,7 @@ _AVERAGED_S = 0.1
 #: Measurements nearer to the end of the IMU's record or to the alignment are left out.
 _MARGIN_NS = 500_000_000
 _ATTITUDE_STEP_NS = 50_000_000
-#: Added to an alignment with wrong values, whose error exceeds its covariance.
+#: Sigmas added to an alignment: with wrong values it errs by more than its covariance says.
 _START_SIGMA = {"tilt": np.radians(2.0), "yaw": np.radians(5.0), "velocity": 0.5, "position": 2.0}
 _ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
 
@@ -71,9 +71,9 @@ class Run:
     slope: Array  # (M, 8) partials of ``error`` by PARAMETERS
     row_ns: Array  # (M,) stamp of each entry, from the first
     attitude_ns: list[int]
-    attitude_q_nb: Array  # (K, 4) wxyz at those
-    velocity_n: Array  # (K, 3) m/s at those
-    tilt_sigma_rad: float  # the filter's smallest of the flight
+    attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
+    velocity_n: Array  # (K, 3) m/s at ``attitude_ns``
+    tilt_sigma_rad: float  # smallest sigma of the tilt in the flight, by the filter
 
     def nis(self) -> dict[Source, float]:
         """Return the mean normalised innovation squared by source; 1 is expected."""
@@ -215,7 +215,7 @@ class _Averages:
 
 
 def longest_piece(imu: Sequence[ImuSample], max_gap_s: float) -> tuple[int, int]:
-    """Return begin and end index of the longest part, in time, of the IMU's without a gap."""
+    """Return begin and end index of the IMU's longest part, in time, without a gap."""
     cuts = [
         k for k, (a, b) in enumerate(pairwise(imu), 1) if b.stamp_ns - a.stamp_ns > max_gap_s * 1e9
     ]

@@ -47,7 +47,7 @@ Told = Callable[[int], None]
 
 @dataclass(frozen=True)
 class AircraftFit:
-    """Hold what a flight says of PARAMETERS."""
+    """Hold the values of PARAMETERS that a flight has determined."""
 
     values: Array  # (8,) as found; those that were held or not observed are as given
     sigma: Array  # (8,) nan where held

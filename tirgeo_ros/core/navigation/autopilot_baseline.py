@@ -99,7 +99,7 @@ class Passthrough:
         )
 
     def _age_s(self, stamp_ns: int) -> float:
-        """Return the age at the newest IMU sample; negative for what was measured after it."""
+        """Return the age (s) at the newest IMU sample; negative for what was measured after it."""
         return (self._imu.stamp_ns - stamp_ns) * 1e-9 if self._imu else math.inf
 
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:

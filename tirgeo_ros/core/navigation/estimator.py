@@ -138,7 +138,11 @@ class Navigation:
 
     @property
     def _now_ns(self) -> int:
-        """Return the newest time known: that of the IMU or, while it is silent, of its aids."""
+        """Return the newest time known, ns.
+
+        It is the newest IMU stamp, plus the length of the silence while the IMU is silent. Before
+        the first IMU sample it is the newest stamp of an aid.
+        """
         imu_ns = self._imu_clock.newest_ns
         if imu_ns is None:
             return self._newest_aid_ns
@@ -149,7 +153,10 @@ class Navigation:
         return self._silence.length_ns > self._config.trust.aid_timeout_s * 1e9
 
     def process(self, sample: NavigationInput) -> Step:
-        """Take one sample, whatever is in it: the state stays finite."""
+        """Take one sample; return its verdict, and a solution where one is due.
+
+        Whatever is in the sample, the state stays finite.
+        """
         fault = fault_of(sample)
         if isinstance(sample, ImuSample):
             if fault:
@@ -327,7 +334,10 @@ class Navigation:
                 self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Check the filter's health; add the autopilot's heading where no other is enough."""
+        """Check the filter's health; restart it where it is lost.
+
+        The autopilot's heading is added first, where the heading has become too uncertain.
+        """
         self._watched_ns = ekf.newest_ns
         belief = ekf.belief()
         heading = self._autopilot.sample(sample, belief.covariance)

@@ -115,5 +115,5 @@ class ImuClock:
 
 
 def _alone(sample: ImuSample) -> Checked:
-    """Return that a sample is used by itself; nearly every sample is."""
+    """Return the outcome of a sample that continues those before: it is used, by itself."""
     return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))

@@ -41,8 +41,8 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     With the optimal gain Joseph's form is ``P - K H P``, made symmetric: a rounding error in the
     gain changes it only by the square of that error.
 
-    ``ease`` k limits the correction to 1 / (k + 1) of what the measurement asks for: its noise is
-    enlarged by k times the prediction's covariance. The gate uses the plain noise.
+    ``ease`` k limits the correction to at most 1 / (k + 1) of what the measurement asks for: its
+    noise is enlarged by k times the prediction's covariance. The gate uses the plain noise.
     """
     innovation, design, noise, gate_sigma, ease = measurement
     cross = covariance.dot(design.T)

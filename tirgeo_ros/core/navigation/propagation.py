@@ -29,7 +29,7 @@ _LOST_SAMPLES_S = 0.035
 #: Motion possible in such an interval beyond what the samples around it show.
 _UNSEEN_RATE_RAD_S = 0.03
 _UNSEEN_FORCE_M_S2 = 0.2
-#: Rms of a share that is uniform between 0 and 1: of the motion that did not take place.
+#: Rms of a number uniform in 0 to 1: the unknown share of the motion that did not take place.
 _DOUBT = 0.58
 
 

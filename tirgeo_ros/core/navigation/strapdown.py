@@ -83,7 +83,9 @@ def propagate(
     """Return the state after a step with the mean readings over it, and the rates of the step.
 
     ``specific_force_b`` (m/s2) and ``angular_rate_b`` (rad/s) are as read, biases not yet
-    subtracted. It is written in scalars in one piece: it runs at every IMU sample, and again for
+    subtracted.
+
+    The arithmetic is written in scalars, in one piece: it runs at every IMU sample, and again for
     each when a measurement comes late; function calls would cost as much as the arithmetic.
     """
     (w, x, y, z), (north, east, down), latitude, longitude, height, *rest = state

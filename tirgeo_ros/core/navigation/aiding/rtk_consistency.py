@@ -47,8 +47,8 @@ _LEAST_LEFT, _MOST_STAYED = 0.6, 0.4
 _MOST_BEFORE = 0.25
 #: Time for which the two must have agreed before one is blamed, its upper limit, and the factor at
 #: which disagreement reduces it. So nothing is blamed that is there from the start, or comes and
-#: goes. The limit is used up 1.3 s after a contradiction has begun to show: later the window holds
-#: too little from before it.
+#: goes. Even from the limit it falls short 1.3 s after a contradiction has begun to show: from
+#: then on the window holds too little from before it.
 _AGREED_NS, _LONGEST_AGREED_NS, _FORGET = 3_000_000_000, 7_000_000_000, 3
 #: Longest time for which velocities and the IMU carry the position against the fixes.
 _LONGEST_AGAINST_FIXES_NS = 20_000_000_000
@@ -200,8 +200,8 @@ def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
     """Return the squared distance (3 degrees of freedom) of two paths, and their difference.
 
     The difference (m) is the path between the fixes of two epochs less the integral of the
-    velocities. Velocities that are late by ``lag`` change it by lag times their change l. So the
-    variance is D + s l l', and its inverse follows from Sherman and Morrison's formula.
+    velocities. Velocities that are late by ``lag`` change it by lag times their change l. With the
+    lag's variance s, the variance is D + s l l'; its inverse is by Sherman and Morrison's formula.
     """
     change = _less(last.velocity_n, first.velocity_n)
     x, y, z = _less(last.drift_n, first.drift_n)

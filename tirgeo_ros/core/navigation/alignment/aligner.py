@@ -170,7 +170,7 @@ class Aligner:
         return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
 
     def _lately_doubted(self) -> DoubtError | None:
-        """Return a lasting doubt about antennas and autopilot, for ``wait_s`` from its time."""
+        """Return a lasting doubt (antennas against autopilot) for ``wait_s``, then None."""
         stamp_ns, doubt = self._lasting
         passed_ns = self._samples.newest_ns - stamp_ns
         return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
@@ -292,7 +292,10 @@ class Aligner:
         return found
 
     def _turned(self, found: Fitted) -> bool:
-        """Return whether the heading contradicts the autopilot's; then no acceleration fits."""
+        """Return whether the heading contradicts the autopilot's.
+
+        With a wrong heading the accelerations do not fit either, so that biases are not the cause.
+        """
         hint_nb, autopilot = found.hint_nb, self._config.autopilot
         return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
 

@@ -66,7 +66,7 @@ class Fit:
     position_n: Array  # (3,) m, in the axes of the observations
     biases: Array  # (6,) gyroscope rad/s, accelerometer m/s2
     covariance: Array  # (15, 15) attitude, velocity, position, biases
-    tilt_sigma_rad: float  # the larger of the two, were the biases known
+    tilt_sigma_rad: float  # larger of the two, were the biases known
     residuals: list[Array]  # (k,) of each observation
     distances: Array  # (m,) squared distance per degree of freedom, of each observation
     settled: bool
@@ -224,7 +224,8 @@ def _projected_noise(terms: _Terms, rotation: Array, projection: Array) -> Array
 def _measured_noise(seen: Sequence[Observation]) -> Array:
     """Return the covariance (rows, rows) of the measurements' errors.
 
-    It holds each observation's own error, and the lasting one that those of a source share.
+    It holds each observation's white error, and the slow error that observations of one source
+    share, decaying with its correlation time.
     """
     owner = np.repeat(np.arange(len(seen)), [len(o.value) for o in seen])
     axis = np.concatenate([np.arange(len(o.value)) for o in seen])

@@ -34,7 +34,10 @@ class LackingError(Exception):
     """Report that something needed is missing; ``stage`` says how far the alignment came."""
 
     def __init__(self, reason: str, stage: int) -> None:
-        """Set a stage: 0 velocity, 1 position, 2 rtk/heading, 3 heading, 4 precision, 5 motion."""
+        """Set the reason and the stage.
+
+        Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion.
+        """
         super().__init__(reason)
         self.stage = stage
 
@@ -115,7 +118,10 @@ def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
 
 
 def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, DoubtError]:
-    """Return doubts, for "tilt" and "heading", where the autopilot's attitude (3, 3) differs."""
+    """Return doubts where the fit differs too much from the autopilot's attitude (3, 3).
+
+    The keys are "tilt" and "heading".
+    """
     tilt = float(np.arccos(np.clip(found.rotation_nb[2] @ hint_nb[2], -1, 1)))
     heading = abs(float(wrap_pi(_nose(found.rotation_nb) - _nose(hint_nb))))
     own = np.sqrt(found.covariance[2, 2])

@@ -100,8 +100,8 @@ class AlignmentSamples:
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
         """Return the headings between two stamps that were measured while RTK was fixed, by stamp.
 
-        The RTK positions ``settled_s`` before a heading and the first one not before it must be
-        fixed: the samples of one instant arrive in any order.
+        The RTK positions within ``settled_s`` before a heading and the first one not before it
+        must be fixed: the samples of one instant arrive in any order.
         """
         found = [s for s in self._reached(HeadingSample) if first_ns <= s.stamp_ns <= last_ns]
         fixes = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
@@ -137,7 +137,7 @@ def span(
 ) -> tuple[int, int] | None:
     """Return first and last stamp of the newest ``length_ns`` that the samples cover, or None.
 
-    There must be three samples.
+    At least three stamps must lie in it.
     """
     stamps = [s.stamp_ns for s in samples]
     if not stamps:

@@ -37,8 +37,8 @@ from tirgeo_ros.core.types.measurements import (
 )
 
 _PASSES = 5
-#: Turn of the window, by the change of biases, that the linear fit takes; its error is half the
-#: square.
+#: A change of the biases that turns the window by less needs no new integration: the linear fit
+#: errs by half the square of the turn.
 _TURN_RAD = 0.03
 
 
@@ -91,8 +91,8 @@ def fitted(
 ) -> Fitted:
     """Fit a window; ``taken`` (6,) are the biases to subtract first, ``biases`` their prior.
 
-    With ``gyros_unknown`` the autopilot's headings over the window also observe the turn. Raises
-    DoubtError or LackingError.
+    With ``gyros_unknown`` and without antennas, the autopilot's headings over the window observe
+    its turn. Raises DoubtError or LackingError.
     """
     vibration = mean_powers(measured.imu)
     powers = NoisePowers(config.imu).under((0.0, 0.0, 0.0, *vibration[3:]))
