@@ -100,7 +100,7 @@ class FlightRuns:
         for sample in _merged(self.recorded.imu, self._aids(values)):
             found = aligner.add(sample)
             if found is not None:
-                return _loosened(found)
+                return _inflated(found)
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
 
     def run(
@@ -171,7 +171,7 @@ def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSam
         yield sample
 
 
-def _loosened(alignment: Alignment) -> Alignment:
+def _inflated(alignment: Alignment) -> Alignment:
     """Return the alignment with the uncertainty that wrong values add."""
     more = np.zeros(STATES)
     more[ATTITUDE] = _START_SIGMA["tilt"], _START_SIGMA["tilt"], _START_SIGMA["yaw"]

@@ -125,7 +125,7 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     Raises CalibrationError where the filter cannot run, or the fit does not converge.
     """
     first = values_of_config(runs.config)
-    untold = _absent(runs)
+    untold = _missing_topics(runs)
     search = _Search(runs, first, heard)
     start = started(search.run, runs, first, "baseline_azimuth" in hold or AZIMUTH in untold)
     search.anchor = start
@@ -135,16 +135,16 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     for floors, most in _COARSE:
         values = search.settled(values, usual, floors, most).values
     run = search.settled(values, usual, Floors(), _MOST_STEPS)
-    if ELEVATION in free and not _elevation_is_told(search, run, free):
+    if ELEVATION in free and not _elevation_is_observed(search, run, free):
         free.remove(ELEVATION)
-        untold[ELEVATION] = _advised(ELEVATION, "the flight does not tell it from the others")
+        untold[ELEVATION] = _with_advice(ELEVATION, "the flight does not tell it from the others")
     if ELEVATION in free:
         run = search.settled(run.values, free, Floors(), _MOST_STEPS)
     _check_settled(search, run, free)
     sigma, left_out = _sigma(search, run, free)
-    why_not = _why_not(run, free, sigma)
+    why_not = _unobserved(run, free, sigma)
     told = [k for k in free if k not in why_not]
-    untold |= {k: _advised(k, why) for k, why in why_not.items()}
+    untold |= {k: _with_advice(k, why) for k, why in why_not.items()}
     return AircraftFit(
         np.where(np.isin(np.arange(len(first)), told), run.values, first),
         sigma,
@@ -157,7 +157,7 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     )
 
 
-def _absent(runs: FlightRuns) -> dict[int, str]:
+def _missing_topics(runs: FlightRuns) -> dict[int, str]:
     """Return the parameters that belong to topics missing in the bag, with the reason."""
     found = {}
     if not runs.recorded.has(Source.RTK_VELOCITY):
@@ -167,11 +167,11 @@ def _absent(runs: FlightRuns) -> dict[int, str]:
     return found
 
 
-def _advised(k: int, why: str) -> str:
+def _with_advice(k: int, why: str) -> str:
     return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
 
 
-def _why_not(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
+def _unobserved(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
     """Return the parameters that the flight does not observe, and why.
 
     They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
@@ -180,7 +180,7 @@ def _why_not(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
     motion = not_flown(run)
     found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
     poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
-    return found | {k: f"known to {_shown(k, sigma[k])} only" for k in poor}
+    return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
 
 
 def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
@@ -192,13 +192,13 @@ def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
         )
 
 
-def _shown(k: int, sigma: float) -> str:
+def _sigma_text(k: int, sigma: float) -> str:
     if k in (AZIMUTH, ELEVATION):
         return f"{math.degrees(sigma):.2g} deg"
     return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
 
 
-def _elevation_is_told(search: _Search, run: Run, free: list[int]) -> bool:
+def _elevation_is_observed(search: _Search, run: Run, free: list[int]) -> bool:
     """Return whether the elevation is observed, and costs the others little or is held wrong."""
     others = [k for k in free if k != ELEVATION]
     alone, _ = _sigma(search, run, others)

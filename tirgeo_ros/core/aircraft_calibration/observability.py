@@ -43,8 +43,8 @@ def not_flown(run: Run) -> dict[str, str]:
     turned_rad = float(np.ptp(yaw))
     times_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
     rate_rad_s = float(np.sqrt(np.mean(np.gradient(yaw, times_s) ** 2)))
-    tilt_rad = _spread(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
-    speed_m_s = _spread(run.velocity_n[:, :2])
+    tilt_rad = _rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
+    speed_m_s = _rms_about_mean(run.velocity_n[:, :2])
     found: dict[str, str] = {}
     if turned_rad < _LEAST_TURNED_RAD:
         said = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
@@ -60,6 +60,6 @@ def not_flown(run: Run) -> dict[str, str]:
     return found
 
 
-def _spread(vectors: Array) -> float:
+def _rms_about_mean(vectors: Array) -> float:
     """Return the root mean square distance of (N, 2) from their mean."""
     return float(np.sqrt(np.mean(np.sum((vectors - vectors.mean(0)) ** 2, axis=1))))

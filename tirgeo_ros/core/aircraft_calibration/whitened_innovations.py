@@ -101,7 +101,7 @@ class WhiteningFusion(Fusion):
         self._values = values
         self._mechanisation = mechanisation
         self._readings = readings
-        self._moved = np.zeros((states_of(config), len(PARAMETERS)))
+        self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
     def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:  # noqa: ARG002
@@ -116,10 +116,10 @@ class WhiteningFusion(Fusion):
             return Fused(verdict, belief)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
-        moved = self._mechanisation.taken() @ self._moved
-        slope = self._at_once(aid.source, state, reading) - design @ moved
+        moved = self._mechanisation.taken() @ self._state_slope
+        slope = self._direct_partials(aid.source, state, reading) - design @ moved
         gain = np.linalg.solve(spread, design @ covariance).T
-        self._moved = moved + gain @ slope
+        self._state_slope = moved + gain @ slope
         root = np.linalg.cholesky(spread)
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
         self.white.append(
@@ -137,12 +137,12 @@ class WhiteningFusion(Fusion):
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
         return Fused(verdict, Belief(feedback(state, error), updated, control))
 
-    def _at_once(self, source: Source, state: NavState, reading: Reading) -> Array:
+    def _direct_partials(self, source: Source, state: NavState, reading: Reading) -> Array:
         """Return the direct partials (m, 8) of an innovation by each parameter."""
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
         if source is Source.RTK_HEADING:
-            return self._heading_at_once(rotation, rate_b)
+            return self._direct_heading_partials(rotation, rate_b)
         lever_b = FLU_FRD @ self._values[ANTENNA]
         found = np.zeros((3, len(PARAMETERS)))
         if source is Source.RTK_POSITION:
@@ -166,7 +166,7 @@ class WhiteningFusion(Fusion):
         gravity = gravity_down(state.latitude_rad, state.height_m)
         return np.asarray(rotation @ (force_b + swing_b) + [0.0, 0.0, gravity])
 
-    def _heading_at_once(self, rotation: Array, rate_b: Array) -> Array:
+    def _direct_heading_partials(self, rotation: Array, rate_b: Array) -> Array:
         angles = float(self._values[AZIMUTH]), float(self._values[ELEVATION])
 
         def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:

@@ -107,13 +107,13 @@ class Passthrough:
 
     def _covariance(self, position: PositionSample, velocity: VelocitySample | None) -> Array:
         covariance = np.zeros((9, 9))
-        covariance[:3, :3] = _known(position.covariance_n, self._default_covariance)
+        covariance[:3, :3] = _or_else(position.covariance_n, self._default_covariance)
         covariance[3:6, 3:6] = self._attitude_covariance
-        covariance[6:, 6:] = _known(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
+        covariance[6:, 6:] = _or_else(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
         return covariance
 
 
-def _known(covariance: Array, otherwise: Array) -> Array:
+def _or_else(covariance: Array, otherwise: Array) -> Array:
     """Return ``covariance``, or ``otherwise`` where a variance of the former is not positive.
 
     Messages without a covariance have variances of zero.

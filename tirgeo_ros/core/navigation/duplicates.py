@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.measurements import (
 #: rest).
 _LONGEST_NS = 900_000_000
 #: Within this share of the receiver's interval the same heading is the same measurement.
-_SHARE = 0.95
+_INTERVAL_SHARE = 0.95
 
 
 class Same(Enum):
@@ -49,7 +49,7 @@ class Repeats:
         source, value = source_of(sample), _value(sample)
         known = self._newest.get(source)
         same = Same.NOTHING
-        if not self._fell(sample) and known is not None and known[1] == value:
+        if not self._status_worsened(sample) and known is not None and known[1] == value:
             apart_ns = abs(sample.stamp_ns - known[0])
             heading = isinstance(sample, HeadingSample)
             if 0 < apart_ns < (self._interval_ns() if heading else _LONGEST_NS):
@@ -60,7 +60,7 @@ class Repeats:
         self._newest[source] = sample.stamp_ns, value
         return same
 
-    def _fell(self, sample: Aiding) -> bool:
+    def _status_worsened(self, sample: Aiding) -> bool:
         """Return whether a position's fix status is worse than that of the one before."""
         if not isinstance(sample, PositionSample):
             return False
@@ -73,7 +73,7 @@ class Repeats:
         stamps = sorted(self._changes_ns)
         steps = sorted(b - a for a, b in pairwise(stamps))
         usual_ns = steps[len(steps) // 2] if steps else _LONGEST_NS
-        return min(_SHARE * usual_ns, _LONGEST_NS)
+        return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)
 
 
 def _value(sample: Aiding) -> tuple[float, ...]:

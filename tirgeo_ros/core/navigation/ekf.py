@@ -40,13 +40,13 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
-_NONE: list[Verdict] = []
+_NO_VERDICTS: list[Verdict] = []
 _MOST_HZ = 500  # bound on held measurements: five sources at 100 Hz
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
-class _Pause(NamedTuple):
+class _Progress(NamedTuple):
     """Hold the filter's state after the newest measurement of an interval.
 
     A receiver's position, velocity and heading arrive one after the other with one stamp. From
@@ -88,7 +88,7 @@ class Ekf:
         self._epochs = [Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)]
         self._held: list[Record] = []
         self._resolved: list[Verdict] = []
-        self._pause: _Pause | None = None
+        self._progress: _Progress | None = None
         self._done = 0  # index of the newest epoch that is computed
 
     @property
@@ -113,7 +113,7 @@ class Ekf:
         if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
             self._forget()
         if not self._resolved:
-            return _NONE
+            return _NO_VERDICTS
         found, self._resolved = self._resolved, []
         return found
 
@@ -147,8 +147,8 @@ class Ekf:
 
     def _revised(self, index: int, record: Record) -> Verdict:
         """Return the verdict on a new record in the interval that ends with epoch ``index``."""
-        if self._pause is not None and self._pause.order > record.order:
-            self._pause = None
+        if self._progress is not None and self._progress.order > record.order:
+            self._progress = None
         self._catch_up(index - 1)
         control = self._control_before(index, record)
         if control is not None and self._fusion.spare(record.sample, control):
@@ -161,12 +161,12 @@ class Ekf:
 
     def _control_before(self, index: int, record: Record) -> Control | None:
         """Return the aid records just before ``record``, or None where they are not at hand."""
-        end, pause = self._epochs[index], self._pause
+        end, progress = self._epochs[index], self._progress
         before = [r for r in end.records if r.order < record.order and r.applied]
         if not before:
             return self._epochs[index - 1].carried.control
-        if pause is not None and pause.order == before[-1].order:
-            return pause.carried.control
+        if progress is not None and progress.order == before[-1].order:
+            return progress.carried.control
         return None
 
     def solution(self) -> NavSolution:
@@ -249,20 +249,20 @@ class Ekf:
         if not end.records:
             end.carried = self._mechanisation.whole(start.carried, start, end)
             return
-        pause = self._pause
-        if pause is None or pause.end_ns != end.stamp_ns:
-            pause = _Pause(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
-        carried, now_ns = pause.carried, pause.order[0]
-        for number, record in enumerate(end.records[pause.applied :], pause.applied + 1):
+        progress = self._progress
+        if progress is None or progress.end_ns != end.stamp_ns:
+            progress = _Progress(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
+        carried, now_ns = progress.carried, progress.order[0]
+        for number, record in enumerate(end.records[progress.applied :], progress.applied + 1):
             if self._fusion.spare(record.sample, carried.control):
-                self._tell(record, _STANDBY[record.source])
+                self._set_verdict(record, _STANDBY[record.source])
                 continue
             carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
             rate_b = between(start, end, now_ns)[1]
             carried = self._applied(record, carried, rate_b, end.autopilot_q_nb)
-            pause = _Pause(end.stamp_ns, record.order, number, carried)
-        self._pause = pause
+            progress = _Progress(end.stamp_ns, record.order, number, carried)
+        self._progress = progress
         if now_ns == start.stamp_ns:
             end.carried = self._mechanisation.whole(carried, start, end)
         else:
@@ -280,10 +280,10 @@ class Ekf:
             stale=record.stale,
             autopilot_q_nb=autopilot_q_nb,
         )
-        self._tell(record, verdict)
+        self._set_verdict(record, verdict)
         return Carried(*belief)
 
-    def _tell(self, record: Record, verdict: Verdict) -> None:
+    def _set_verdict(self, record: Record, verdict: Verdict) -> None:
         """Store a verdict; the first on a measurement that was held also goes to the caller."""
         if record.held and record.verdict is None:
             self._resolved.append(verdict)

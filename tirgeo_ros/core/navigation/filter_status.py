@@ -17,8 +17,8 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
 #: In units of the autopilot's heading sigma. Its heading is used again from three sigmas on, so
 #: a state is lost only beyond that, with a margin.
-_SHARE = 3.5
-_LEADS = {
+_HEADING_SIGMAS = 3.5
+_PREFIXES = {
     Outcome.GATED: "refused: ",
     Outcome.INVALID: "refused: ",
     Outcome.TOO_OLD: "refused: ",
@@ -40,7 +40,7 @@ _NOTHING = Unused(NEVER_NS, "")
 
 def unused(verdict: Verdict, now_ns: int) -> Unused | None:
     """Return why an aid that arrives is not used; None for any other verdict."""
-    lead = _LEADS.get(verdict.outcome)
+    lead = _PREFIXES.get(verdict.outcome)
     return None if lead is None else Unused(now_ns, lead + verdict.reason)
 
 
@@ -50,8 +50,8 @@ class Health:
     def __init__(self, config: EkfConfig) -> None:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._admitted = Admitted(config)
-        known_deg = _SHARE * config.autopilot.attitude_sigma_deg[2]
+        self._reported = Admitted(config)
+        known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
         self._patience_s = config.rtk.reset_after_s
         self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
@@ -60,7 +60,7 @@ class Health:
 
     def hear(self, sample: PositionSample) -> None:
         """Take a position, for the accuracy that its receiver reports."""
-        self._admitted.hear(sample)
+        self._reported.hear(sample)
 
     def state(
         self, control: Control, now_ns: int, unused: Mapping[Source, Unused] | None = None
@@ -77,7 +77,7 @@ class Health:
             return FilterState.RUNNING, ""
         poor = told = ""
         if Source.RTK_POSITION in missing:
-            poor = self._admitted.text()
+            poor = self._reported.text()
             if not control.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
@@ -109,8 +109,8 @@ class Health:
         if not math.isfinite(sum(variances)):
             return "not finite"
         largest = max(variances[POSITION])
-        if largest > self._admitted.least_m2:
-            pairs = zip(variances[POSITION], self._admitted.bounds_m2(), strict=True)
+        if largest > self._reported.least_m2:
+            pairs = zip(variances[POSITION], self._reported.bounds_m2(), strict=True)
             beyond = [variance for variance, bound in pairs if variance > bound]
             if beyond:
                 return f"position sigma {math.sqrt(max(beyond)):.1f} m"

@@ -59,21 +59,21 @@ class ImuClock:
         newest_ns = self.newest_ns
         force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         if newest_ns is None:
-            return self._read(_alone(sample), sample.stamp_ns, force_b, rate_b)
+            return self._unless_frozen(_continuous(sample), sample.stamp_ns, force_b, rate_b)
         ahead_ns = sample.stamp_ns - newest_ns
         if abs(ahead_ns) <= self._max_gap_ns and (
             math.dist(force_b, self._force_b) > _SPIKE_M_S2
             or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
         ):
             return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
-        checked = _alone(sample)
+        checked = _continuous(sample)
         if not 0 < ahead_ns <= self._hold_ns:
-            checked = self._odd(sample, newest_ns, ahead_ns)
+            checked = self._discontinuous(sample, newest_ns, ahead_ns)
             if not checked.use:
                 return checked
-        return self._read(checked, sample.stamp_ns, force_b, rate_b)
+        return self._unless_frozen(checked, sample.stamp_ns, force_b, rate_b)
 
-    def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
+    def _discontinuous(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
         """Judge a sample that does not closely follow the newest accepted one."""
         held = self._held
         if held is not None and (held.stamp_ns > newest_ns) is not (ahead_ns > 0):
@@ -97,7 +97,7 @@ class ImuClock:
             return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
         return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
 
-    def _read(
+    def _unless_frozen(
         self, checked: Checked, stamp_ns: int, force_b: list[float], rate_b: list[float]
     ) -> Checked:
         """Return ``checked``, or REPEATED for a frozen sensor; store an accepted reading."""
@@ -114,6 +114,6 @@ class ImuClock:
         return checked
 
 
-def _alone(sample: ImuSample) -> Checked:
+def _continuous(sample: ImuSample) -> Checked:
     """Return the outcome of a sample that continues those before: it is used, by itself."""
     return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))

@@ -18,10 +18,10 @@ _UNITS = ("m/s2",) * 3 + ("rad/s",) * 3
 _LEAST_M_S2, _LEAST_RAD_S = 18.0, 2.0
 _LEAST_M_S2_2, _LEAST_RAD_S_2 = _LEAST_M_S2**2, _LEAST_RAD_S**2
 #: Readings within this fraction of the extreme value count as equal to it.
-_SAME = 1e-4
+_EQUAL_SHARE = 1e-4
 #: Readings within this fraction below the extreme are just short of it. A reading that comes from
 #: further below has jumped.
-_SHORT = 0.05
+_SHORT_SHARE = 0.05
 #: Hits within the window that make a pile. Of coarse readings (0.08 m/s2) under strong vibration
 #: three are equal by chance in a flight of some minutes.
 _PILE = 5
@@ -45,17 +45,17 @@ class _End:
 
     def outgrown(self, value: float, stamp_ns: int) -> bool:
         """Return whether ``value`` exceeds the known end, or the end is too old to keep."""
-        return value > self.level * (1 + _SAME) or abs(stamp_ns - self.met_ns) > _FORGET_NS
+        return value > self.level * (1 + _EQUAL_SHARE) or abs(stamp_ns - self.met_ns) > _FORGET_NS
 
     def add(self, value: float, stamp_ns: int, before: float) -> int:
         """Return how many samples are found clipped with this one: 0, 1, or all of a new pile."""
-        if value < self.level * (1 - _SAME):
-            if value > self.level * (1 - _SHORT):
+        if value < self.level * (1 - _EQUAL_SHARE):
+            if value > self.level * (1 - _SHORT_SHARE):
                 self._short_ns.append(stamp_ns)
             return 0
         self.met_ns, self.level = stamp_ns, max(value, self.level)
         self._hits_ns.append(stamp_ns)
-        if before < self.level * (1 - _SHORT):
+        if before < self.level * (1 - _SHORT_SHARE):
             self._jumped_ns = stamp_ns
         return 1 if self.known else self._piled(stamp_ns)
 
@@ -68,7 +68,7 @@ class _End:
         _forget(self._short_ns, now_ns)
         number = self.number()
         jumped = self._jumped_ns is not None and abs(now_ns - self._jumped_ns) <= _WINDOW_NS
-        all_told = self.level * (1 - _SHORT) >= self._least
+        all_told = self.level * (1 - _SHORT_SHARE) >= self._least
         self.known = jumped and all_told and number >= max(_PILE, len(self._short_ns))
         return number if self.known else 0
 
@@ -103,7 +103,7 @@ class Clipping:
         if self.newest_ns is None or abs(now_ns - self.newest_ns) > _WARN_NS:
             return ()
         told = {
-            channel: _told(channel, end)
+            channel: _warning(channel, end)
             for (channel, _), end in sorted(self._ends.items(), key=lambda item: item[0])
             if end.known and abs(now_ns - end.met_ns) <= _WARN_NS
         }
@@ -138,7 +138,7 @@ class Clipping:
         self.newest_ns = stamp_ns
 
 
-def _told(channel: int, end: _End) -> str:
+def _warning(channel: int, end: _End) -> str:
     return (
         f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
         f"({end.number()} samples in 1 s): vibration beyond its range"

@@ -68,21 +68,21 @@ class StampOrder:
         if source is Source.IMU:
             begins, self._imu_ns = self._imu_ns is None, sample.stamp_ns
             if begins:
-                self._judge()
-        return [] if self._imu_ns is None else self._taken(self._imu_ns - self._wait_ns)
+                self._drop_unreachable()
+        return [] if self._imu_ns is None else self._pop_until(self._imu_ns - self._wait_ns)
 
     def rest(self) -> list[NavigationInput]:
         """Return all held samples, oldest first, and hold nothing any more."""
-        return self._taken(math.inf)
+        return self._pop_until(math.inf)
 
-    def _judge(self) -> None:
+    def _drop_unreachable(self) -> None:
         """Drop the samples from before the first IMU sample that are out of its reach."""
         for source, held in self._held.items():
             judged = [(entry, self.out_of_reach(entry[0])) for entry in held]
             held[:] = [entry for entry, far in judged if far is None]
             self._given_up += [Verdict(source, *far) for _, far in judged if far is not None]
 
-    def _taken(self, end_ns: float) -> list[NavigationInput]:
+    def _pop_until(self, end_ns: float) -> list[NavigationInput]:
         """Remove and return the samples up to a stamp, oldest first."""
         found: list[_Entry] = []
         for held in self._held.values():

@@ -30,7 +30,7 @@ _LOST_SAMPLES_S = 0.035
 _UNSEEN_RATE_RAD_S = 0.03
 _UNSEEN_FORCE_M_S2 = 0.2
 #: Rms of a number uniform in 0 to 1: the unknown share of the motion that did not take place.
-_DOUBT = 0.58
+_UNIFORM_RMS = 0.58
 
 
 class Mechanisation:
@@ -101,6 +101,6 @@ class Mechanisation:
             (VELOCITY, force * gap_s, change),
             (POSITION, 0.5 * force * gap_s * gap_s, gap_s * np.array(state.velocity_n)),
         ):
-            doubt = _DOUBT**2 * np.outer(motion, motion)
-            covariance[block, block] += sigma * sigma * np.eye(3) + doubt
+            uncertainty = _UNIFORM_RMS**2 * np.outer(motion, motion)
+            covariance[block, block] += sigma * sigma * np.eye(3) + uncertainty
         return Carried(state, covariance, control)

@@ -8,7 +8,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 #: Bound over reported sigma: a state with a position of some sigma may drift by about as much.
-_SHARE = 1.5
+_DRIFT_RATIO = 1.5
 
 
 class Admitted:
@@ -29,7 +29,7 @@ class Admitted:
         """Return the variances (3,) NED, m2, beyond which a state is lost."""
         most = [max(axis, default=0.0) for axis in zip(*self._variances.values(), strict=True)]
         least_m2 = self.least_m2
-        return tuple(max(least_m2, _SHARE**2 * axis) for axis in most) or (least_m2,) * 3
+        return tuple(max(least_m2, _DRIFT_RATIO**2 * axis) for axis in most) or (least_m2,) * 3
 
     def text(self) -> str:
         """Return what is poor about the ordinary GPS, or an empty string."""

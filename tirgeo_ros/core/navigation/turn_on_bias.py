@@ -131,7 +131,7 @@ class TurnOnBiases:
         checked(found.fit, found.seen)
         self._taken = found.fit.biases
         if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
-            raise LackingError(self._needs_motion, MOTION_STAGE)
+            raise LackingError(self._motion_reason, MOTION_STAGE)
         return found
 
     def contradicted(self, found: Fitted) -> bool:
@@ -162,7 +162,7 @@ class TurnOnBiases:
         scale = _MARGIN * np.repeat([ratio, larger], 3)
         self._prior = Biases((0.0,) * 3, (0.0,) * 3, np.diag((scale * sigma) ** 2))
         self._taken = loose.fit.biases
-        self._needs_motion = (
+        self._motion_reason = (
             f"{self.told(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
             "sigmas"
         )

@@ -18,11 +18,11 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _WINDOW_NS = 30_000_000_000
 #: Cap on the NIS of one measurement, so that a refused one does not dominate the mean.
-_MOST = 25.0
+_NIS_CAP = 25.0
 #: A mean of fewer values is not reported.
-_LEAST_NUMBER = 20
+_LEAST_VALUES = 20
 #: A mean NIS above this gives a warning: innovations of twice their sigma.
-_HIGH = 4.0
+_NIS_WARNING = 4.0
 _LOOK_AT = {
     Source.RTK_POSITION: "aircraft.rtk_antenna_m, rtk.delay_s",
     Source.RTK_VELOCITY: "rtk.velocity_delay_s, aircraft.rtk_antenna_m",
@@ -45,7 +45,7 @@ class _Window:
         if values and stamp_ns < values[-1][0]:
             values.clear()
             self._sum = 0.0
-        nis = min(nis, _MOST)
+        nis = min(nis, _NIS_CAP)
         values.append((stamp_ns, nis))
         self._sum += nis
         while values[0][0] < stamp_ns - _WINDOW_NS:
@@ -54,7 +54,7 @@ class _Window:
     def mean(self, now_ns: int) -> float:
         """Return the mean; nan where there are too few values or the newest is old."""
         values = self._values
-        if len(values) < _LEAST_NUMBER or now_ns - values[-1][0] > _WINDOW_NS:
+        if len(values) < _LEAST_VALUES or now_ns - values[-1][0] > _WINDOW_NS:
             return math.nan
         return max(self._sum, 0.0) / len(values)
 
@@ -98,7 +98,7 @@ class VerdictLog:
         for source, parameters in _LOOK_AT.items():
             window = self._windows.get(source)
             mean = math.nan if window is None else window.mean(now_ns)
-            if mean > _HIGH:
+            if mean > _NIS_WARNING:
                 times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
                 yield (
                     f"{topic_of(source)}: innovations are {times}: "

@@ -39,7 +39,7 @@ class Baseline(NamedTuple):
 
     @classmethod
     def from_config(cls, aircraft: AircraftConfig) -> Baseline:
-        """Return the baseline between the two antennas; with one, level along the nose.
+        """Return the baseline of the two antennas; with one antenna, level along the nose.
 
         The reported heading is the azimuth of the baseline less its direction in a level body.
         Raises ConfigError where the two antennas give no heading.

@@ -98,9 +98,9 @@ class Fusion:
         if self.spare(sample, belief.control):
             return refused(sample, belief, Outcome.STANDBY, "RTK is there")
         state, covariance, control = belief
-        belief = Belief(state, covariance, self._faded(control, sample.stamp_ns))
+        belief = Belief(state, covariance, self._with_decayed_errors(control, sample.stamp_ns))
         if isinstance(sample, AutopilotHeading):
-            return self._turned_by_autopilot(sample, belief)
+            return self._with_autopilot_heading(sample, belief)
         if isinstance(sample, HeadingSample):
             aid, belief = self._heading(sample, belief)
         elif isinstance(sample, VelocitySample):
@@ -111,7 +111,7 @@ class Fusion:
             return Fused(aid, belief)
         if stale:
             aid = aid._replace(stale=True)
-        belief, reason = _against_itself(sample, aid, belief)
+        belief, reason = _checked_rtk(sample, aid, belief)
         if reason:
             return refused(sample, belief, Outcome.GATED, reason)
         return self._judged(aid, belief, autopilot_q_nb)
@@ -159,7 +159,7 @@ class Fusion:
         if track.ease > 1:
             measurement = measurement._replace(ease=track.ease - 1.0)
         if track.step and aid.source is Source.RTK_POSITION:
-            return self._without_step(aid, belief, track)
+            return self._with_motion_alone(aid, belief, track)
         if track.step:
             gate_sigma = min(measurement.gate_sigma, _STEPPED_GATE_SIGMA)
             measurement = measurement._replace(gate_sigma=gate_sigma)
@@ -174,13 +174,13 @@ class Fusion:
             belief = belief._replace(control=control.with_track(aid.source, track))
             return self._after_refusal(aid, belief, ratio, reason, autopilot_q_nb)
         if self._direct and aid.source is Source.RTK_POSITION:
-            error, updated = _position_taken(error, updated, measurement)
+            error, updated = _with_rtk_position(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
         control = control.with_track(aid.source, track, _receivers(control, error))
         belief = Belief(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
-    def _turned_by_autopilot(self, sample: AutopilotHeading, belief: Belief) -> Fused:
+    def _with_autopilot_heading(self, sample: AutopilotHeading, belief: Belief) -> Fused:
         """Return the belief with the autopilot's heading, if it is worth it; it never resets."""
         if not self._autopilot.is_worth(belief.covariance):
             return refused(sample, belief, Outcome.STANDBY, "the heading is known better")
@@ -207,7 +207,7 @@ class Fusion:
             step = tuple(map(operator.sub, aid.invariant, aid.expected))
         return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
 
-    def _without_step(self, aid: Aid, belief: Belief, track: Track) -> Fused:
+    def _with_motion_alone(self, aid: Aid, belief: Belief, track: Track) -> Fused:
         """Return the belief after a position that has stepped: only its motion is used.
 
         The motion that a receiver reports stays right when its solution jumps. After a while
@@ -247,13 +247,13 @@ class Fusion:
             return track
         return track._replace(ease=EASE_STEPS)
 
-    def _faded(self, control: Control, stamp_ns: int) -> Control:
+    def _with_decayed_errors(self, control: Control, stamp_ns: int) -> Control:
         """Return the records with the receivers' errors at a sample's time."""
         receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
         return control if receivers is control.receivers else control.with_receivers(receivers)
 
 
-def _against_itself(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
+def _checked_rtk(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
     """Compare RTK positions and velocities; return the belief and why one is refused."""
     control, (innovation, _, noise, *_) = belief.control, aid.measurement
     if aid.source is Source.RTK_POSITION and isinstance(sample, PositionSample):
@@ -295,7 +295,7 @@ def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:
     return Verdict(aid.source, outcome, reason, ratio, innovation, ratio * limit / degrees)
 
 
-def _position_taken(
+def _with_rtk_position(
     error: Array, covariance: Array, measurement: Measurement
 ) -> tuple[Array, Array]:
     """Replace the position by that of RTK as it is; the other states are filtered.

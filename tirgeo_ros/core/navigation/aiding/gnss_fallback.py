@@ -59,7 +59,7 @@ class GpsPosition:
         design = position_design(self._states, lever_n, gps=True)
         # Reported variance beyond that of the slow error in the state.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
-        beyond *= self._lasting(belief.control, sample.stamp_ns)
+        beyond *= self._white_factor(belief.control, sample.stamp_ns)
         noise = self._noise + np.diag(beyond)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
@@ -67,7 +67,7 @@ class GpsPosition:
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
         )
 
-    def _lasting(self, control: Control, now_ns: int) -> float:
+    def _white_factor(self, control: Control, now_ns: int) -> float:
         """Return the factor that makes the variance of a lasting error one of white noise.
 
         Long without RTK no number of fixes averages a lasting error away. White noise with the

@@ -44,7 +44,7 @@ def velocity_design(
     return design
 
 
-_NOTHING = (0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Velocities:
@@ -54,7 +54,7 @@ class Velocities:
         """Take the receiver's antenna ``lever_arm_b`` (3,) from the IMU, FRD, m."""
         self._states = states
         self._lever_b: Vector = tuple(lever_arm_b.tolist())
-        self._sought = isinstance(receiver, RtkConfig) and has_antenna(states)
+        self._estimates_antenna = isinstance(receiver, RtkConfig) and has_antenna(states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
 
@@ -63,7 +63,7 @@ class Velocities:
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
-        if self._sought:
+        if self._estimates_antenna:
             lever_b = added(lever_b, belief.control.receivers.antenna_b)
         swing = swing_n(rotation, angular_rate_b, lever_b)
         (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
@@ -74,9 +74,9 @@ class Velocities:
         )
         noise = floored(sample.covariance_n, self._floor_m_s)
         design = velocity_design(self._states, rotation, swing, lever_b)
-        if self._sought:
+        if self._estimates_antenna:
             design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
         measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
-        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _NOTHING, slack)
+        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack)

@@ -35,7 +35,7 @@ _LONGEST_GAP_NS = 1_000_000_000
 _BEGIN, _END = chi_square_limit(5.0, 3), chi_square_limit(3.0, 3)
 #: Fixes hold the position, so more is demanded before they are refused.
 _BEGIN_AGAINST_FIXES = chi_square_limit(6.0, 3)
-_TOLD_OF_VELOCITIES, _TOLD_OF_FIXES = 2, 3  # pairs whose mean decides
+_VELOCITY_PAIRS, _FIX_PAIRS = 2, 3  # pairs whose mean decides
 #: Prior sigma of a receiver's velocity latency, for it smooths, and the least sigma it may reach.
 _LAG_S, _LEAST_LAG_S = 0.05, 0.01
 #: Where the two largest intervals hold more than this share of the change, it is a step, no drift.
@@ -53,7 +53,7 @@ _AGREED_NS, _LONGEST_AGREED_NS, _FORGET = 3_000_000_000, 7_000_000_000, 3
 #: Longest time for which velocities and the IMU carry the position against the fixes.
 _LONGEST_AGAINST_FIXES_NS = 20_000_000_000
 
-_NOTHING: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 class Fix(NamedTuple):
@@ -72,10 +72,10 @@ class Pair(NamedTuple):
     fix: Fix
     velocity_n: Vector  # m/s
     against_imu_n: Vector  # m/s, velocity less that which the IMU alone would have
-    slope_n: Vector = _NOTHING  # m/s2, of the velocities since the pair before
-    drift_n: Vector = _NOTHING  # m, path between fixes less the integral of the velocities
-    left_n: Vector = _NOTHING  # m, integral of ``against_imu_n``
-    spread: Vector = _NOTHING  # m2, variance of the integral of the velocities
+    slope_n: Vector = _ZERO  # m/s2, of the velocities since the pair before
+    drift_n: Vector = _ZERO  # m, path between fixes less the integral of the velocities
+    left_n: Vector = _ZERO  # m, integral of ``against_imu_n``
+    spread: Vector = _ZERO  # m2, variance of the integral of the velocities
 
     @property
     def stamp_ns(self) -> int:
@@ -94,8 +94,8 @@ class Lag(NamedTuple):
         """Return the latency after one more window; one that overlaps the last changes nothing."""
         if first.stamp_ns < self.learned_ns:
             return self
-        change = _less(last.velocity_n, first.velocity_n)
-        off_n, variances = _less(last.drift_n, first.drift_n), _variances(first, last)
+        change = _difference(last.velocity_n, first.velocity_n)
+        off_n, variances = _difference(last.drift_n, first.drift_n), _variances(first, last)
         told = sum(c * c / v for c, v in zip(change, variances, strict=True))
         asks = sum(
             c * (o - self.mean_s * c) / v for c, o, v in zip(change, off_n, variances, strict=True)
@@ -114,7 +114,7 @@ class Consistency(NamedTuple):
     agreed_ns: int = 0  # for how long they have agreed lately
     since_ns: int = 0  # the first pair that contradicts; 0: they agree
     against: Source | None = None
-    told: tuple[float, ...] = ()  # shares of blame (see ``_left``), by contradicting pair
+    told: tuple[float, ...] = ()  # shares of blame (see ``_blame``), by contradicting pair
     off_m_s: float = 0.0  # the newest contradiction over its time
 
     def reason(self, source: Source) -> str:
@@ -145,26 +145,26 @@ class Consistency(NamedTuple):
         pair = Pair(fix, (north, east, down), against_imu_n)
         if not pairs or not 0 < fix.stamp_ns - pairs[-1].stamp_ns <= _LONGEST_GAP_NS:
             return Consistency(fix, (pair,), self.lag)
-        pair = _after(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
-        drop = _from(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
+        pair = _with_sums(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
+        drop = _first_index(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
         return self._replace(pairs=(*pairs[drop:], pair)).judged()
 
     def judged(self) -> Consistency:
         """Return a copy with the result of its newest pair."""
         pairs = self.pairs
         last_ns = pairs[-1].stamp_ns
-        window = pairs[_from(pairs, last_ns - WINDOW_NS) :]
+        window = pairs[_first_index(pairs, last_ns - WINDOW_NS) :]
         if len(window) <= _LEAST_INTERVALS:
             return self
         squared, off_n = distance(window[0], window[-1], self.lag)
         step_ns = last_ns - pairs[-2].stamp_ns
         limit, share = (_END, 1.0) if self.since_ns else (_BEGIN, _STEP_SHARE)
-        if squared <= limit or not _lasts(window, off_n, share):
+        if squared <= limit or not _grows_steadily(window, off_n, share):
             return self._agreed(window, step_ns, well=squared <= _END)
         off_m_s = math.hypot(*off_n) / ((last_ns - window[0].stamp_ns) * 1e-9)
         kept = self._replace(since_ns=self.since_ns or last_ns, off_m_s=off_m_s)
         if self.against is None:
-            left = _left(pairs[0], window, off_n) if self.agreed_ns >= _AGREED_NS else None
+            left = _blame(pairs[0], window, off_n) if self.agreed_ns >= _AGREED_NS else None
             return kept.blaming(left, step_ns, clearly=squared > _BEGIN_AGAINST_FIXES)
         long = last_ns - kept.since_ns > _LONGEST_AGAINST_FIXES_NS
         if long and self.against is Source.RTK_POSITION:
@@ -173,25 +173,25 @@ class Consistency(NamedTuple):
 
     def _agreed(self, window: tuple[Pair, ...], step_ns: int, *, well: bool) -> Consistency:
         """Return a copy whose newest pair is no contradiction; ``well``: the distance is small."""
-        agreed_ns = self._for_long(step_ns if well else -_FORGET * step_ns)
+        agreed_ns = self._agreed_after(step_ns if well else -_FORGET * step_ns)
         lag = self.lag.learned(window[0], window[-1]) if well else self.lag
         return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, told=())
 
-    def _for_long(self, change_ns: int) -> int:
+    def _agreed_after(self, change_ns: int) -> int:
         return min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
 
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
-        """Return a copy with the source to blame, as far as ``left`` (see ``_left``) shows it.
+        """Return a copy with the source to blame, as far as ``left`` (see ``_blame``) shows it.
 
         ``clearly``: the distance is large enough to refuse fixes.
         """
-        agreed_ns = self._for_long(-_FORGET * step_ns)
+        agreed_ns = self._agreed_after(-_FORGET * step_ns)
         told, against = self.told, None
         if left is not None and -_LEAST_LEFT < left < 1 + _LEAST_LEFT:
             told = (*told, left)
-        if len(told) >= _TOLD_OF_VELOCITIES and sum(told) > _LEAST_LEFT * len(told):
+        if len(told) >= _VELOCITY_PAIRS and sum(told) > _LEAST_LEFT * len(told):
             against = Source.RTK_VELOCITY
-        elif len(told) >= _TOLD_OF_FIXES and clearly and sum(told) < _MOST_STAYED * len(told):
+        elif len(told) >= _FIX_PAIRS and clearly and sum(told) < _MOST_STAYED * len(told):
             against = Source.RTK_POSITION
         return self._replace(agreed_ns=agreed_ns, told=told, against=against)
 
@@ -203,8 +203,8 @@ def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
     velocities. Velocities that are late by ``lag`` change it by lag times their change l. With the
     lag's variance s, the variance is D + s l l'; its inverse is by Sherman and Morrison's formula.
     """
-    change = _less(last.velocity_n, first.velocity_n)
-    x, y, z = _less(last.drift_n, first.drift_n)
+    change = _difference(last.velocity_n, first.velocity_n)
+    x, y, z = _difference(last.drift_n, first.drift_n)
     off_n = (
         x - lag.mean_s * change[0],
         y - lag.mean_s * change[1],
@@ -228,12 +228,12 @@ def _variances(first: Pair, last: Pair) -> Vector:
     )
 
 
-def _after(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
+def _with_sums(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
     """Return a pair with its sums, from the pair before."""
     step_s = (pair.stamp_ns - before.stamp_ns) * 1e-9
     half = 0.5 * step_s
     slope, drift, left, spread = [], [], [], []
-    way_n = _way(before.fix, pair.fix)
+    way_n = _path_n(before.fix, pair.fix)
     for i in range(3):
         v, w = before.velocity_n[i], pair.velocity_n[i]
         rise = (w - v) / step_s
@@ -247,7 +247,7 @@ def _after(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
     return Pair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
 
 
-def _way(a: Fix, b: Fix) -> Vector:
+def _path_n(a: Fix, b: Fix) -> Vector:
     """Return the path from one fix to another, NED m."""
     meridian, transverse = radii_of_curvature(a.latitude_rad)
     east = math.remainder(b.longitude_rad - a.longitude_rad, 2 * math.pi)
@@ -259,7 +259,7 @@ def _way(a: Fix, b: Fix) -> Vector:
     )
 
 
-def _from(pairs: tuple[Pair, ...], begin_ns: int) -> int:
+def _first_index(pairs: tuple[Pair, ...], begin_ns: int) -> int:
     """Return the index of the first pair that is not older."""
     return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=_stamp_of)
 
@@ -268,14 +268,14 @@ def _stamp_of(pair: Pair) -> int:
     return pair.fix.stamp_ns
 
 
-def _lasts(window: tuple[Pair, ...], off_n: Vector, share: float) -> bool:
+def _grows_steadily(window: tuple[Pair, ...], off_n: Vector, share: float) -> bool:
     """Return whether a contradiction has grown over the window, not in two of its intervals."""
     along = [a * off_n[0] + b * off_n[1] + c * off_n[2] for a, b, c in (p.drift_n for p in window)]
     parts = sorted(b - a for a, b in pairwise(along))
     return parts[-1] + parts[-2] < share * (along[-1] - along[0])
 
 
-def _left(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None:
+def _blame(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None:
     """Return the share of a contradiction by which the velocities have left the IMU's path.
 
     Zero means that the fixes have left it. The IMU's path continues with the mean velocity that
@@ -295,7 +295,7 @@ def _left(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None
     return None if abs(drifted) > _MOST_BEFORE * squared else left / squared
 
 
-def _less(a: Vector, b: Vector) -> Vector:
+def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 

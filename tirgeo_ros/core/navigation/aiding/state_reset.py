@@ -59,14 +59,14 @@ class Resets:
         if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
             return None
         if aid.source is Source.RTK_HEADING:
-            return self._turned(aid, belief)
+            return self._with_heading(aid, belief)
         block = {
             Source.RTK_POSITION: POSITION,
             Source.RTK_VELOCITY: VELOCITY,
             Source.GPS_POSITION: GPS_ERROR,  # a jump of it leaves the state unchanged
             Source.GPS_VELOCITY: VELOCITY,
         }[aid.source]
-        return self._set(aid, belief, block)
+        return self._with_block(aid, belief, block)
 
     def _patience_s(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> float:
         """Return how long a run of refusals must last; infinite if it must not cause a reset."""
@@ -97,7 +97,7 @@ class Resets:
         if (aid.stamp_ns - track.denied_ns) * 1e-9 < self._step_patience_s(aid, control):
             return None
         if math.hypot(*track.step) >= _COUNTED_STEP_M:
-            return self._set(aid, belief, POSITION)
+            return self._with_block(aid, belief, POSITION)
         covariance = covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
         track = Track(track.used_ns, track.agreed_ns, EASE_STEPS)
@@ -139,11 +139,11 @@ class Resets:
         longest_s = _SMALL_LONGEST_S if abs(turn) < gate_rad else _LONGEST_S
         return max(heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
 
-    def _set(self, aid: Aid, belief: Belief, block: slice) -> Belief:
+    def _with_block(self, aid: Aid, belief: Belief, block: slice) -> Belief:
         """Set three states and their covariance as measured, uncorrelated with the others."""
         state, covariance, control = belief
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
-        covariance = _untied(covariance, block)
+        covariance = _uncorrelated(covariance, block)
         error = np.zeros(len(covariance))
         error[block] = innovation
         covariance[block, block] = noise
@@ -160,17 +160,17 @@ class Resets:
         size = float(np.linalg.norm(innovation))
         return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
-    def _turned(self, aid: Aid, belief: Belief) -> Belief:
+    def _with_heading(self, aid: Aid, belief: Belief) -> Belief:
         """Turn the attitude about the vertical to the heading."""
         state, covariance, control = belief
         turn = float(aid.measurement.innovation[0])
         error = np.zeros(len(covariance))
         error[2] = turn
         if abs(turn) > _SPOILING_TURN_RAD:
-            covariance = self._spoiled(covariance)
+            covariance = self._as_at_start(covariance)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
-        covariance = _untied(covariance, slice(2, 3))
+        covariance = _uncorrelated(covariance, slice(2, 3))
         covariance[2, 2] = aid.measurement.noise[0, 0]
         at = heading_error(len(covariance))
         if at is not None:  # their sum is measured: correlate heading and heading error
@@ -179,11 +179,11 @@ class Resets:
         control = control.with_reset(aid.source, aid.stamp_ns, turn)
         return Belief(feedback(state, error), covariance, control)
 
-    def _spoiled(self, covariance: Array) -> Array:
+    def _as_at_start(self, covariance: Array) -> Array:
         """Return a covariance with tilt and biases as uncertain as at the start."""
         imu = self._config.imu
         for block in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS):
-            covariance = _untied(covariance, block)
+            covariance = _uncorrelated(covariance, block)
         variances = np.diagonal(covariance).copy()
         variances[ATTITUDE] = _TILT_SIGMA_RAD**2
         variances[GYRO_BIAS] = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
@@ -202,7 +202,7 @@ def _supported(turn_rad: float, state: NavState, autopilot_q_nb: Array | None) -
     return abs(math.remainder(apart - turn_rad, 2 * math.pi)) < 0.5 * abs(turn_rad)
 
 
-def _untied(covariance: Array, block: slice) -> Array:
+def _uncorrelated(covariance: Array, block: slice) -> Array:
     """Return a copy with all variances and covariances of the block's states set to zero."""
     covariance = covariance.copy()
     covariance[block, :] = 0.0

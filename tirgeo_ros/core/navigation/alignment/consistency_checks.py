@@ -21,8 +21,8 @@ _LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
 _HEADINGS_APART_RAD = np.radians(6.0)
 #: Mean force over a second or more of flight: between half of gravity and twice it.
 _LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
-_HINT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
-_HINT_SIGMAS = 5.0
+_AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
+_AUTOPILOT_SIGMAS = 5.0
 _LOOK_AT_ANTENNAS = (
     ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
     "much: autopilot.attitude_sigma_deg)"
@@ -128,9 +128,9 @@ def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[
     sigma = np.hypot(np.radians(autopilot.attitude_sigma_deg[2]), own)
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
-    if tilt > _HINT_TILT_RAD:
+    if tilt > _AUTOPILOT_TILT_RAD:
         out["tilt"] = DoubtError(text.format("the tilt found", np.degrees(tilt)))
-    if heading > _HINT_SIGMAS * sigma:
+    if heading > _AUTOPILOT_SIGMAS * sigma:
         told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
         out["heading"] = DoubtError(told, lasting=heading > LARGE_TURN_RAD)
     return out

@@ -41,11 +41,11 @@ _TOPICS = {
     Source.GPS_POSITION: "gps/fix",
     Source.GPS_VELOCITY: "gps/vel",
 }
-_HINTS = 9
+_PICKED = 9
 #: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
-_HINTS_APART_RAD = np.radians(5.0)
+_AUTOPILOT_APART_RAD = np.radians(5.0)
 _NOSE_B = np.array([1.0, 0.0, 0.0])
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 
@@ -165,7 +165,7 @@ def autopilot_observations(
     slow = np.array([np.radians(autopilot.attitude_sigma_deg[2])])
     noise = np.array([[_AZIMUTH_NOISE_RAD**2]])
     out = []
-    for s in _spread(usable):
+    for s in _evenly_spaced(usable):
         nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
         azimuth = np.array([np.arctan2(nose[1], nose[0])])
         out.append(
@@ -183,11 +183,11 @@ def autopilot_observations(
     return out
 
 
-def _spread(samples: Sequence[ImuSample]) -> list[ImuSample]:
+def _evenly_spaced(samples: Sequence[ImuSample]) -> list[ImuSample]:
     """Return some of the samples, evenly spaced."""
     if not samples:
         return []
-    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _HINTS, dtype=int))]
+    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _PICKED, dtype=int))]
 
 
 def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | None:
@@ -196,7 +196,7 @@ def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | Non
     Carried to the window's end, each attitude is turned by the bias times the time to the end.
     """
     picked = _usable(window, imu)
-    if len(picked) < _HINTS:
+    if len(picked) < _PICKED:
         return None
     at = window.at([s.stamp_ns for s in picked])
     at_end = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked])) @ (
@@ -210,7 +210,7 @@ def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | Non
 def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
     """Return some samples of the window with an attitude, evenly spaced."""
     first, last = window.stamps_ns[0], window.stamps_ns[-1]
-    return _spread(
+    return _evenly_spaced(
         [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
     )
 
@@ -231,5 +231,5 @@ def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None
     cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
     apart = np.arccos(np.clip(cosines, -1, 1))
     middle = int(np.argmin(np.median(apart, axis=1)))
-    near = apart[middle] < _HINTS_APART_RAD
+    near = apart[middle] < _AUTOPILOT_APART_RAD
     return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None

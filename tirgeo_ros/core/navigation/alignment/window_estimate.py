@@ -101,7 +101,7 @@ def fitted(
     motion += [velocity_observation(s, config) for s in measured.velocities]
     stamps = [s.stamp_ns for s in motion] + [s.stamp_ns for s in measured.readings]
     for _ in range(_PASSES):
-        window = integrate(measured.imu, stamps, _about(biases, taken))
+        window = integrate(measured.imu, stamps, _linearised_at(biases, taken))
         hint_nb = autopilot_attitude(window, measured.imu)
         headings = _headings(measured, config, hint_nb, gyros_unknown=gyros_unknown)
         headings, start_nb = agreeing(window, headings)
@@ -115,7 +115,7 @@ def fitted(
     return Fitted(window, hint_nb, turning_b, seen, found, vibration)
 
 
-def _about(biases: Biases, taken: Array) -> Biases:
+def _linearised_at(biases: Biases, taken: Array) -> Biases:
     return Biases(tuple(taken[:3].tolist()), tuple(taken[3:].tolist()), biases.covariance)
 
 
