@@ -1,4 +1,4 @@
-"""One run of the filter over a recorded flight with given values of the aircraft's parameters."""
+"""Run the filter over a recorded flight with given values of the aircraft's parameters."""
 
 from __future__ import annotations
 
@@ -34,49 +34,49 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 
-#: Readings of the IMU are averaged over so long about a measurement, for its slope by a delay.
+#: Averaging time of the IMU readings about a measurement, for its slope by a delay.
 _AVERAGED_S = 0.1
-#: Measurements nearer to the ends of the IMU's record or of the alignment are left out.
+#: Measurements nearer to the end of the IMU's record or to the alignment are left out.
 _MARGIN_NS = 500_000_000
 _ATTITUDE_STEP_NS = 50_000_000
-#: An alignment through wrong values is off by more than it says.
+#: Sigmas added to an alignment: with wrong values it errs by more than its covariance says.
 _START_SIGMA = {"tilt": np.radians(2.0), "yaw": np.radians(5.0), "velocity": 0.5, "position": 2.0}
 _ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A flight in memory, valid samples alone, by stamp; no gap in the IMU's."""
+    """Hold a flight in memory: valid samples only, by stamp, without a gap in the IMU's."""
 
     imu: Sequence[ImuSample]
     aids: Sequence[Aiding]  # of RTK, no two of one source and stamp
 
     def has(self, source: Source) -> bool:
-        """Whether there is any measurement of a source."""
+        """Return whether there is any measurement of a source."""
         return any(source_of(sample) is source for sample in self.aids)
 
     @property
     def has_attitude(self) -> bool:
-        """Whether the autopilot's attitude is there."""
+        """Return whether the autopilot's attitude is there."""
         return any(usable_attitude(sample.autopilot_q_nb) for sample in self.imu)
 
 
 @dataclass(frozen=True)
 class Run:
-    """What the filter heard with one set of values."""
+    """Hold the results of one run of the filter with one set of values."""
 
     values: Array  # (8,)
     white: list[White]
-    error: Array  # (M,) white innovations of all measurements, one after another
-    slope: Array  # (M, 8) by PARAMETERS
+    error: Array  # (M,) whitened innovations of all measurements, one after another
+    slope: Array  # (M, 8) partials of ``error`` by PARAMETERS
     row_ns: Array  # (M,) stamp of each entry, from the first
     attitude_ns: list[int]
-    attitude_q_nb: Array  # (K, 4) wxyz at those
-    velocity_n: Array  # (K, 3) m/s at those
-    tilt_sigma_rad: float  # the filter's own of the tilt, at the flight's best
+    attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
+    velocity_n: Array  # (K, 3) m/s at ``attitude_ns``
+    tilt_sigma_rad: float  # smallest sigma of the tilt in the flight, by the filter
 
     def nis(self) -> dict[Source, float]:
-        """Mean normalised square of the innovations by source; 1 is expected."""
+        """Return the mean normalised innovation squared by source; 1 is expected."""
         found: dict[Source, list[float]] = {}
         for one in self.white:
             found.setdefault(one.source, []).append(squared(one))
@@ -84,7 +84,7 @@ class Run:
 
 
 class FlightRuns:
-    """Runs the filter over one flight."""
+    """Run the filter over one flight."""
 
     def __init__(self, recorded: Recorded, config: EkfConfig) -> None:
         axes = ImuAxes(config.aircraft)
@@ -93,14 +93,14 @@ class FlightRuns:
         self._averages = _Averages(imu)
 
     def aligned(self, values: Array, *, by_antennas: bool) -> Alignment:
-        """Where the filter starts. Raises CalibrationError where it cannot."""
+        """Return the alignment that starts the filter; raises CalibrationError without one."""
         method = "ekf_heading" if by_antennas else "ekf"
         config = replace(configured(self.config, values, _ALIGNMENT_FLOORS), method=method)
         aligner = Aligner(config, use_heading=by_antennas)
         for sample in _merged(self.recorded.imu, self._aids(values)):
             found = aligner.add(sample)
             if found is not None:
-                return _loosened(found)
+                return _inflated(found)
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
 
     def run(
@@ -111,10 +111,10 @@ class FlightRuns:
         weights: Array | None = None,
         without: Source | None = None,
     ) -> Run:
-        """One run from an alignment.
+        """Run the filter from an alignment.
 
         ``weights`` (N,) are those of the flight's measurements, 1 if not given; ``without`` is a
-        source to leave out.
+        source to leave out. Raises CalibrationError where no measurement can be used.
         """
         config = replace(configured(self.config, values, floors), method="ekf_heading")
         first_ns = start.stamp_ns + _MARGIN_NS
@@ -161,7 +161,7 @@ def _run(values: Array, white: list[White], beliefs: list[tuple[int, Belief]]) -
 
 
 def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSample | Aiding]:
-    """By stamp; a measurement comes before the IMU sample that ends its interval."""
+    """Yield samples by stamp; a measurement comes before the IMU sample that ends its interval."""
     ordered = sorted(aids, key=lambda sample: sample.stamp_ns)
     at = 0
     for sample in imu:
@@ -171,8 +171,8 @@ def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSam
         yield sample
 
 
-def _loosened(alignment: Alignment) -> Alignment:
-    """With the doubt that wrong values add."""
+def _inflated(alignment: Alignment) -> Alignment:
+    """Return the alignment with the uncertainty that wrong values add."""
     more = np.zeros(STATES)
     more[ATTITUDE] = _START_SIGMA["tilt"], _START_SIGMA["tilt"], _START_SIGMA["yaw"]
     more[VELOCITY], more[POSITION] = _START_SIGMA["velocity"], _START_SIGMA["position"]
@@ -181,7 +181,7 @@ def _loosened(alignment: Alignment) -> Alignment:
 
 
 class _Averages:
-    """Means of the IMU's readings about any time."""
+    """Hold running means of the IMU's readings, to interpolate at any time."""
 
     def __init__(self, imu: Sequence[ImuSample]) -> None:
         self._t_ns = np.array([sample.stamp_ns for sample in imu])
@@ -198,7 +198,7 @@ class _Averages:
     def readings(
         self, chosen: Sequence[tuple[int, Aiding]], weights: Array | None
     ) -> dict[tuple[Source, int], Reading]:
-        """By source and stamp."""
+        """Return the readings at the measurements, by source and stamp."""
         at_ns = [sample.stamp_ns for _, sample in chosen]
         values = np.array(
             [
@@ -215,7 +215,7 @@ class _Averages:
 
 
 def longest_piece(imu: Sequence[ImuSample], max_gap_s: float) -> tuple[int, int]:
-    """Begin and end of the longest part of the IMU's samples without a gap, in time."""
+    """Return begin and end index of the IMU's longest part, in time, without a gap."""
     cuts = [
         k for k, (a, b) in enumerate(pairwise(imu), 1) if b.stamp_ns - a.stamp_ns > max_gap_s * 1e9
     ]

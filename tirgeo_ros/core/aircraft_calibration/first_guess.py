@@ -1,4 +1,4 @@
-"""Where the search for the aircraft's parameters begins: baseline and headings' delay, roughly."""
+"""Estimate the antenna baseline and the headings' delay roughly, to start the search from."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _Runner(Protocol):
 
 
 def started(run: _Runner, runs: FlightRuns, values: Array, held: bool) -> Array:
-    """Values to begin with; ``held``: the baseline stays as it is."""
+    """Return the values to begin with; ``held``: the baseline stays as it is."""
     if held:
         return values
     if not runs.recorded.has_attitude:
@@ -44,7 +44,7 @@ def started(run: _Runner, runs: FlightRuns, values: Array, held: bool) -> Array:
 
 
 def _matched(run: Run, times_s: Array, azimuths_rad: Array) -> tuple[float, float]:
-    """Delay and direction for which headings scatter least about the filter's own yaw."""
+    """Return delay and azimuth for which the headings scatter least about the filter's own yaw."""
     yaw_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
     found = []
@@ -58,7 +58,7 @@ def _matched(run: Run, times_s: Array, azimuths_rad: Array) -> tuple[float, floa
 
 
 def _best_direction(run: _Runner, values: Array) -> Array:
-    """Without another attitude to compare with: the direction that fits the motion best."""
+    """Return the values with the azimuth that fits the motion best; no attitude is needed."""
     found = []
     for number, direction_rad in enumerate(_DIRECTIONS_RAD):
         tried = values.copy()

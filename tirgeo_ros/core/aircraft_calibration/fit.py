@@ -1,8 +1,8 @@
-"""The aircraft's parameters that make the filter's innovations of a flight smallest.
+"""Fit the aircraft's parameters so that the filter's innovations of a flight are smallest.
 
-Maximum likelihood by Gauss-Newton over white innovations and their slopes (``whitening``), with
-Huber's weights. Measurements are believed less in the first steps, so that the filter stands
-values that are far off.
+Maximum likelihood by Gauss-Newton over whitened innovations and their slopes
+(``whitened_innovations``), with Huber's weights. The first steps use larger noise floors, so that
+the filter also runs with values that are far off.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import Source
 
 PARTS = 6  # of a flight: each is left out in turn
-#: Floors of the steps that only come near, and how many there are.
+#: Noise floors of the coarse steps, and the largest number of steps with each.
 _COARSE = ((Floors(0.5, 0.5, math.radians(5)), 3), (Floors(0.1, 0.1, math.radians(1.5)), 2))
 _MOST_STEPS = 8
 _SETTLED = 0.02  # of LIMITS
 _LARGEST_STEP = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.2, 0.2])  # m, rad, s
-_MOST_COST = 1.5  # times as uncertain as without the elevation
+_MOST_COST = 1.5  # sigma with over sigma without the elevation
 _SURE_SIGMAS = 3.0
 _HEADING = (AZIMUTH, ELEVATION, DELAYS[Source.RTK_HEADING])
 
@@ -47,9 +47,9 @@ Told = Callable[[int], None]
 
 @dataclass(frozen=True)
 class AircraftFit:
-    """What a flight says of PARAMETERS."""
+    """Hold the values of PARAMETERS that a flight has determined."""
 
-    values: Array  # (8,) as found, those that were held or not told as they were
+    values: Array  # (8,) as found; those that were held or not observed are as given
     sigma: Array  # (8,) nan where held
     left_out: Array  # (8,) rms change where a part of the flight is left out
     told: tuple[str, ...]
@@ -61,7 +61,7 @@ class AircraftFit:
 
 @dataclass
 class _Search:
-    """Steps over runs of the filter; measurements keep their weights from run to run."""
+    """Search the values by runs of the filter; measurements keep their weights from run to run."""
 
     runs: FlightRuns
     anchor: Array  # (8,) the prior's means
@@ -82,7 +82,7 @@ class _Search:
         return found
 
     def weigh(self, run: Run) -> None:
-        """Weights for the next run."""
+        """Set the weights for the next run."""
         before = self.weights[[one.number for one in run.white]]
         plain = np.sqrt([squared(one) for one in run.white] / before)
         scale = max(1.0, float(np.median(plain)))
@@ -90,7 +90,7 @@ class _Search:
             self.weights[one.number] = huber_weight(float(off), scale)
 
     def step(self, run: Run, free: list[int], keep: Array | None = None) -> Array:
-        """(8,) the change that a run asks for; ``keep`` (M,) are the rows to use."""
+        """Return the change (8,) that a run asks for; ``keep`` (M,) selects the rows to use."""
         rows = slice(None) if keep is None else keep
         slope, error = run.slope[rows][:, free], run.error[rows]
         prior = PRIOR_SIGMA[free] ** -2
@@ -101,13 +101,13 @@ class _Search:
         return change
 
     def scale(self, run: Run, free: list[int]) -> Array:
-        """(8,) changes that matter: LIMITS, or the sigma of what is less certain."""
+        """Return the changes (8,) that matter: LIMITS, or the sigma of what is less certain."""
         found = LIMITS.copy()
         found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
         return found
 
     def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> Run:
-        """The run at the values that no step changes any more, or after so many steps."""
+        """Return the run at the values that no step changes any more, or after ``most`` steps."""
         for _ in range(most):
             run = self.run(values, floors)
             self.weigh(run)
@@ -120,12 +120,12 @@ class _Search:
 
 
 def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -> AircraftFit:
-    """Fit all that the flight can tell but what is in ``hold``.
+    """Fit all parameters that the flight observes, without those in ``hold``.
 
-    Raises CalibrationError where it cannot tell anything, or the fit does not settle.
+    Raises CalibrationError where the filter cannot run, or the fit does not converge.
     """
     first = values_of_config(runs.config)
-    untold = _absent(runs)
+    untold = _missing_topics(runs)
     search = _Search(runs, first, heard)
     start = started(search.run, runs, first, "baseline_azimuth" in hold or AZIMUTH in untold)
     search.anchor = start
@@ -135,16 +135,16 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     for floors, most in _COARSE:
         values = search.settled(values, usual, floors, most).values
     run = search.settled(values, usual, Floors(), _MOST_STEPS)
-    if ELEVATION in free and not _elevation_is_told(search, run, free):
+    if ELEVATION in free and not _elevation_is_observed(search, run, free):
         free.remove(ELEVATION)
-        untold[ELEVATION] = _advised(ELEVATION, "the flight does not tell it from the others")
+        untold[ELEVATION] = _with_advice(ELEVATION, "the flight does not tell it from the others")
     if ELEVATION in free:
         run = search.settled(run.values, free, Floors(), _MOST_STEPS)
     _check_settled(search, run, free)
     sigma, left_out = _sigma(search, run, free)
-    why_not = _why_not(run, free, sigma)
+    why_not = _unobserved(run, free, sigma)
     told = [k for k in free if k not in why_not]
-    untold |= {k: _advised(k, why) for k, why in why_not.items()}
+    untold |= {k: _with_advice(k, why) for k, why in why_not.items()}
     return AircraftFit(
         np.where(np.isin(np.arange(len(first)), told), run.values, first),
         sigma,
@@ -157,8 +157,8 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     )
 
 
-def _absent(runs: FlightRuns) -> dict[int, str]:
-    """Parameters of what the bag does not hold."""
+def _missing_topics(runs: FlightRuns) -> dict[int, str]:
+    """Return the parameters that belong to topics missing in the bag, with the reason."""
     found = {}
     if not runs.recorded.has(Source.RTK_VELOCITY):
         found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
@@ -167,20 +167,20 @@ def _absent(runs: FlightRuns) -> dict[int, str]:
     return found
 
 
-def _advised(k: int, why: str) -> str:
+def _with_advice(k: int, why: str) -> str:
     return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
 
 
-def _why_not(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
-    """The parameters that the flight does not tell, and why.
+def _unobserved(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
+    """Return the parameters that the flight does not observe, and why.
 
-    They stay in the fit all the same, as unknown: what is held at a wrong value would make the
-    others wrong with a small sigma.
+    They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
+    small sigma.
     """
     motion = not_flown(run)
     found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
     poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
-    return found | {k: f"known to {_shown(k, sigma[k])} only" for k in poor}
+    return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
 
 
 def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
@@ -192,14 +192,14 @@ def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
         )
 
 
-def _shown(k: int, sigma: float) -> str:
+def _sigma_text(k: int, sigma: float) -> str:
     if k in (AZIMUTH, ELEVATION):
         return f"{math.degrees(sigma):.2g} deg"
     return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
 
 
-def _elevation_is_told(search: _Search, run: Run, free: list[int]) -> bool:
-    """Whether the elevation costs the others little, or surely is not as it is held."""
+def _elevation_is_observed(search: _Search, run: Run, free: list[int]) -> bool:
+    """Return whether the elevation is observed, and costs the others little or is held wrong."""
     others = [k for k in free if k != ELEVATION]
     alone, _ = _sigma(search, run, others)
     beside, _ = _sigma(search, run, free)
@@ -211,16 +211,17 @@ def _elevation_is_told(search: _Search, run: Run, free: list[int]) -> bool:
 
 
 def _covariance(run: Run, free: list[int]) -> Array:
-    """(p, p) of the free parameters, if the filter is right."""
+    """Return the covariance (p, p) of the free parameters, if the filter's noise is right."""
     slope = run.slope[:, free]
     return np.asarray(np.linalg.inv(slope.T @ slope + np.diag(PRIOR_SIGMA[free] ** -2)))
 
 
 def _sigma(search: _Search, run: Run, free: list[int]) -> tuple[Array, Array]:
-    """Standard deviations and changes without a part, each (8,); nan where held.
+    """Return sigmas, and rms changes without a part of the flight, each (8,); nan if held.
 
-    The larger of what the information says, enlarged where the innovations are larger than
-    foreseen, and what the flight's parts differ by (the jackknife).
+    A sigma is the larger of two: that of the information matrix, enlarged where the innovations
+    are larger than predicted, and that of the differences between the flight's parts (the
+    jackknife).
     """
     sigma, left_out = np.full((2, len(PARAMETERS)), np.nan)
     if not free:

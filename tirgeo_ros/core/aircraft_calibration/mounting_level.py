@@ -1,8 +1,8 @@
-"""How the IMU sits against the autopilot's level: the mean difference of their attitudes.
+"""Estimate the IMU's mounting angles against the autopilot's level from their mean difference.
 
-The vertical as the filter sees it in the IMU's axes, and as the autopilot sees it in the body's,
-differ by the mounting's small turn ``phi``: ``d_body - d_imu = phi x d_imu``. A wrong heading of
-the autopilot has no part in it.
+The vertical by the filter in the IMU's axes and that by the autopilot in the body's differ by the
+mounting's small turn ``phi``: ``d_body - d_imu = phi x d_imu``. An error of the autopilot's
+heading does not enter.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NEAR_NS = 30_000_000
 
 
 class Level(NamedTuple):
-    """Roll and pitch of the IMU's axes against the body's, FRD, rad."""
+    """Hold roll and pitch of the IMU's axes against the body's, FRD, rad."""
 
     angles_rad: Array  # (2,)
     sigma_rad: Array  # (2,)
@@ -37,7 +37,10 @@ class Level(NamedTuple):
 
 
 def mounting_level(run: Run, imu: Sequence[ImuSample], parts: int) -> Level | None:
-    """The level of the mounting; None where the autopilot's attitude is not there."""
+    """Return roll and pitch of the mounting; None where there are too few autopilot attitudes.
+
+    The flight is divided in ``parts`` to find the standard deviations.
+    """
     stamps = np.array([sample.stamp_ns for sample in imu])
     at = np.searchsorted(stamps, run.attitude_ns).clip(0, len(imu) - 1)
     pairs = [
@@ -64,7 +67,7 @@ def mounting_level(run: Run, imu: Sequence[ImuSample], parts: int) -> Level | No
 
 
 def _turn(body_down: Array, imu_down: Array) -> Array:
-    """(2,) least squares turn about the first two axes; (N, 3) directions."""
+    """Return the least-squares turn (2,) about the first two axes; directions are (N, 3)."""
     x, y, z = imu_down.T
     zero = np.zeros_like(x)
     # phi x d = (phi_y z, -phi_x z, phi_x y - phi_y x) for phi_z = 0

@@ -1,7 +1,7 @@
-"""Whether a flight moved as a parameter of the aircraft needs it, and what to fly where not.
+"""Check that a flight moved as each parameter needs it, and advise what to fly.
 
-Standard deviations alone do not say so: over a hover that drifts by centimetres they grow small
-with time, and believe that the receiver's error has no memory.
+Standard deviations alone do not show that. Over a hover that drifts by centimetres they shrink
+with time, for they assume that the receiver's error has no memory.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
 
 
 def not_flown(run: Run) -> dict[str, str]:
-    """By parameter that the motion of a flight cannot tell: what was missing."""
+    """Return the parameters that the motion of a flight cannot observe, with what was missing."""
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
     turned_rad = float(np.ptp(yaw))
     times_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
     rate_rad_s = float(np.sqrt(np.mean(np.gradient(yaw, times_s) ** 2)))
-    tilt_rad = _spread(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
-    speed_m_s = _spread(run.velocity_n[:, :2])
+    tilt_rad = _rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
+    speed_m_s = _rms_about_mean(run.velocity_n[:, :2])
     found: dict[str, str] = {}
     if turned_rad < _LEAST_TURNED_RAD:
         said = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
@@ -60,6 +60,6 @@ def not_flown(run: Run) -> dict[str, str]:
     return found
 
 
-def _spread(vectors: Array) -> float:
-    """Root mean square distance of (N, 2) from their mean."""
+def _rms_about_mean(vectors: Array) -> float:
+    """Return the root mean square distance of (N, 2) from their mean."""
     return float(np.sqrt(np.mean(np.sum((vectors - vectors.mean(0)) ** 2, axis=1))))

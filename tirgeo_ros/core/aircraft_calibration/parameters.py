@@ -1,4 +1,4 @@
-"""What a flight tells of its aircraft, and how that goes into the filter and its samples.
+"""Define the parameters that a flight observes, and apply their values to the filter and samples.
 
 A set of values is a vector (8,) in the order of PARAMETERS: m, rad and s. The antenna is counted
 from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose
@@ -33,16 +33,16 @@ PARAMETERS = (
     "heading_delay",
 )
 ANTENNA, DIRECTION, AZIMUTH, ELEVATION = slice(0, 3), slice(3, 5), 3, 4
-#: Where the delay of a source stands.
+#: Index of the delay of each source.
 DELAYS = {Source.RTK_POSITION: 5, Source.RTK_VELOCITY: 6, Source.RTK_HEADING: 7}
-#: A larger standard deviation than this, and a flight has not told the parameter.
+#: Largest standard deviation at which a flight has determined a parameter.
 LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), math.radians(1.0), 0.01, 0.01, 0.01])
-#: What is believed of each before the flight: enough to keep the unseen where it is.
+#: Prior sigmas: just tight enough to keep unobserved parameters where they are.
 PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), math.radians(10), 0.5, 0.5, 0.5])
 
 
 class Floors(NamedTuple):
-    """Standard deviations below which no measurement is believed."""
+    """Hold the smallest standard deviations that the filter assumes for measurements."""
 
     position_m: float = 0.0
     velocity_m_s: float = 0.0
@@ -50,7 +50,7 @@ class Floors(NamedTuple):
 
 
 def values_of_config(config: EkfConfig) -> Array:
-    """(8,) what the parameters say; delays less the IMU's own."""
+    """Return the values (8,) of the configured parameters; delays less the IMU's own."""
     x, y, z = Baseline.from_config(config.aircraft).direction_b
     lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
     delays_s = np.array(_delays_s(config)) - imu_delay_s(config)
@@ -58,7 +58,7 @@ def values_of_config(config: EkfConfig) -> Array:
 
 
 def _delays_s(config: EkfConfig) -> tuple[float, float, float]:
-    """Of positions, velocities and headings, as ``Navigation`` takes them off."""
+    """Return the delays of positions, velocities and headings that ``Navigation`` subtracts."""
     position_s = config.rtk.delay_s
     heading_s = getattr(config.heading, "delay_s", math.nan)
     return (
@@ -69,17 +69,17 @@ def _delays_s(config: EkfConfig) -> tuple[float, float, float]:
 
 
 def imu_delay_s(config: EkfConfig) -> float:
-    """The IMU's delay, from which the others are counted."""
+    """Return the IMU's delay, from which the others are counted."""
     return float(getattr(config.imu, "delay_s", 0.0))
 
 
 def reported_direction_rad(config: EkfConfig) -> float:
-    """The baseline's azimuth in the body that had been taken off the headings of the bag."""
+    """Return the baseline's azimuth in the body that was subtracted from the bag's headings."""
     return -Baseline.from_config(config.aircraft).reported_less_azimuth_rad
 
 
 def direction_b(azimuth_rad: float, elevation_rad: float) -> Vector:
-    """The baseline's unit vector, FRD."""
+    """Return the baseline's unit vector, FRD."""
     level = math.cos(elevation_rad)
     return (
         level * math.cos(azimuth_rad),
@@ -89,7 +89,7 @@ def direction_b(azimuth_rad: float, elevation_rad: float) -> Vector:
 
 
 def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
-    """The filter's parameters with values in them, for samples that are ``restamped``."""
+    """Return the filter's parameters with the values applied, for ``restamped`` samples."""
     antenna_m = values[ANTENNA]
     second_m = antenna_m + flu_from_frd(np.array(direction_b(*values[DIRECTION].tolist())))
     rtk, heading = config.rtk, config.heading
@@ -118,10 +118,10 @@ def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
 
 
 def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> list[Aiding]:
-    """Measurements at the time when they were made.
+    """Return the measurements with the stamps at which they were made.
 
-    The headings are those that had come out with the values' direction of the baseline in place of
-    ``reported_rad``.
+    Headings become those that the receiver would have given with the baseline azimuth of
+    ``values`` subtracted in place of ``reported_rad``.
     """
     delays_ns = {source: round(float(values[k]) * 1e9) for source, k in DELAYS.items()}
     turn_rad = reported_rad - float(values[AZIMUTH])

@@ -1,8 +1,8 @@
-"""The filter over a whole flight without gates: its innovations made white, and their slopes.
+"""Run the filter over a whole flight without gates; whiten its innovations, with their slopes.
 
 Prediction errors and their slopes by parameters (Ljung, System Identification, 2nd ed., chapter
-7), for the steady set of measurements that an estimate of the parameters needs: nothing is refused
-or reset, an outlier has its noise enlarged by a weight. A parameter enters a measurement at once,
+7). An estimate of parameters needs the same measurements in every run. So nothing is refused or
+reset; an outlier has its noise enlarged by a weight. A parameter enters a measurement directly,
 and through the state that earlier measurements have moved:
 
     d innovation = direct - H d state,    d state' = transition (d state + gain d innovation)
@@ -42,53 +42,53 @@ from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _NO_GATE = 1e6
-_STEP_RAD = 1e-5  # of differences of closed forms
+_STEP_RAD = 1e-5  # for numerical partials of closed forms
 _STEP_S = 1e-4
 
 
 class Reading(NamedTuple):
-    """What belongs to one measurement: its place among all, and the IMU's about its time."""
+    """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
 
     number: int
-    weight: float  # of the measurement: its noise is taken 1 / weight times as large
+    weight: float  # the measurement's noise is divided by it
     force_b: Array  # (3,) m/s2, mean over some readings
     rate_b: Array  # (3,) rad/s
-    turning_b: Array  # (3,) rad/s2, the rate's change
+    turning_b: Array  # (3,) rad/s2, derivative of the rate
 
 
 class White(NamedTuple):
-    """One measurement's innovation, m = 1 or 3 entries."""
+    """Hold one measurement's innovation, m = 1 or 3 entries."""
 
     number: int
     source: Source
     stamp_ns: int
     innovation: Array  # (m,) m, m/s or rad
-    error: Array  # (m,) the same made white, of unit variance if the filter is right
-    slope: Array  # (m, 8) of ``error`` by PARAMETERS
+    error: Array  # (m,) the same whitened: unit variance if the filter is right
+    slope: Array  # (m, 8) partials of ``error`` by PARAMETERS
 
 
 class FollowedMechanisation(Mechanisation):
-    """Keeps what the error states' motion amounts to since it was last asked."""
+    """Propagate as the base class does, and accumulate the transition of the error states."""
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
         self._motion = np.eye(states_of(config))
 
     def followed(self, carried: Carried) -> Carried:
-        """As the mechanisation's."""
+        """Return ``carried`` with its covariance propagated, as the base class does."""
         found = super().followed(carried)
         if found is not carried:
             self._motion = self._propagation.transition @ self._motion
         return found
 
     def taken(self) -> Array:
-        """(n, n) the transition since the last call."""
+        """Return the transition matrix (n, n) since the last call."""
         found, self._motion = self._motion, np.eye(len(self._motion))
         return found
 
 
 class WhiteningFusion(Fusion):
-    """Fuses every measurement and keeps its innovation in ``white``."""
+    """Fuse every measurement and store its whitened innovation in ``white``."""
 
     def __init__(
         self,
@@ -101,11 +101,11 @@ class WhiteningFusion(Fusion):
         self._values = values
         self._mechanisation = mechanisation
         self._readings = readings
-        self._moved = np.zeros((states_of(config), len(PARAMETERS)))
+        self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
     def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:  # noqa: ARG002
-        """The belief with a measurement in it, whatever it says."""
+        """Return the belief with a measurement in it, whatever its innovation."""
         state, covariance, control = belief
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
@@ -116,10 +116,10 @@ class WhiteningFusion(Fusion):
             return Fused(verdict, belief)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
-        moved = self._mechanisation.taken() @ self._moved
-        slope = self._at_once(aid.source, state, reading) - design @ moved
+        moved = self._mechanisation.taken() @ self._state_slope
+        slope = self._direct_partials(aid.source, state, reading) - design @ moved
         gain = np.linalg.solve(spread, design @ covariance).T
-        self._moved = moved + gain @ slope
+        self._state_slope = moved + gain @ slope
         root = np.linalg.cholesky(spread)
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
         self.white.append(
@@ -137,12 +137,12 @@ class WhiteningFusion(Fusion):
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
         return Fused(verdict, Belief(feedback(state, error), updated, control))
 
-    def _at_once(self, source: Source, state: NavState, reading: Reading) -> Array:
-        """(m, 8) what each parameter does to an innovation at once."""
+    def _direct_partials(self, source: Source, state: NavState, reading: Reading) -> Array:
+        """Return the direct partials (m, 8) of an innovation by each parameter."""
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
         if source is Source.RTK_HEADING:
-            return self._heading_at_once(rotation, rate_b)
+            return self._direct_heading_partials(rotation, rate_b)
         lever_b = FLU_FRD @ self._values[ANTENNA]
         found = np.zeros((3, len(PARAMETERS)))
         if source is Source.RTK_POSITION:
@@ -158,7 +158,7 @@ class WhiteningFusion(Fusion):
     def _acceleration_n(
         rotation: Array, state: NavState, reading: Reading, rate_b: Array, lever_b: Array
     ) -> Array:
-        """(3,) of the antenna, m/s2, but for the earth's turning."""
+        """Return the antenna's acceleration (3,), m/s2, without terms of the earth's rotation."""
         swing_b = np.cross(rate_b, np.cross(rate_b, lever_b)) + np.cross(
             reading.turning_b, lever_b
         )
@@ -166,7 +166,7 @@ class WhiteningFusion(Fusion):
         gravity = gravity_down(state.latitude_rad, state.height_m)
         return np.asarray(rotation @ (force_b + swing_b) + [0.0, 0.0, gravity])
 
-    def _heading_at_once(self, rotation: Array, rate_b: Array) -> Array:
+    def _direct_heading_partials(self, rotation: Array, rate_b: Array) -> Array:
         angles = float(self._values[AZIMUTH]), float(self._values[ELEVATION])
 
         def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:
@@ -184,11 +184,11 @@ class WhiteningFusion(Fusion):
 
 
 def squared(white: White) -> float:
-    """The normalised square of an innovation over its degrees of freedom; 1 is expected."""
+    """Return the normalised innovation squared over its degrees of freedom; 1 is expected."""
     return float(white.error @ white.error) / len(white.error)
 
 
 def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
-    """The weight of an innovation of ``off`` sigmas, with the usual ``scale`` of them (Huber)."""
+    """Return Huber's weight of an innovation of ``off`` sigmas, if ``scale`` sigmas are usual."""
     off /= scale
     return 1.0 if off <= limit else limit / off

@@ -1,7 +1,7 @@
-"""The published solution where nobody has measured the RTK antenna's place: that of the antenna.
+"""Convert the IMU's solution to the RTK antenna, where nobody has measured the lever arm.
 
-A place of zeros says that ``base_link`` begins at the antenna. The IMU is elsewhere, and the
-filter, whose state is the IMU's, estimates where.
+A configured lever arm of zeros says that the origin of ``base_link`` is the antenna. The filter's
+state is that of the IMU, which is elsewhere; the filter estimates the lever arm between them.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from tirgeo_ros.core.types.poses import NavSolution
 
 
 def at_antenna(imu: NavSolution, belief: Belief) -> NavSolution:
-    """Return the solution of the antenna from the IMU's; ``belief`` has its place as a state.
+    """Return the solution of the antenna from that of the IMU.
 
-    With ``l`` from IMU to antenna: ``p + R l`` and ``v + R (w x l)`` (Groves, 2nd ed., 14.3.4).
+    ``belief`` is the filter's state and covariance; the lever arm must be among its error states.
+    With ``l`` from IMU to antenna in ``b``, the position is ``p + R l`` and the velocity
+    ``v + R (w x l)`` (Groves, 2nd ed., 14.3.4). The covariance (9, 9) follows to first order.
     """
     lever_b = np.array(belief.control.receivers.antenna_b)
     rotation_nb = matrix_from_quat(imu.q_nb)

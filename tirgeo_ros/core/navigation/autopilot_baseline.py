@@ -1,6 +1,6 @@
-"""The baselines ``raw`` and ``rtk``: the autopilot's attitude with a satellite position.
+"""Estimate the baselines ``raw`` and ``rtk``: the autopilot's attitude and a satellite position.
 
-Between positions the last one is carried on with the last velocity; no filter.
+Between two positions the last one is extrapolated with the last velocity. There is no filter.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _LARGEST_AGE_S = 1.0
-#: The rate at which one gyroscope reading's white noise is reckoned.
+#: Sampling rate assumed to convert the gyroscopes' noise density to a variance of one reading.
 _NOMINAL_RATE_HZ = 100.0
 
 
 class Passthrough:
-    """Attitude of the autopilot, position of ``source`` (RTK or ordinary GPS)."""
+    """Estimate the pose from the autopilot's attitude and ``source`` (RTK or GPS position)."""
 
     def __init__(self, config: EkfConfig, source: Source) -> None:
         self._position_source = source
@@ -50,7 +50,7 @@ class Passthrough:
 
     @property
     def reason(self) -> str:
-        """What is missing for a solution, or an empty string."""
+        """Return what is missing for a solution, or an empty string."""
         if self._imu is None or not usable_attitude(self._imu.autopilot_q_nb):
             return "imu/data has no orientation"
         if self._position is None or not self._fresh(self._position):
@@ -58,11 +58,11 @@ class Passthrough:
         return ""
 
     def add_imu(self, sample: ImuSample) -> None:
-        """Take the attitude of an IMU sample."""
+        """Store an IMU sample; its autopilot attitude and angular rate enter the solution."""
         self._imu = sample
 
     def add_aiding(self, sample: PositionSample | VelocitySample | HeadingSample) -> Verdict:
-        """Take a position or a velocity of the chosen receiver."""
+        """Store a position or a velocity of the chosen receiver; any other sample is UNUSED."""
         if isinstance(sample, HeadingSample):
             return Verdict(Source.RTK_HEADING, Outcome.UNUSED)
         if sample.source not in {self._position_source, self._velocity_source}:
@@ -74,7 +74,7 @@ class Passthrough:
         return Verdict(sample.source, Outcome.USED)
 
     def solution(self) -> NavSolution | None:
-        """Position carried to the newest IMU sample, or None (see ``reason``)."""
+        """Return the position extrapolated to the newest IMU sample, or None (see ``reason``)."""
         if self.reason or self._imu is None or self._position is None:
             return None
         q_nb = self._imu.autopilot_q_nb
@@ -99,7 +99,7 @@ class Passthrough:
         )
 
     def _age_s(self, stamp_ns: int) -> float:
-        """Negative for what was measured after the newest IMU sample."""
+        """Return the age (s) at the newest IMU sample; negative for what was measured after it."""
         return (self._imu.stamp_ns - stamp_ns) * 1e-9 if self._imu else math.inf
 
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
@@ -107,12 +107,15 @@ class Passthrough:
 
     def _covariance(self, position: PositionSample, velocity: VelocitySample | None) -> Array:
         covariance = np.zeros((9, 9))
-        covariance[:3, :3] = _known(position.covariance_n, self._default_covariance)
+        covariance[:3, :3] = _or_else(position.covariance_n, self._default_covariance)
         covariance[3:6, 3:6] = self._attitude_covariance
-        covariance[6:, 6:] = _known(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
+        covariance[6:, 6:] = _or_else(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
         return covariance
 
 
-def _known(covariance: Array, otherwise: Array) -> Array:
-    """A covariance, or another one where the message has none (variances not positive)."""
+def _or_else(covariance: Array, otherwise: Array) -> Array:
+    """Return ``covariance``, or ``otherwise`` where a variance of the former is not positive.
+
+    Messages without a covariance have variances of zero.
+    """
     return covariance if np.all(np.diag(covariance) > 0) else otherwise

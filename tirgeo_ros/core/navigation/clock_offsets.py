@@ -1,4 +1,4 @@
-"""Which aids come with stamps out of the IMU's reach, in words: most often two clocks."""
+"""Describe the aids whose time stamps are out of the IMU's reach; most often two clocks differ."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: What was heard longer ago is not told any more.
+#: Offsets observed longer ago than this are not reported.
 _AGE_NS = 2_000_000_000
-#: Offsets this near are of one clock.
+#: Offsets that differ by less than this are reported as one clock.
 _SAME_NS = 500_000_000
-#: A delay may be as long; more is another clock.
+#: A shorter lag is reported as a latency, a longer one as another clock.
 _LONGEST_DELAY_NS = 5_000_000_000
-#: Leap seconds since 1980 (2017 to this day).
+#: GPS time minus UTC: the leap seconds since 1980 (unchanged since 2017).
 _GPS_LESS_UTC_NS = 18_000_000_000
 
 _OUT_OF_REACH = (Outcome.TOO_NEW, Outcome.TOO_OLD)
 
 
 class ClockOffsets:
-    """Hears the verdicts on aids; ``text`` tells of those that are refused for their stamps."""
+    """Record the aids that are refused for their time stamps, and describe them in ``text``."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._max_delay_s = config.max_delay_s
-        self._found: dict[Source, tuple[int, int]] = {}  # offset, and the IMU's time then
+        self._found: dict[Source, tuple[int, int]] = {}  # offset and IMU time
 
     def hear(self, verdict: Verdict, stamp_ns: int, imu_ns: int | None) -> None:
-        """Take the verdict on an aid's sample of ``stamp_ns``, the IMU being at ``imu_ns``."""
+        """Take the verdict on an aiding sample of ``stamp_ns``.
+
+        ``imu_ns`` is the newest IMU time stamp, or None before the first.
+        """
         source = verdict.source
         if verdict.outcome not in _OUT_OF_REACH or imu_ns is None:
             if self._found:
@@ -37,7 +40,10 @@ class ClockOffsets:
             self._found[source] = stamp_ns - imu_ns, imu_ns
 
     def text(self, imu_ns: int | None) -> str:
-        """Who is out of reach now, by how much, and what it may come from; or empty."""
+        """Return the topics out of reach at ``imu_ns``, with their offset and its likely cause.
+
+        The string is empty where there are none. Topics with one offset share a phrase.
+        """
         if not self._found or imu_ns is None:
             return ""
         recent = {s: off for s, (off, at) in self._found.items() if imu_ns - at <= _AGE_NS}

@@ -1,4 +1,4 @@
-"""The time line of the filter: IMU samples, and the measurements between them."""
+"""Define the filter's time line: IMU epochs, and the measurements between them."""
 
 from __future__ import annotations
 
@@ -15,49 +15,49 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 
 class Carried(NamedTuple):
-    """A belief whose covariance is behind by ``lag_s``, and what it needs to follow."""
+    """Hold a filter state, and a covariance that is older by ``lag_s`` and is propagated later."""
 
     state: NavState
     covariance: Array
     control: Control
     lag_s: float = 0.0
-    start: NavState | None = None  # the state that the covariance belongs to
-    rates: Rates | None = None  # about the middle of the lag
-    vibration: Powers = STILL  # of the IMU, lately
+    start: NavState | None = None  # the state at the covariance's time
+    rates: Rates | None = None  # near the middle of the lag
+    vibration: Powers = STILL  # IMU noise of the last seconds
 
     @property
     def belief(self) -> Belief:
-        """What is believed."""
+        """Return state, covariance and aid records; the covariance is not propagated."""
         return Belief(self.state, self.covariance, self.control)
 
 
 @dataclass(slots=True, eq=False)
 class Record:
-    """A measurement with its place, and what became of it."""
+    """Hold a measurement, its place on the time line, and the newest verdict on it."""
 
     stamp_ns: int
-    order: tuple[int, int]  # of one instant, always in the same order
+    order: tuple[int, int]  # sort key: stamp, then a fixed order of the sources
     source: Source
     sample: Aidlike
-    stale: bool = False  # it says what the one before said
-    held: bool = False  # it came before the IMU reached it
+    stale: bool = False  # it repeats the value of the one before
+    held: bool = False  # it arrived before the IMU sample that reaches its stamp
     verdict: Verdict | None = None
 
     @property
     def applied(self) -> bool:
-        """Whether it has entered the belief, or tried to."""
+        """Return whether it was, or is still to be, given to the filter: all but STANDBY."""
         return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
     @classmethod
     def of(cls, sample: Aidlike, *, stale: bool = False) -> Record:
-        """The record of a sample."""
+        """Return the record of a sample."""
         source = source_of(sample)
         return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
 
 
 @dataclass(slots=True, eq=False)
 class Epoch:
-    """An IMU sample, the interval that ends with it, and what is believed then."""
+    """Hold an IMU sample, the interval that ends with it, and the filter's state at its stamp."""
 
     stamp_ns: int
     force_b: Vector  # m/s2
@@ -72,13 +72,13 @@ class Epoch:
 
     @classmethod
     def first(cls, stamp_ns: int, sample: ImuSample, belief: Belief) -> Epoch:
-        """The epoch to start from, with the newest sample up to its stamp."""
+        """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), Carried(*belief))
 
     @classmethod
     def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Epoch:
-        """The epoch of the next sample; its belief is yet that of the epoch before."""
+        """Return the epoch of the next sample; ``carried`` is still that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
         step_s = (sample.stamp_ns - before.stamp_ns) * 1e-9
@@ -100,19 +100,22 @@ class Epoch:
 
 
 def between(start: Epoch, end: Epoch, stamp_ns: int) -> tuple[Vector, Vector]:
-    """Force and rate at a time between two samples, linearly."""
+    """Return specific force (m/s2) and angular rate (rad/s) in ``b`` at ``stamp_ns``.
+
+    They are interpolated linearly between the samples of the two epochs.
+    """
     share = (stamp_ns - start.stamp_ns) / (end.stamp_ns - start.stamp_ns)
     return mixed(start.force_b, end.force_b, share), mixed(start.rate_b, end.rate_b, share)
 
 
 def mixed(a: Vector, b: Vector, share: float) -> Vector:
-    """From one vector so far towards another."""
+    """Return ``a + share (b - a)``."""
     x, y, z = a
     return x + share * (b[0] - x), y + share * (b[1] - y), z + share * (b[2] - z)
 
 
 def put(records: list[Record], record: Record) -> bool:
-    """Put a record in its place; not where one of its source and stamp stands already."""
+    """Insert a record in order; return False where its source and stamp are there already."""
     at = len(records)
     while at and records[at - 1].order > record.order:
         at -= 1

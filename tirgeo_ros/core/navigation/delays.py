@@ -1,4 +1,4 @@
-"""From the stamps that sensors give to the times at which they measured."""
+"""Convert time stamps of sensors to times of measurement."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import NamedTuple
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.measurements import Source
 
-#: Measurements may be ahead of the IMU by this, however little delay is allowed for.
+#: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
 _LEAST_HOLD_S = 0.2
 
 
 class Delays(NamedTuple):
-    """Stamp less time of measurement, in nanoseconds; negative where stamps are early."""
+    """Hold stamp minus time of measurement (ns) by sensor; negative where stamps are early."""
 
     imu_ns: int
     aid_ns: Mapping[Source, int]
 
     @classmethod
     def from_config(cls, config: EkfConfig) -> Delays:
-        """As the parameters have them; headings without a delay of their own have the RTK's."""
+        """Return the configured delays; a heading without a delay of its own takes that of RTK."""
         rtk_s, heading_s, gps_s = config.rtk.delay_s, config.heading.delay_s, config.gps.delay_s
         seconds = {
             Source.RTK_POSITION: rtk_s,
@@ -35,10 +35,13 @@ class Delays(NamedTuple):
 
     @property
     def ahead_ns(self) -> int:
-        """By how much the delays bring a measurement before the IMU samples of its arrival."""
+        """Return how far the corrected stamp of an aid may be ahead of the IMU's on arrival.
+
+        It is the IMU's delay less the smallest delay of an aid, and never negative.
+        """
         return max(0, self.imu_ns - min(self.aid_ns.values()))
 
 
 def longest_hold_s(config: EkfConfig) -> float:
-    """How far ahead of the IMU a measurement may be, to be held until the IMU reaches it."""
+    """Return how far ahead of the IMU (s) a measurement may be and still be held for it."""
     return max(config.max_delay_s, _LEAST_HOLD_S) + Delays.from_config(config).ahead_ns * 1e-9

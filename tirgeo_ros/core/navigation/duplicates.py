@@ -1,4 +1,4 @@
-"""Noticing a measurement that a driver sends again at its polling rate under new stamps."""
+"""Detect a measurement that a driver sends again, at its polling rate, under a new time stamp."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 
-#: A receiver that says the same for longer means it (a test bench, an aircraft at rest).
+#: A value repeated after longer than this is a new measurement (a test bench, an aircraft at
+#: rest).
 _LONGEST_NS = 900_000_000
-#: Of the receiver's interval: within it the same heading is the same measurement.
-_SHARE = 0.95
+#: Within this share of the receiver's interval the same heading is the same measurement.
+_INTERVAL_SHARE = 0.95
 
 
 class Same(Enum):
-    """What a measurement has in common with the one before of its source."""
+    """Describe what a measurement has in common with the one before of its source."""
 
     NOTHING = 0
-    VALUE = 1  # a new measurement, unless the receiver is frozen
-    MEASUREMENT = 2  # it is that one again
+    VALUE = 1  # the value repeats in a new measurement, unless the receiver is frozen
+    MEASUREMENT = 2  # the same measurement, sent again
 
 
 class Repeats:
-    """Compares each measurement with the one before of its source.
+    """Compare each measurement with the one before of its source.
 
-    A position or velocity never says the same twice to all digits; a position again whose fix
-    has become worse is news of the fix (one whose fix has become better was measured without
-    it). A heading in whole degrees
-    does: how often the receiver measures is therefore learned from its positions' changes.
+    Two measured positions or velocities never agree in all digits. A position that repeats with a
+    worse fix status is new, for its status is news; with a better status it is the same
+    measurement. Headings in whole degrees do repeat. The receiver's interval is therefore learned
+    from the changes of its positions.
     """
 
     def __init__(self) -> None:
@@ -44,11 +45,11 @@ class Repeats:
         self._changes_ns: deque[int] = deque(maxlen=8)  # of RTK positions
 
     def compared(self, sample: Aiding) -> Same:
-        """What a sample has in common with the one before."""
+        """Return what a sample has in common with the one before of its source."""
         source, value = source_of(sample), _value(sample)
         known = self._newest.get(source)
         same = Same.NOTHING
-        if not self._fell(sample) and known is not None and known[1] == value:
+        if not self._status_worsened(sample) and known is not None and known[1] == value:
             apart_ns = abs(sample.stamp_ns - known[0])
             heading = isinstance(sample, HeadingSample)
             if 0 < apart_ns < (self._interval_ns() if heading else _LONGEST_NS):
@@ -59,8 +60,8 @@ class Repeats:
         self._newest[source] = sample.stamp_ns, value
         return same
 
-    def _fell(self, sample: Aiding) -> bool:
-        """Whether a position's fix is worse than that of the one before."""
+    def _status_worsened(self, sample: Aiding) -> bool:
+        """Return whether a position's fix status is worse than that of the one before."""
         if not isinstance(sample, PositionSample):
             return False
         before = self._status.get(sample.source, sample.status)
@@ -68,11 +69,11 @@ class Repeats:
         return sample.status < before
 
     def _interval_ns(self) -> float:
-        """Within this after a heading, the same heading is no new one."""
+        """Return the time within which an equal heading counts as the same measurement."""
         stamps = sorted(self._changes_ns)
         steps = sorted(b - a for a, b in pairwise(stamps))
         usual_ns = steps[len(steps) // 2] if steps else _LONGEST_NS
-        return min(_SHARE * usual_ns, _LONGEST_NS)
+        return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)
 
 
 def _value(sample: Aiding) -> tuple[float, ...]:

@@ -1,8 +1,8 @@
-"""The error-state Kalman filter on the IMU, with a history for measurements that come late.
+"""Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
 
-Epochs (IMU samples) and measurements lie on one time line (``timeline``). Each epoch keeps what
-was believed after every measurement up to its stamp, so a late measurement only has to be put in
-its place and the epochs after it computed again: the result is the one that timely arrival gives.
+Epochs (IMU samples) and measurements lie on one time line (``delayed_measurements``). Each epoch
+keeps the filter's state after all measurements up to its stamp. A late measurement is inserted in
+its place and the later epochs are computed again, so the result equals that of timely arrival.
 """
 
 from __future__ import annotations
@@ -40,29 +40,30 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
-_NONE: list[Verdict] = []
-_MOST_HZ = 500  # of measurements that are held: five sources at 100 Hz
+_NO_VERDICTS: list[Verdict] = []
+_MOST_HZ = 500  # bound on held measurements: five sources at 100 Hz
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
-class _Pause(NamedTuple):
-    """The belief after the last measurement of an interval, from where one more goes on.
+class _Progress(NamedTuple):
+    """Hold the filter's state after the newest measurement of an interval.
 
-    A receiver's position, velocity and heading come one after the other with one stamp; without
-    this each would compute the ones before it again.
+    A receiver's position, velocity and heading arrive one after the other with one stamp. From
+    here each is added to those before it without computing them again.
     """
 
-    end_ns: int  # of the interval's last epoch
-    order: tuple[int, int]  # of the last measurement in the belief
-    applied: int  # measurements of the interval up to that one
+    end_ns: int  # stamp of the epoch that ends the interval
+    order: tuple[int, int]  # sort key of the newest measurement in ``carried``
+    applied: int  # number of the interval's records up to that measurement
     carried: Carried
 
 
 class Ekf:
-    """The filter from its alignment on. Samples must be finite (see ``navigation``).
+    """Run the filter from the end of its alignment. Samples must be finite (see ``estimator``).
 
-    ``mechanisation`` and ``fusion`` stand for those that the parameters give (see ``whitening``).
+    ``mechanisation`` and ``fusion`` replace those that ``config`` gives (see
+    ``aircraft_calibration/whitened_innovations``).
     """
 
     def __init__(
@@ -81,25 +82,25 @@ class Ekf:
         self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
         states = states_of(config)
         self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
-        # Where a solution's covariance (9, 9) stands in the filter's, counted row by row.
+        # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
         self._solution_entries = states * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
         belief = first_belief(config, alignment)
         self._epochs = [Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)]
         self._held: list[Record] = []
         self._resolved: list[Verdict] = []
-        self._pause: _Pause | None = None
-        self._done = 0  # index of the newest epoch whose belief is up to date
+        self._progress: _Progress | None = None
+        self._done = 0  # index of the newest epoch that is computed
 
     @property
     def newest_ns(self) -> int:
-        """Stamp of the newest IMU sample."""
+        """Return the time stamp of the newest IMU sample."""
         return self._epochs[-1].stamp_ns
 
     def add_imu(self, sample: ImuSample, *, clipped: bool = False) -> list[Verdict]:
-        """Carry the state to an IMU sample, which must be newer than all before.
+        """Propagate the state to an IMU sample, which must be newer than all before.
 
-        One that was at full scale lately (``clipped``) tells little of the force. Gives the
-        verdicts on measurements that were held until now.
+        ``clipped``: the IMU was at full scale within the last second, so the process noise is
+        enlarged. Returns the verdicts on measurements that were held until this sample.
         """
         epoch = Epoch.after(self._epochs[-1], sample, self._meter)
         if clipped:
@@ -112,14 +113,14 @@ class Ekf:
         if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
             self._forget()
         if not self._resolved:
-            return _NONE
+            return _NO_VERDICTS
         found, self._resolved = self._resolved, []
         return found
 
     def add_aiding(self, sample: Aidlike, *, stale: bool = False) -> Verdict:
-        """Put a measurement in its place; one that the IMU has not reached yet is held.
+        """Insert a measurement in its place; one that the IMU has not reached yet is held.
 
-        ``stale``: it says what the one before said, so a refusal of it proves nothing.
+        ``stale``: it repeats the value of the one before, so a refusal of it proves nothing.
         """
         stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
@@ -145,31 +146,31 @@ class Ekf:
         return Verdict(record.source, Outcome.WAITING, "held until imu/data reaches it")
 
     def _revised(self, index: int, record: Record) -> Verdict:
-        """The verdict on a measurement in the interval that ends with an epoch."""
-        if self._pause is not None and self._pause.order > record.order:
-            self._pause = None
+        """Return the verdict on a new record in the interval that ends with epoch ``index``."""
+        if self._progress is not None and self._progress.order > record.order:
+            self._progress = None
         self._catch_up(index - 1)
         control = self._control_before(index, record)
         if control is not None and self._fusion.spare(record.sample, control):
             record.verdict = _STANDBY[record.source]
-            return record.verdict  # it changes nothing, so what comes after stays
+            return record.verdict  # nothing changes, so the later epochs remain valid
         self._done = min(self._done, index - 1)
         self._catch_up(index)
         assert record.verdict is not None
         return record.verdict
 
     def _control_before(self, index: int, record: Record) -> Control | None:
-        """What the aids have done up to a record in an interval; None if it is not at hand."""
-        end, pause = self._epochs[index], self._pause
+        """Return the aid records just before ``record``, or None where they are not at hand."""
+        end, progress = self._epochs[index], self._progress
         before = [r for r in end.records if r.order < record.order and r.applied]
         if not before:
             return self._epochs[index - 1].carried.control
-        if pause is not None and pause.order == before[-1].order:
-            return pause.carried.control
+        if progress is not None and progress.order == before[-1].order:
+            return progress.carried.control
         return None
 
     def solution(self) -> NavSolution:
-        """The state at the newest IMU sample.
+        """Return the navigation solution at the newest IMU sample.
 
         Its covariance may be up to 50 ms older than the state.
         """
@@ -194,43 +195,46 @@ class Ekf:
         if self._at_antenna:
             solution = at_antenna(solution, epoch.carried.belief)
         step = control.tracks[_RTK_POSITION].step
-        if step:  # RTK says that it is elsewhere: so uncertain is the place
+        if step:  # an RTK step that is not accepted yet makes the position that uncertain
             solution.covariance[:3, :3] += np.outer(step, step)
         return solution
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
-        """White noise of one reading, and the bias's uncertainty; (rad/s)^2."""
+        """Return the variance of the angular rate in ``b``, (rad/s)^2.
+
+        It is the white noise of one reading plus the variance of the bias.
+        """
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
         x, y, z = self._noise_powers.of_gyroscopes(last.vibration)
         item = covariance.item
-        if count == 0:  # one sample has no rate
+        if count == 0:  # with one sample there is no sampling rate
             return item(9, 9), item(10, 10), item(11, 11)
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
         return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
 
     def belief(self) -> Belief:
-        """What is believed at the newest IMU sample; the covariance may be 50 ms older."""
+        """Return the belief at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.belief
 
     @property
     def control(self) -> Control:
-        """What the aids have done up to the newest IMU sample."""
+        """Return the records of the aids at the newest IMU sample."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.control
 
     @property
     def vibration(self) -> Powers:
-        """What the IMU's readings show of its noise, lately."""
+        """Return the noise densities that the IMU's latest readings show."""
         return self._epochs[-1].vibration
 
     @property
     def process_noise(self) -> str:
-        """Where the noise of the IMU comes from: the parameters, or its vibration."""
+        """Return the source of the process noise: "parameters", or "vibration" if larger."""
         return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
 
     def biases(self) -> Biases:
-        """What is known of the IMU, for another start."""
+        """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
         state, covariance, _ = self.belief()
         rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
         return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
@@ -241,24 +245,24 @@ class Ekf:
             self._done += 1
 
     def _advance(self, start: Epoch, end: Epoch) -> None:
-        """What is believed at ``end`` from ``start`` and the measurements in between."""
+        """Compute ``end.carried`` from ``start`` and the measurements in between."""
         if not end.records:
             end.carried = self._mechanisation.whole(start.carried, start, end)
             return
-        pause = self._pause
-        if pause is None or pause.end_ns != end.stamp_ns:
-            pause = _Pause(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
-        carried, now_ns = pause.carried, pause.order[0]
-        for number, record in enumerate(end.records[pause.applied :], pause.applied + 1):
+        progress = self._progress
+        if progress is None or progress.end_ns != end.stamp_ns:
+            progress = _Progress(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
+        carried, now_ns = progress.carried, progress.order[0]
+        for number, record in enumerate(end.records[progress.applied :], progress.applied + 1):
             if self._fusion.spare(record.sample, carried.control):
-                self._tell(record, _STANDBY[record.source])
+                self._set_verdict(record, _STANDBY[record.source])
                 continue
             carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
             rate_b = between(start, end, now_ns)[1]
             carried = self._applied(record, carried, rate_b, end.autopilot_q_nb)
-            pause = _Pause(end.stamp_ns, record.order, number, carried)
-        self._pause = pause
+            progress = _Progress(end.stamp_ns, record.order, number, carried)
+        self._progress = progress
         if now_ns == start.stamp_ns:
             end.carried = self._mechanisation.whole(carried, start, end)
         else:
@@ -276,19 +280,19 @@ class Ekf:
             stale=record.stale,
             autopilot_q_nb=autopilot_q_nb,
         )
-        self._tell(record, verdict)
+        self._set_verdict(record, verdict)
         return Carried(*belief)
 
-    def _tell(self, record: Record, verdict: Verdict) -> None:
-        """Note a verdict; the first on a measurement that was held is given out."""
+    def _set_verdict(self, record: Record, verdict: Verdict) -> None:
+        """Store a verdict; the first on a measurement that was held also goes to the caller."""
         if record.held and record.verdict is None:
             self._resolved.append(verdict)
         record.verdict = verdict
 
     def _forget(self) -> None:
-        """Drop what no measurement can reach any more.
+        """Drop the epochs that no measurement can reach any more.
 
-        In batches: cutting the list at every sample would cost more than it frees.
+        They are dropped in batches: to cut the list at every sample would cost more than it frees.
         """
         oldest_ns = self.newest_ns - self._keep_ns
         drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1

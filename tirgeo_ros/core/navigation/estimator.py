@@ -1,6 +1,6 @@
-"""The one door to the estimators: any sample in, a verdict out, and a solution when one is due.
+"""Run the chosen estimator: take any sample, return a verdict, and a solution when one is due.
 
-``ekf_node`` and ``tirgeo process`` both drive this class, so they cannot differ.
+``ekf_node`` and ``tirgeo process`` both drive this class, so their results cannot differ.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 
-#: A receiver that has been silent for longer has no status.
+#: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
-#: The estimator's state is looked at so often.
+#: Interval between two checks of the filter's health.
 _WATCH_NS = 100_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
 _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
-#: What each method takes.
+#: The sources that each method uses.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (Source.IMU, *_GPS),
     "rtk": _RTK,
@@ -61,18 +61,18 @@ METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
 
 
 class Step(NamedTuple):
-    """What one sample led to; ``solution`` is there when it is due to be published."""
+    """Hold the verdict on one sample, and the solution where it is due to be published."""
 
     verdict: Verdict
     solution: NavSolution | None = None
 
 
 class Navigation:
-    """The chosen method, fed in the order of arrival.
+    """Run the configured method on samples in the order of their arrival.
 
-    ``heard`` is told every verdict but that on an IMU sample that was used: also those on samples
-    that were held, as soon as there is one. Raises ConfigError for an origin that is nowhere on
-    earth.
+    ``heard`` is called with every verdict, except that on an IMU sample that was used. Verdicts on
+    samples that were held are included, as soon as they are known. Raises ConfigError for an
+    origin of ``map`` that is not on earth.
     """
 
     def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
@@ -85,7 +85,7 @@ class Navigation:
         self._imu_axes = ImuAxes(config.aircraft)
         self._health = Health(config)
         self._clipping = Clipping()
-        self._resets: Counter[Source] = Counter()  # of the filters before this one
+        self._resets: Counter[Source] = Counter()  # of all filters before the current one
         self._last_reset = ""
         self._origin = MapOrigin(config, self._position_source)
         self._ekf: Ekf | None = None
@@ -99,7 +99,11 @@ class Navigation:
         self._begin("", None)
 
     def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
-        """Forget the state, but for what is known of the IMU."""
+        """Discard the state and start aligning.
+
+        ``why`` is the reason, ``prior`` what is known of the IMU's biases, and ``lost`` tells that
+        the state before was lost.
+        """
         self._resets, self._last_reset = self._reset_counts()
         self._ekf = None
         self._why_again, self._lost = why, lost
@@ -123,18 +127,22 @@ class Navigation:
 
     @property
     def plane(self) -> TangentPlane | None:
-        """The plane of ``map``: as configured, or at the first accepted position."""
+        """Return the plane of ``map``: as configured, or at the first accepted position."""
         return self._origin.plane
 
     @property
     def rtk_status(self) -> FixStatus:
-        """What the RTK receiver last said of its fix; NONE once it is silent."""
+        """Return the RTK receiver's newest fix status; NONE once it is silent."""
         silent = self._now_ns - self._rtk_status_ns > _STATUS_AGE_NS
         return FixStatus.NONE if silent else self._rtk_status
 
     @property
     def _now_ns(self) -> int:
-        """The newest time that is known: the IMU's, or as its aids tell while it is silent."""
+        """Return the newest time known, ns.
+
+        It is the newest IMU stamp, plus the length of the silence while the IMU is silent. Before
+        the first IMU sample it is the newest stamp of an aid.
+        """
         imu_ns = self._imu_clock.newest_ns
         if imu_ns is None:
             return self._newest_aid_ns
@@ -145,7 +153,10 @@ class Navigation:
         return self._silence.length_ns > self._config.trust.aid_timeout_s * 1e9
 
     def process(self, sample: NavigationInput) -> Step:
-        """Take one sample. Whatever is in it, the state stays finite."""
+        """Take one sample; return its verdict, and a solution where one is due.
+
+        Whatever is in the sample, the state stays finite.
+        """
         fault = fault_of(sample)
         if isinstance(sample, ImuSample):
             if fault:
@@ -163,7 +174,7 @@ class Navigation:
         return step
 
     def status(self) -> NavigationStatus:
-        """Where the estimator stands."""
+        """Return the estimator's state and its diagnostics."""
         state, reason = self._state()
         self._enter(state)
         resets, last_reset = self._reset_counts()
@@ -186,7 +197,7 @@ class Navigation:
         )
 
     def _reset_counts(self) -> tuple[Counter[Source], str]:
-        """Of this filter and those before it, and the newest."""
+        """Return the number of resets by source, over all filters so far, and the newest reset."""
         if self._ekf is None:
             return self._resets, self._last_reset
         control = self._ekf.control
@@ -245,7 +256,7 @@ class Navigation:
         return Step(Verdict(Source.IMU, outcome, reason), solution)
 
     def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
-        """A sample that goes on from the one before."""
+        """Take a checked sample that continues the time line."""
         if self._ekf is not None:
             clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
             for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
@@ -288,7 +299,7 @@ class Navigation:
         return verdict
 
     def _waiting(self, sample: Aiding, source: Source) -> Verdict:
-        """Take a sample to the alignment, unless the IMU's time is too far from it."""
+        """Give a sample to the alignment, unless its stamp is too far from the IMU's."""
         far = self._order.out_of_reach(sample.stamp_ns)
         if far is not None:
             return Verdict(source, *far)
@@ -296,7 +307,7 @@ class Navigation:
         return Verdict(source, Outcome.WAITING, "not aligned yet")
 
     def _align(self, sample: NavigationInput) -> None:
-        """Hand what is due to the alignment; once there is a state, the rest to the filter."""
+        """Give the samples that are due to the alignment; once it succeeds, start the filter."""
         due = iter(self._order.add(sample))
         for verdict in self._order.given_up():
             self._count(verdict)
@@ -307,7 +318,7 @@ class Navigation:
                 return
 
     def _start(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> None:
-        """Begin the filter; ``rest`` are samples that the alignment has not seen."""
+        """Start the filter; ``rest`` are samples that the alignment has not seen."""
         self._ekf = Ekf(self._config, alignment)
         self._why_again, self._lost = "", False
         self._origin.start_at(alignment.state)
@@ -323,7 +334,10 @@ class Navigation:
                 self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Look at the filter's health; the autopilot's heading serves where no other does."""
+        """Check the filter's health; restart it where it is lost.
+
+        The autopilot's heading is added first, where the heading has become too uncertain.
+        """
         self._watched_ns = ekf.newest_ns
         belief = ekf.belief()
         heading = self._autopilot.sample(sample, belief.covariance)
@@ -339,7 +353,7 @@ class Navigation:
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 
     def _due_solution(self, stamp_ns: int) -> NavSolution | None:
-        """A solution, at ``publish_rate_hz`` at the most."""
+        """Return a solution, at most ``publish_rate_hz`` times a second, else None."""
         if not self._rate.due(stamp_ns):
             return None
         if self._filtering:

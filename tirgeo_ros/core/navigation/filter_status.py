@@ -1,4 +1,4 @@
-"""From what the aids have done lately to the estimator's state, and since when it is in it."""
+"""Judge the estimator's state from the latest records of the aids and the covariance."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
-#: The autopilot's heading is taken again at three of its sigmas; the rest is for the way there.
-_SHARE = 3.5
-_LEADS = {
+#: In units of the autopilot's heading sigma. Its heading is used again from three sigmas on, so
+#: a state is lost only beyond that, with a margin.
+_HEADING_SIGMAS = 3.5
+_PREFIXES = {
     Outcome.GATED: "refused: ",
     Outcome.INVALID: "refused: ",
     Outcome.TOO_OLD: "refused: ",
@@ -28,7 +29,7 @@ _LEADS = {
 
 
 class Unused(NamedTuple):
-    """When and why a sample was not used."""
+    """Hold when and why a sample was not used."""
 
     stamp_ns: int
     why: str
@@ -38,19 +39,19 @@ _NOTHING = Unused(NEVER_NS, "")
 
 
 def unused(verdict: Verdict, now_ns: int) -> Unused | None:
-    """Return what a verdict says of an aid that comes and is not used; None of any other."""
-    lead = _LEADS.get(verdict.outcome)
+    """Return why an aid that arrives is not used; None for any other verdict."""
+    lead = _PREFIXES.get(verdict.outcome)
     return None if lead is None else Unused(now_ns, lead + verdict.reason)
 
 
 class Health:
-    """Judges the filter by its records and its covariance, as the parameters say."""
+    """Judge the filter by the records of its aids and by its covariance."""
 
     def __init__(self, config: EkfConfig) -> None:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._admitted = Admitted(config)
-        known_deg = _SHARE * config.autopilot.attitude_sigma_deg[2]
+        self._reported = Admitted(config)
+        known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
         self._patience_s = config.rtk.reset_after_s
         self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
@@ -58,15 +59,15 @@ class Health:
             self._wanted.append(Source.RTK_HEADING)
 
     def hear(self, sample: PositionSample) -> None:
-        """Take what a receiver admits of its position."""
-        self._admitted.hear(sample)
+        """Take a position, for the accuracy that its receiver reports."""
+        self._reported.hear(sample)
 
     def state(
         self, control: Control, now_ns: int, unused: Mapping[Source, Unused] | None = None
     ) -> tuple[FilterState, str]:
-        """RUNNING, DEGRADED or DEAD_RECKONING, and the aids that are missing.
+        """Return RUNNING, DEGRADED or DEAD_RECKONING, and the aids that are missing.
 
-        ``unused`` says of each source when a sample was last not used, and why.
+        ``unused`` holds for each source when a sample was last not used, and why.
         """
         missing = [
             s for s in self._wanted if not control.track(s).recent(now_ns, self._timeout_ns)
@@ -76,7 +77,7 @@ class Health:
             return FilterState.RUNNING, ""
         poor = told = ""
         if Source.RTK_POSITION in missing:
-            poor = self._admitted.text()
+            poor = self._reported.text()
             if not control.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
@@ -89,7 +90,7 @@ class Health:
     def _reason(
         self, missing: Sequence[Source], now_ns: int, unused: Mapping[Source, Unused]
     ) -> str:
-        """What is refused and why, then what does not come at all."""
+        """Return what is refused and why, then what does not arrive at all."""
         told, absent = [], []
         for source in missing:
             stamp_ns, why = unused.get(source, _NOTHING)
@@ -100,7 +101,7 @@ class Health:
         return ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
 
     def lost(self, control: Control, covariance: Array) -> str:
-        """Why the state is not to be trusted any more, or empty.
+        """Return why the state is not to be trusted any more, or an empty string.
 
         ``covariance`` (n, n) is that of the error states.
         """
@@ -108,8 +109,8 @@ class Health:
         if not math.isfinite(sum(variances)):
             return "not finite"
         largest = max(variances[POSITION])
-        if largest > self._admitted.least_m2:
-            pairs = zip(variances[POSITION], self._admitted.bounds_m2(), strict=True)
+        if largest > self._reported.least_m2:
+            pairs = zip(variances[POSITION], self._reported.bounds_m2(), strict=True)
             beyond = [variance for variance, bound in pairs if variance > bound]
             if beyond:
                 return f"position sigma {math.sqrt(max(beyond)):.1f} m"
@@ -118,6 +119,6 @@ class Health:
         return control.hopeless(self._patience_s)
 
     def spoiled(self, control: Control, covariance: Array) -> bool:
-        """Whether what a lost state knows of the IMU is not to be trusted either."""
+        """Return whether the bias estimates of a lost state are not to be trusted either."""
         finite = math.isfinite(float(covariance.trace()))
         return not finite or bool(control.hopeless(self._patience_s))

@@ -1,4 +1,4 @@
-"""The IMU's axes, where they are not the body's."""
+"""Rotate IMU samples to body axes, where the IMU is mounted at an angle."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 
 class ImuAxes:
-    """Turns what the IMU feels into the body's axes, as ``imu_rpy_deg`` says.
+    """Rotate specific force and angular rate to the body axes by ``imu_rpy_deg``.
 
-    The autopilot's attitude is the body's already and stays.
+    The autopilot's attitude is that of the body already and is not changed.
     """
 
     def __init__(self, aircraft: AircraftConfig) -> None:
@@ -19,7 +19,7 @@ class ImuAxes:
         self.turned = self._rotation_bi is not None
 
     def to_body(self, sample: ImuSample) -> ImuSample:
-        """Return the sample in body axes: the very sample where these are the IMU's."""
+        """Return the sample in body axes: the same object where the IMU's axes are the body's."""
         rotation_bi = self._rotation_bi
         if rotation_bi is None:
             return sample

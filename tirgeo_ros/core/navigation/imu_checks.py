@@ -1,7 +1,8 @@
-"""Whether an IMU sample goes on from the ones before: order, gaps, clock jumps, spikes, freezing.
+"""Check that an IMU sample continues those before: order, gaps, clock jumps, spikes, freezing.
 
-A sample that does not go on is held until the next tells whether the time has changed or only that
-sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged, longer ones begin another time.
+A sample that does not continue them is held. The next one shows whether the clock has changed or
+only that sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged; a longer one restarts the time
+line.
 """
 
 from __future__ import annotations
@@ -14,21 +15,22 @@ from tirgeo_ros.core.types.verdicts import Outcome
 
 #: A stamp that goes back further is another clock or another run of a bag, not disorder.
 _CLOCK_JUMP_NS = 1_000_000_000
-#: So many samples out of order, in order among themselves: the clock has gone back.
+#: The clock has gone back once this many late samples are in order among themselves.
 _BACK_NUMBER = 5
-#: A stamp this far ahead leaves out samples of the slowest IMU (50 Hz).
+#: A stamp further ahead has left out samples of even the slowest IMU (50 Hz).
 _HOLD_NS = 45_000_000
-#: Readings of a live sensor do not repeat in all digits.
+#: A live sensor's readings do not repeat in all digits. Repeats and their duration that make a
+#: sensor frozen, and the changed readings that first prove it alive.
 _FROZEN_NUMBER, _FROZEN_NS, _ALIVE_NUMBER = 5, 50_000_000, 50
-#: From one sample to the next no aircraft does this, its vibration of some g included:
-#: saturation, a wrong byte on the line.
+#: Largest change from one sample to the next, vibration of some g included. More is saturation or
+#: a wrong byte on the line.
 _SPIKE_M_S2, _SPIKE_RAD_S = 80.0, 3.0
 
 
 class Checked(NamedTuple):
-    """What to make of a sample.
+    """Hold the outcome of a check and the samples to use.
 
-    With ``begins`` the samples to use are the first of another time.
+    With ``begins`` the samples to use are the first of a new time line.
     """
 
     outcome: Outcome
@@ -38,44 +40,44 @@ class Checked(NamedTuple):
 
 
 class ImuClock:
-    """Follows the stamps and readings of the IMU."""
+    """Follow the stamps and readings of the IMU."""
 
     def __init__(self, max_gap_s: float) -> None:
         self._max_gap_ns = round(max_gap_s * 1e9)
         self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
-        self.newest_ns: int | None = None  # of the samples that were for use
+        self.newest_ns: int | None = None  # of the accepted samples
         self._force_b: list[float] = []
         self._rate_b: list[float] = []
-        self._held: ImuSample | None = None  # newest of the samples that did not go on
+        self._held: ImuSample | None = None  # newest sample that did not continue the others
         self._odd_number = 0
         self._changed_ns = 0
         self._repeated = 0
         self._alive = 0
 
     def check(self, sample: ImuSample) -> Checked:
-        """What to make of the next sample to come; its numbers must be finite."""
+        """Return the outcome of the next sample to arrive; its numbers must be finite."""
         newest_ns = self.newest_ns
         force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         if newest_ns is None:
-            return self._read(_alone(sample), sample.stamp_ns, force_b, rate_b)
+            return self._unless_frozen(_continuous(sample), sample.stamp_ns, force_b, rate_b)
         ahead_ns = sample.stamp_ns - newest_ns
         if abs(ahead_ns) <= self._max_gap_ns and (
             math.dist(force_b, self._force_b) > _SPIKE_M_S2
             or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
         ):
             return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
-        checked = _alone(sample)
+        checked = _continuous(sample)
         if not 0 < ahead_ns <= self._hold_ns:
-            checked = self._odd(sample, newest_ns, ahead_ns)
+            checked = self._discontinuous(sample, newest_ns, ahead_ns)
             if not checked.use:
                 return checked
-        return self._read(checked, sample.stamp_ns, force_b, rate_b)
+        return self._unless_frozen(checked, sample.stamp_ns, force_b, rate_b)
 
-    def _odd(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
-        """A sample that does not follow the newest closely."""
+    def _discontinuous(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
+        """Judge a sample that does not closely follow the newest accepted one."""
         held = self._held
         if held is not None and (held.stamp_ns > newest_ns) is not (ahead_ns > 0):
-            held = None  # what is late says nothing of what is ahead
+            held = None  # a late sample proves nothing about one ahead
         goes_on = held is not None and 0 < sample.stamp_ns - held.stamp_ns <= self._max_gap_ns
         self._odd_number = self._odd_number + 1 if goes_on else 1
         self._held = sample
@@ -95,10 +97,10 @@ class ImuClock:
             return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
         return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
 
-    def _read(
+    def _unless_frozen(
         self, checked: Checked, stamp_ns: int, force_b: list[float], rate_b: list[float]
     ) -> Checked:
-        """The same, unless a sensor whose readings used to change says the same for long."""
+        """Return ``checked``, or REPEATED for a frozen sensor; store an accepted reading."""
         if force_b != self._force_b or rate_b != self._rate_b:
             self._changed_ns, self._repeated = stamp_ns, 0
             self._alive += 1
@@ -112,6 +114,6 @@ class ImuClock:
         return checked
 
 
-def _alone(sample: ImuSample) -> Checked:
-    """That a sample goes on from the one before; nearly always."""
+def _continuous(sample: ImuSample) -> Checked:
+    """Return the outcome of a sample that continues those before: it is used, by itself."""
     return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))

@@ -1,9 +1,9 @@
-"""Whether the IMU is at its full scale: readings pinned at one extreme value.
+"""Detect an IMU at its full scale: readings that pile up at one extreme value.
 
-A sensor that is shaken beyond its range gives the end of the range again and again. The end is
-not known beforehand; the pile tells it: readings that come from afar and stop at the largest
-value there was oftener than just short of it. Quantised readings, a long turn, a frozen sensor
-and one at rest make no such pile. A single shock makes none either.
+A sensor that is shaken beyond its range repeats the end of the range. The end is not known
+beforehand but shows as a pile: readings that jump to the largest value so far, and stop there more
+often than just below it. Quantised readings, a long turn, a frozen sensor and one at rest make no
+such pile, nor does a single shock.
 """
 
 from __future__ import annotations
@@ -14,52 +14,53 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("accelerometer", "gyroscope") for axis in "xyz")
 _UNITS = ("m/s2",) * 3 + ("rad/s",) * 3
-#: No IMU has a smaller range than 2 g and 125 deg/s (19.6, 2.18); from here on it is looked at.
+#: No IMU has a range below 2 g and 125 deg/s (19.6, 2.18); smaller readings are not examined.
 _LEAST_M_S2, _LEAST_RAD_S = 18.0, 2.0
 _LEAST_M_S2_2, _LEAST_RAD_S_2 = _LEAST_M_S2**2, _LEAST_RAD_S**2
-#: Readings so near to the extreme, as a part of it, are the extreme.
-_SAME = 1e-4
-#: From here on a reading is just short of it; what comes from below has jumped.
-_SHORT = 0.05
-#: So many within the window are a pile. Of coarse readings (0.08 m/s2) under strong vibration
-#: three are alike by chance in a flight of some minutes.
+#: Readings within this fraction of the extreme value count as equal to it.
+_EQUAL_SHARE = 1e-4
+#: Readings within this fraction below the extreme are just short of it. A reading that comes from
+#: further below has jumped.
+_SHORT_SHARE = 0.05
+#: Hits within the window that make a pile. Of coarse readings (0.08 m/s2) under strong vibration
+#: three are equal by chance in a flight of some minutes.
 _PILE = 5
 _WINDOW_NS = 1_000_000_000
-#: An extreme that was not met again for so long was a reading like others.
+#: An extreme that was not reached again for this long was an ordinary reading.
 _FORGET_NS = 10_000_000_000
-#: How long a warning stays: longer than the time between two diagnostics.
+#: How long a warning stays: longer than the time between two diagnostics messages.
 _WARN_NS = 5_000_000_000
 
 
 class _End:
-    """One end of one channel's range, as far as it was seen; magnitudes."""
+    """Track one end of one channel's range, as far as it was seen; values are magnitudes."""
 
     def __init__(self, level: float, stamp_ns: int, least: float) -> None:
         self.level, self.met_ns = level, stamp_ns
-        self._least = least  # readings below it are not told
-        self.known = False  # a pile was seen here
-        self._hits_ns: deque[int] = deque()  # within the window
+        self._least = least  # smaller readings are not examined
+        self.known = False  # whether a pile was seen here
+        self._hits_ns: deque[int] = deque()  # hits within the window
         self._short_ns: deque[int] = deque()
-        self._jumped_ns: int | None = None  # newest hit that came from afar
+        self._jumped_ns: int | None = None  # newest hit that jumped from below
 
     def outgrown(self, value: float, stamp_ns: int) -> bool:
-        """Whether the range has another end than was thought."""
-        return value > self.level * (1 + _SAME) or abs(stamp_ns - self.met_ns) > _FORGET_NS
+        """Return whether ``value`` exceeds the known end, or the end is too old to keep."""
+        return value > self.level * (1 + _EQUAL_SHARE) or abs(stamp_ns - self.met_ns) > _FORGET_NS
 
     def add(self, value: float, stamp_ns: int, before: float) -> int:
-        """How many samples are found clipped with this one: 0, 1, or all of a new pile."""
-        if value < self.level * (1 - _SAME):
-            if value > self.level * (1 - _SHORT):
+        """Return how many samples are found clipped with this one: 0, 1, or all of a new pile."""
+        if value < self.level * (1 - _EQUAL_SHARE):
+            if value > self.level * (1 - _SHORT_SHARE):
                 self._short_ns.append(stamp_ns)
             return 0
         self.met_ns, self.level = stamp_ns, max(value, self.level)
         self._hits_ns.append(stamp_ns)
-        if before < self.level * (1 - _SHORT):
+        if before < self.level * (1 - _SHORT_SHARE):
             self._jumped_ns = stamp_ns
         return 1 if self.known else self._piled(stamp_ns)
 
     def number(self) -> int:
-        """Samples at the end within the second up to the newest of them."""
+        """Return the samples at the end within the second up to the newest of them."""
         _forget(self._hits_ns, self.met_ns)
         return len(self._hits_ns)
 
@@ -67,23 +68,23 @@ class _End:
         _forget(self._short_ns, now_ns)
         number = self.number()
         jumped = self._jumped_ns is not None and abs(now_ns - self._jumped_ns) <= _WINDOW_NS
-        all_told = self.level * (1 - _SHORT) >= self._least
+        all_told = self.level * (1 - _SHORT_SHARE) >= self._least
         self.known = jumped and all_told and number >= max(_PILE, len(self._short_ns))
         return number if self.known else 0
 
 
 class Clipping:
-    """Follows the readings of the IMU; a sample in the middle of the range costs 0.5 us."""
+    """Track the IMU's readings at full scale; a sample in the middle of the range costs 0.5 us."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
         self.since_ns: int | None = None  # when the newest spell began; None before the first
         self.newest_ns: int | None = None
-        self._ends: dict[tuple[int, bool], _End] = {}  # by channel, and whether positive
+        self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
 
     def add(self, sample: ImuSample) -> None:
-        """Take the next sample to come; its numbers must be finite."""
+        """Take the next sample to arrive; its numbers must be finite."""
         before, self._before = self._before, sample
         x, y, z = sample.specific_force_b.tolist()
         p, q, r = sample.angular_rate_b.tolist()
@@ -94,15 +95,15 @@ class Clipping:
             self._look(sample.stamp_ns, (p, q, r), before.angular_rate_b.tolist(), 3)
 
     def active(self, now_ns: int) -> bool:
-        """Whether the IMU was at full scale within the last second."""
+        """Return whether the IMU was at full scale within the last second."""
         return self.newest_ns is not None and abs(now_ns - self.newest_ns) <= _WINDOW_NS
 
     def warnings(self, now_ns: int) -> tuple[str, ...]:
-        """Which channels, where and how often: for some seconds after."""
+        """Return which channels were clipped lately, at which value and how often."""
         if self.newest_ns is None or abs(now_ns - self.newest_ns) > _WARN_NS:
             return ()
         told = {
-            channel: _told(channel, end)
+            channel: _warning(channel, end)
             for (channel, _), end in sorted(self._ends.items(), key=lambda item: item[0])
             if end.known and abs(now_ns - end.met_ns) <= _WARN_NS
         }
@@ -111,7 +112,10 @@ class Clipping:
     def _look(
         self, stamp_ns: int, values: tuple[float, ...], earlier: list[float], first: int
     ) -> None:
-        """The readings of one sensor (3,), one of which may be at an end."""
+        """Check the readings of one sensor (3,), one of which may be at an end of its range.
+
+        ``first`` is the index of its first channel, ``earlier`` its readings before.
+        """
         if list(values) == earlier:
             return  # no new reading: frozen, or slower than the topic
         least = _LEAST_RAD_S if first else _LEAST_M_S2
@@ -134,7 +138,7 @@ class Clipping:
         self.newest_ns = stamp_ns
 
 
-def _told(channel: int, end: _End) -> str:
+def _warning(channel: int, end: _End) -> str:
     return (
         f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
         f"({end.number()} samples in 1 s): vibration beyond its range"
@@ -142,6 +146,6 @@ def _told(channel: int, end: _End) -> str:
 
 
 def _forget(stamps_ns: deque[int], now_ns: int) -> None:
-    """Drop what lies outside the window."""
+    """Drop the stamps outside the window."""
     while stamps_ns and abs(now_ns - stamps_ns[0]) > _WINDOW_NS:
         stamps_ns.popleft()

@@ -1,4 +1,4 @@
-"""From an alignment to what the filter believes first."""
+"""Convert an alignment to the filter's initial state, covariance and aid records."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ from tirgeo_ros.core.types.measurements import Source
 
 
 def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
-    """The alignment, with the receivers' slow errors unknown, and what it used as used."""
+    """Return the filter's first belief, in which the aids of the alignment count as used.
+
+    The receivers' slow errors begin at zero with their configured standard deviations. Where the
+    alignment used a receiver, its slow error is correlated with the state.
+    """
     states = states_of(config)
     covariance = np.zeros((states, states))
     covariance[:STATES, :STATES] = alignment.covariance
@@ -41,7 +45,7 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
     if alignment.rtk_status is not None:
         control = control.heard(alignment.rtk_status, alignment.stamp_ns, 0)
     if Source.GPS_POSITION in alignment.sources:
-        # The GPS's slow error is the position's: truth - estimate is what the GPS is off, negated.
+        # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
         known = covariance[GPS_ERROR, GPS_ERROR]
         covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -known
         noise_m2 = config.gps.position_noise_m**2
@@ -52,7 +56,10 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
 
 
 def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
-    """The RTK antenna's place, which a position found from it is off by, negated."""
+    """Add the error of the RTK lever arm to ``covariance``, in place.
+
+    A position that was found through the lever arm has that error too, negated.
+    """
     effect = np.zeros((len(covariance), 3))
     effect[ANTENNA] = np.eye(3)
     if Source.RTK_POSITION in alignment.sources:
@@ -61,10 +68,10 @@ def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> 
 
 
 def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
-    """The headings' slow error, which a heading from them has too, negated.
+    """Add the slow error of the headings to ``covariance``, in place.
 
-    With that heading the lever arm turns, and the position that was found through it:
-    ``R_true l = R l + phi x R l``.
+    A heading found from them has that error too, negated. It also turns the lever arm, and so
+    moves the position that was found through it: ``R_true l = R l + phi x R l``.
     """
     effect = np.zeros(len(covariance))
     effect[-1] = -1.0

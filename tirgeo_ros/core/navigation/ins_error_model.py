@@ -1,4 +1,4 @@
-"""The error states, their dynamics and their feedback.
+"""Define the error states, their dynamics and their feedback into the state.
 
 All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 
@@ -15,7 +15,8 @@ last   error of the headings      rad, only where the parameters ask for it
 
 With ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the
 matrix of the first 15; it is Groves, 2nd ed., section 14.2.4, in metres and with the opposite sign
-of error. The last two are first-order Gauss-Markov errors of a receiver, as the biases are.
+of error. The errors of the GPS and of the headings are first-order Gauss-Markov processes, as the
+biases are; the antenna's place is constant.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from tirgeo_ros.core.navigation.strapdown import (
 from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers
 from tirgeo_ros.core.types.arrays import Array
 
-STATES = 15  # of the navigation itself
+STATES = 15  # states of the INS itself, without the receivers'
 ATTITUDE = slice(0, 3)
 VELOCITY = slice(3, 6)
 POSITION = slice(6, 9)
@@ -51,23 +52,23 @@ ANTENNA = slice(18, 21)
 
 
 def states_of(config: EkfConfig) -> int:
-    """Number of error states that the parameters ask for."""
+    """Return the number of error states that the parameters ask for."""
     antenna = 3 if config.aircraft.rtk_lever_sigma_b.any() else 0
     return GPS_ERROR.stop + antenna + (config.heading.bias_sigma_deg > 0)
 
 
 def has_antenna(states: int) -> bool:
-    """Whether the RTK antenna's place is among so many error states."""
+    """Return whether the RTK antenna's place is one of ``states`` error states."""
     return states >= ANTENNA.stop
 
 
 def heading_error(states: int) -> int | None:
-    """The index of the error of the headings among so many error states, or None."""
+    """Return the index of the headings' error among ``states`` error states, or None."""
     return states - 1 if states in {GPS_ERROR.stop + 1, ANTENNA.stop + 1} else None
 
 
 def dynamics(state: NavState, rates: Rates, imu: ImuConfig) -> Array:
-    """``F`` (15, 15), 1/s: the time derivative of the error states is ``F`` times them."""
+    """Return ``F`` (15, 15), 1/s: the time derivative of the error states is ``F`` times them."""
     f = np.zeros((STATES, STATES))
     times_s = np.array([*imu.gyro_bias_time_s, *imu.accel_bias_time_s])
     f[range(9, STATES), range(9, STATES)] = -1 / times_s
@@ -76,16 +77,20 @@ def dynamics(state: NavState, rates: Rates, imu: ImuConfig) -> Array:
 
 
 def flat_memory(square: Array) -> memoryview[float]:
-    """The memory of a matrix, row after row: takes scalars at a tenth of an array block's cost."""
+    """Return the memory of a matrix, row after row.
+
+    Writing scalars there costs a tenth of writing blocks of the array.
+    """
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
 def _write_dynamics(
     f: memoryview[float], n: int, state: NavState, rates: Rates, force_n: Vector
 ) -> None:
-    """The part of ``F`` that changes, into the flat memory of rows of ``n``.
+    """Write the part of ``F`` that changes into its flat memory, in rows of ``n`` entries.
 
-    ``a``, ``v`` and ``p`` are where the rows of attitude, velocity and position begin.
+    ``a0`` to ``p2`` are the flat indices at which the rows of attitude, velocity and position
+    begin.
     """
     a0, a1, a2, v0, v1, v2 = 0, n, 2 * n, 3 * n, 4 * n, 5 * n
     p0, p1, p2 = 6 * n, 7 * n, 8 * n
@@ -106,7 +111,7 @@ def _write_dynamics(
     f[a2 + 9] = f[v2 + 12] = -r6
     f[a2 + 10] = f[v2 + 13] = -r7
     f[a2 + 11] = f[v2 + 14] = -r8
-    # Attitude: -[w_in x]; minus the frame's rate by velocity and by position.
+    # Attitude: -[w_in x]; minus the partials of the n frame's rate by velocity and by position.
     wn, wd = earth_n + over_n, earth_d + over_d
     f[a0 + 1], f[a0 + 2] = wd, -over_e
     f[a1], f[a1 + 2] = -wd, wn
@@ -125,12 +130,12 @@ def _write_dynamics(
     f[v0 + 3], f[v0 + 4], f[v0 + 5] = down / meridian, cd - over_n * tangent, -ce
     f[v1 + 3], f[v1 + 4], f[v1 + 5] = -cd, (down + north * tangent) / transverse, cn
     f[v2 + 3], f[v2 + 4] = ce - north / meridian, -cn - over_n
-    # [v x] times the frame rates' partials by position.
+    # [v x] times the partials of the frame rates by position.
     sn, sd = 2 * earth_d / meridian, -by_latitude - earth_n / meridian
     f[v0 + 6], f[v1 + 6], f[v2 + 6] = east * sd, down * sn - north * sd, -east * sn
     f[v0 + 8], f[v1 + 8] = east * dd - down * de, down * dn - north * dd
     f[v2 + 8] = north * de - east * dn + 2 * gravity / math.sqrt(meridian * transverse)
-    # Position: velocity, and the turning and shrinking of the metres' axes.
+    # Position: velocity, and the turn and scale of the axes in metres as the position changes.
     f[p0 + 3] = f[p1 + 4] = f[p2 + 5] = 1.0
     f[p0 + 6], f[p0 + 8] = -down / meridian, -over_e
     f[p1 + 6] = east * tangent / meridian
@@ -139,7 +144,7 @@ def _write_dynamics(
 
 
 def noise_density(imu: ImuConfig) -> Array:
-    """(15,) power densities of the driving noise, per axis in ``b``.
+    """Return the power densities (15,) of the driving noise, per axis in ``b``.
 
     Attitude and velocity: squared random walks. A Gauss-Markov bias of standard deviation ``s``
     and correlation time ``tau`` is driven by ``s sqrt(2 / tau)``.
@@ -151,7 +156,10 @@ def noise_density(imu: ImuConfig) -> Array:
 
 
 class NoisePowers:
-    """The power densities of the IMU's white noise that the filter reckons with."""
+    """Compute the power densities of the IMU's white noise that the filter assumes.
+
+    They are the configured ones, or a share of the measured vibration where that is larger.
+    """
 
     def __init__(self, imu: ImuConfig) -> None:
         walks = (*imu.angle_random_walk, *imu.velocity_random_walk)
@@ -160,18 +168,18 @@ class NoisePowers:
         self._accel = imu.accel_vibration_share**2
 
     def exceeded(self, vibration: Powers) -> bool:
-        """Whether a vibration makes any of them larger than configured."""
+        """Return whether a vibration makes any density larger than configured."""
         return self.under(vibration) != self._least
 
     def of_gyroscopes(self, vibration: Powers) -> Vector:
-        """The three of the gyroscopes; asked for at every solution."""
+        """Return the three of the gyroscopes, rad2/s; called at every solution."""
         share, least = self._gyro, self._least
         x, y, z = vibration[0] * share, vibration[1] * share, vibration[2] * share
         a, b, c = least[0], least[1], least[2]
         return (x if x > a else a, y if y > b else b, z if z > c else c)  # noqa: FURB136 faster
 
     def under(self, vibration: Powers) -> Powers:
-        """Those under a vibration: never less than the configured ones."""
+        """Return all six under a vibration: never less than the configured ones."""
         a, b, c, d, e, f = self._least
         x, y, z, u, v, w = vibration
         gyro, accel = self._gyro, self._accel
@@ -186,7 +194,7 @@ class NoisePowers:
 
 
 class CovariancePropagation:
-    """Carries the covariance; keeps the workspace of that, which runs many times a second."""
+    """Propagate the covariance; the work arrays are kept, since it runs many times a second."""
 
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
@@ -205,14 +213,14 @@ class CovariancePropagation:
         self._f[range(9, states), range(9, states)] = -1 / np.array(decay)
         density = noise_density(imu)
         self._noise_powers = NoisePowers(imu)
-        # The driving noise of all that decays, as the diagonal of a matrix for one second.
+        # Driving noise of all Gauss-Markov states over one second, as a diagonal matrix.
         self._driving = np.diag(
             np.concatenate([np.zeros(9), density[9:], 2 * sigmas**2 / times_s])
         )
 
     @property
     def transition(self) -> Array:
-        """(n, n) of the newest step, a view."""
+        """Return the transition matrix (n, n) of the newest step, as a view."""
         return np.asarray(self._transition)
 
     def step(
@@ -224,10 +232,11 @@ class CovariancePropagation:
         step_s: float,
         vibration: Powers = STILL,
     ) -> Array:
-        """(n, n) covariance after a step: second-order transition, noise turned to ``n``.
+        """Return the covariance (n, n) after a step: second-order transition, noise in ``n``.
 
-        ``force_n`` (m/s2) is the mean specific force of the step, ``state`` and ``rates`` of an
-        instant within it, ``vibration`` what the IMU's readings show of its noise.
+        ``force_n`` (m/s2) is the mean specific force of the step; ``state`` and ``rates`` are
+        those of an instant within it; ``vibration`` holds the noise densities that the IMU's
+        readings show.
         """
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a
@@ -244,7 +253,7 @@ class CovariancePropagation:
         return np.asarray(out)
 
     def _noise(self, rotation: Rotation, step_s: float, vibration: Powers) -> Array:
-        """Random walks turned to ``n``, and the driving noise of the rest, over a step."""
+        """Return the process noise (n, n) of a step: random walks in ``n``, and driving noise."""
         np.multiply(self._driving, step_s, out=self._q)
         q, n, walks = self._flat_q, self._states, self._noise_powers.under(vibration)
         _write_turned(q, 0, n, rotation, walks[0:3], step_s)
@@ -255,7 +264,7 @@ class CovariancePropagation:
 def _write_turned(
     q: memoryview[float], at: int, n: int, r: Rotation, density: Sequence[float], step_s: float
 ) -> None:
-    """``R diag(density) R^T step_s`` into the 3 x 3 block that begins at flat index ``at``."""
+    """Write ``R diag(density) R^T step_s`` into the 3 x 3 block that begins at index ``at``."""
     a, b, c = density[0] * step_s, density[1] * step_s, density[2] * step_s
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = r
     ra, rb, rc = r0 * a, r1 * b, r2 * c
@@ -270,7 +279,11 @@ def _write_turned(
 
 
 def feedback(state: NavState, error: Array) -> NavState:
-    """The state with an estimated error (15,) put into it; biases accumulate."""
+    """Return the state corrected by an estimated error (n,), of which the first 15 are used.
+
+    Positions are converted from metres; the corrections of position and velocity are summed up in
+    ``correction_n`` and ``push_n``.
+    """
     e = error.tolist()
     meridian, transverse = radii_of_curvature(state.latitude_rad)
     north, east, down = e[6:9]

@@ -1,4 +1,4 @@
-"""The Kalman update of an error state, with its gate."""
+"""Compute the Kalman update of an error state, with its gate."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 
-#: Up to here a float holds the probability of an excess to all its digits.
+#: Up to here a float holds the probability of an exceedance to all its digits.
 _RAREST_SIGMA = 30.0
 
 
 class Measurement(NamedTuple):
-    """A measurement as the filter sees it: ``innovation = design @ error + noise``."""
+    """Hold a measurement as the filter needs it: ``innovation = design @ error + noise``."""
 
     innovation: Array  # (m,) measured minus predicted
     design: Array  # (m, n) H, for error states truth minus estimate
@@ -25,24 +25,24 @@ class Measurement(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What an update gives; ``error`` and ``covariance`` are None where the gate refused."""
+    """Hold an update; ``error`` and ``covariance`` are None where the gate refused it."""
 
     test_ratio: float
     error: Array | None  # (n,)
     covariance: Array | None  # (n, n)
-    predicted: Array  # (m, m) H P H^T, the prediction's own uncertainty
+    predicted: Array  # (m, m) H P H^T, covariance of the prediction
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
-    """One update; refused where the test ratio is not in 0 to 1.
+    """Return the update of a covariance (n, n); refused where the test ratio is outside 0 to 1.
 
-    A ratio that is negative or not a number comes of a noise that is no covariance.
+    A ratio that is negative or not a number results from a noise that is not a covariance matrix.
 
-    With the best gain Joseph's form is ``P - K H P``, made symmetric: what a gain that is off by
-    rounding changes in it is the square of that.
+    With the optimal gain Joseph's form is ``P - K H P``, made symmetric: a rounding error in the
+    gain changes it only by the square of that error.
 
-    ``ease`` k lets the measurement correct by 1 / (k + 1) of what it asks for at most: its noise
-    is taken k times the prediction's uncertainty larger. The gate is that of the plain noise.
+    ``ease`` k limits the correction to at most 1 / (k + 1) of what the measurement asks for: its
+    noise is enlarged by k times the prediction's covariance. The gate uses the plain noise.
     """
     innovation, design, noise, gate_sigma, ease = measurement
     cross = covariance.dot(design.T)
@@ -64,7 +64,10 @@ def update(covariance: Array, measurement: Measurement) -> Update:
 
 
 def _inverse(spread: Array) -> Array:
-    """Of a symmetric matrix (m, m), m = 1 or 3 by hand: a tenth of the general one's cost."""
+    """Return the inverse of a symmetric matrix (m, m).
+
+    Closed forms for m = 1 and 3 cost a tenth of the general one. A singular (3, 3) gives nan.
+    """
     if len(spread) == 1:
         return np.asarray(1 / spread)
     if len(spread) != 3:
@@ -82,11 +85,12 @@ def _inverse(spread: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def chi_square_limit(sigma: float, degrees: int) -> float:
-    """The squared distance that is exceeded as rarely as ``sigma`` in one dimension.
+    """Return the squared distance that is exceeded as rarely as ``sigma`` in one dimension.
 
-    ``degrees`` is 1, 2 or 3; the survival functions are closed forms, inverted by bisection.
+    ``degrees`` (of freedom) is 1, 2 or 3; the survival functions are closed forms, inverted by
+    bisection.
     """
-    if sigma > _RAREST_SIGMA:  # beyond, the limit grows as the square but for a logarithm
+    if sigma > _RAREST_SIGMA:  # further out the limit grows as sigma^2 but for a logarithm
         rarest = chi_square_limit(_RAREST_SIGMA, degrees)
         return rarest + sigma * sigma - _RAREST_SIGMA * _RAREST_SIGMA
     wanted = math.erfc(sigma / math.sqrt(2))

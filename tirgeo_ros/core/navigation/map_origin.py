@@ -1,4 +1,4 @@
-"""Where the frame ``map`` lies: as configured, or where the flight was first known to be."""
+"""Set the origin of the frame ``map``: as configured, or at the first good position."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 
 class MapOrigin:
-    """The plane of ``map``; once it is there, it stays.
+    """Hold the tangent plane of ``map``; once set, it stays.
 
-    Raises ConfigError for an origin that is nowhere on earth.
+    Raises ConfigError for an origin that is not on earth.
     """
 
     def __init__(self, config: EkfConfig, position_source: Source) -> None:
-        """``position_source``: the receiver whose first good position is the origin."""
+        """Read the configured origin; without one ``position_source`` will set it."""
         self.plane = _configured_plane(config)
         self._source = position_source
         gps = position_source is Source.GPS_POSITION
         self._least_status = FixStatus.SINGLE if gps else FixStatus.FLOAT
 
     def see(self, sample: Aiding, verdict: Verdict) -> None:
-        """Take the first position that is fit to start from."""
+        """Set the origin to the first good position: RTK from float on, GPS from single on."""
         if self.plane is not None or not isinstance(sample, PositionSample):
             return
         if sample.source is not self._source or sample.status < self._least_status:
@@ -37,7 +37,7 @@ class MapOrigin:
             self.plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
 
     def start_at(self, state: NavState) -> None:
-        """Take the place where the filter starts, where no position came before."""
+        """Set the origin to the filter's first position, where no measured one has set it."""
         if self.plane is None:
             self.plane = TangentPlane(state.latitude_rad, state.longitude_rad, state.height_m)
 

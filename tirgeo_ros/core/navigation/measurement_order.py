@@ -1,7 +1,7 @@
-"""Samples in the order of their stamps, however late each of them arrives.
+"""Sort samples by their time stamps, however late each of them arrives.
 
-What an alignment decides must not depend on how busy the computer is. Until the filter runs nobody
-waits for a pose, so samples are held until all that may still come before them has come.
+The result of an alignment must not depend on the load of the computer. Until the filter runs no
+solution is due, so samples are held until everything that may precede them has arrived.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from tirgeo_ros.core.navigation.aiding.filter_state import source_of
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: Samples of a source that are held for each second, by which a flood of them is bounded.
+#: Bounds on the held samples of a source, per second of holding time.
 _MOST_HZ = {Source.IMU: 1000}
 _MOST_OTHER_HZ = 100
 _PLACE = {Source.IMU: -1, **PLACE}  # within an instant: the IMU before the measurements
-_Entry = tuple[int, int, int, NavigationInput]  # stamp, place within the instant, number
+_Entry = tuple[int, int, int, NavigationInput]  # stamp, place in the instant, arrival
 
 
 class StampOrder:
-    """Holds each sample until the IMU is ``wait_s`` beyond its stamp.
+    """Hold each sample until the newest IMU sample is ``wait_s`` beyond its stamp.
 
-    A measurement may be ``hold_s`` ahead of the IMU and ``keep_s`` behind it, once there is an
-    IMU to judge by. Where more samples of a source come than are kept, its oldest are given up.
+    A measurement may be ``hold_s`` ahead of the IMU and ``keep_s`` behind it, once there is an IMU
+    sample to compare with. Where a source exceeds its bound, its oldest samples are dropped.
     """
 
     def __init__(self, wait_s: float, hold_s: float, keep_s: float) -> None:
@@ -34,13 +34,13 @@ class StampOrder:
         self._hold_ns = round(hold_s * 1e9)
         self._keep_ns = round(keep_s * 1e9)
         self._span_s = wait_s + hold_s
-        self._held: defaultdict[Source, list[_Entry]] = defaultdict(list)  # each in order
+        self._held: defaultdict[Source, list[_Entry]] = defaultdict(list)  # each sorted
         self._given_up: list[Verdict] = []
         self._number = 0
         self._imu_ns: int | None = None
 
     def out_of_reach(self, stamp_ns: int) -> tuple[Outcome, str] | None:
-        """Why a measurement of that time cannot be taken, and by how much; None if it can."""
+        """Return why a measurement of that time cannot be used, and its offset; None if it can."""
         if self._imu_ns is None:
             return None
         ahead_ns = stamp_ns - self._imu_ns
@@ -50,12 +50,12 @@ class StampOrder:
         return outcome, f"{ahead_ns * 1e-9:+.1f} s from imu/data"
 
     def given_up(self) -> list[Verdict]:
-        """The verdicts on samples that were held and will not come out, each once."""
+        """Return the verdicts on held samples that were dropped, each once."""
         found, self._given_up = self._given_up, []
         return found
 
     def add(self, sample: NavigationInput) -> list[NavigationInput]:
-        """Take a sample; gives those that are due, oldest first."""
+        """Take a sample; return those that are due, oldest first."""
         source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
         self._number += 1
         held = self._held[source]
@@ -68,22 +68,22 @@ class StampOrder:
         if source is Source.IMU:
             begins, self._imu_ns = self._imu_ns is None, sample.stamp_ns
             if begins:
-                self._judge()
-        return [] if self._imu_ns is None else self._taken(self._imu_ns - self._wait_ns)
+                self._drop_unreachable()
+        return [] if self._imu_ns is None else self._pop_until(self._imu_ns - self._wait_ns)
 
     def rest(self) -> list[NavigationInput]:
-        """All that is held, oldest first; nothing is held after it."""
-        return self._taken(math.inf)
+        """Return all held samples, oldest first, and hold nothing any more."""
+        return self._pop_until(math.inf)
 
-    def _judge(self) -> None:
-        """Give up what came before there was an IMU to judge by, and is out of its reach."""
+    def _drop_unreachable(self) -> None:
+        """Drop the samples from before the first IMU sample that are out of its reach."""
         for source, held in self._held.items():
             judged = [(entry, self.out_of_reach(entry[0])) for entry in held]
             held[:] = [entry for entry, far in judged if far is None]
             self._given_up += [Verdict(source, *far) for _, far in judged if far is not None]
 
-    def _taken(self, end_ns: float) -> list[NavigationInput]:
-        """What is held up to a stamp."""
+    def _pop_until(self, end_ns: float) -> list[NavigationInput]:
+        """Remove and return the samples up to a stamp, oldest first."""
         found: list[_Entry] = []
         for held in self._held.values():
             if held and held[0][0] <= end_ns:

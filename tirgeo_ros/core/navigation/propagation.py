@@ -1,6 +1,6 @@
-"""State and covariance through an interval between two IMU samples.
+"""Propagate state and covariance through an interval between two IMU samples.
 
-The covariance follows the state at its own, lower rate, and at every measurement.
+The covariance follows the state at a lower rate, and at every measurement.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.strapdown import Vector, propagate, rotate
 
-#: The state is never carried further than this in one step.
+#: Longest single step of the state.
 _LARGEST_STEP_S = 0.02
-#: The covariance follows the state in steps of at least this, of 50 ms at 100 to 400 Hz.
+#: Shortest step of the covariance; it gives steps of 50 ms at IMU rates of 100 to 400 Hz.
 _COVARIANCE_STEP_S = 0.0495
 #: An interval longer than that of the slowest IMU, with jitter, has lost samples.
 _LOST_SAMPLES_S = 0.035
-#: What an aircraft may do unseen in such an interval, beyond what the samples around it say.
+#: Motion possible in such an interval beyond what the samples around it show.
 _UNSEEN_RATE_RAD_S = 0.03
 _UNSEEN_FORCE_M_S2 = 0.2
-#: Standard deviation of what is even between nothing and all.
-_DOUBT = 0.58
+#: Rms of a number uniform in 0 to 1: the unknown share of the motion that did not take place.
+_UNIFORM_RMS = 0.58
 
 
 class Mechanisation:
-    """Carries beliefs between IMU samples."""
+    """Propagate the filter's state between IMU samples."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._propagation = CovariancePropagation(config)
 
     def whole(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
-        """Through a whole interval without measurements."""
+        """Propagate through a whole interval without measurements."""
         if end.step_s <= _LARGEST_STEP_S:
             return self._stepped(carried, end, end.mean_force_b, end.mean_rate_b, end.step_s)
         return self.part(carried, start, end, start.stamp_ns, end.stamp_ns)
@@ -48,7 +48,7 @@ class Mechanisation:
     def part(
         self, carried: Carried, start: Epoch, end: Epoch, from_ns: int, to_ns: int
     ) -> Carried:
-        """Through a part of an interval; readings are linear between the two samples."""
+        """Propagate through a part of an interval; readings are linear between two samples."""
         steps = -(-(to_ns - from_ns) // round(_LARGEST_STEP_S * 1e9))
         for step in range(steps):
             middle_ns = from_ns + (to_ns - from_ns) * (2 * step + 1) // (2 * steps)
@@ -73,21 +73,22 @@ class Mechanisation:
         return self.followed(carried) if lag_s >= _COVARIANCE_STEP_S else carried
 
     def followed(self, carried: Carried) -> Carried:
-        """The belief with its covariance at the state's time."""
+        """Return ``carried`` with its covariance propagated to the state's time."""
         state, covariance, control, lag_s, start, rates, vibration = carried
         if start is None or rates is None:
             return carried
         (n0, e0, d0), (n1, e1, d1) = start.velocity_n, state.velocity_n
-        # The mean specific force: what the velocity changed by, less gravity.
+        # Mean specific force: the change of velocity over time, less gravity.
         force_n = (n1 - n0) / lag_s, (e1 - e0) / lag_s, (d1 - d0) / lag_s - rates.gravity_m_s2
         covariance = self._propagation.step(covariance, start, rates, force_n, lag_s, vibration)
         return Carried(state, covariance, control)
 
     def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
-        """Less certain by what may have happened between two samples that are far apart.
+        """Return ``carried`` with a covariance enlarged for a gap between two samples.
 
-        Also, the interval may be none: a clock that was set forward looks the same. Whether the
-        motion across it took place is then as uncertain as anything between nothing and all.
+        Unseen motion may have happened in the gap. The gap may also not exist: a clock that was
+        set forward looks the same. The share of the motion that took place is then uncertain
+        between none and all.
         """
         state, covariance, control = self.followed(carried)[:3]
         covariance, before, gap_s = covariance.copy(), start.carried.state, end.step_s
@@ -100,6 +101,6 @@ class Mechanisation:
             (VELOCITY, force * gap_s, change),
             (POSITION, 0.5 * force * gap_s * gap_s, gap_s * np.array(state.velocity_n)),
         ):
-            doubt = _DOUBT**2 * np.outer(motion, motion)
-            covariance[block, block] += sigma * sigma * np.eye(3) + doubt
+            uncertainty = _UNIFORM_RMS**2 * np.outer(motion, motion)
+            covariance[block, block] += sigma * sigma * np.eye(3) + uncertainty
         return Carried(state, covariance, control)

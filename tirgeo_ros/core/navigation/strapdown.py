@@ -1,7 +1,7 @@
-"""The strapdown mechanisation: a nominal state and its step between two IMU samples.
+"""Propagate the strapdown mechanisation: a nominal state and its step between two IMU samples.
 
 Local-navigation-frame equations of Groves, 2nd ed., section 5.4, on the ellipsoid with earth and
-transport rate. Scalar arithmetic: at 3 x 3 it costs a fraction of what array calls do.
+transport rate. Scalar arithmetic costs a fraction of array calls at 3 x 3.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ Rotation = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class NavState(NamedTuple):
-    """The nominal state: attitude, velocity, position of the IMU, and its biases."""
+    """Hold the nominal state: attitude, velocity, position of the IMU, and its biases."""
 
     q_nb: Quaternion
     velocity_n: Vector  # m/s
     latitude_rad: float
     longitude_rad: float
     height_m: float
-    gyro_bias_b: Vector  # rad/s, to be taken from the reading
-    accel_bias_b: Vector  # m/s2, to be taken from the reading
+    gyro_bias_b: Vector  # rad/s, subtracted from the reading
+    accel_bias_b: Vector  # m/s2, subtracted from the reading
     correction_n: Vector  # m, sum of all position corrections so far
     push_n: Vector = (0.0, 0.0, 0.0)  # m/s, sum of all velocity corrections so far
 
 
 class Rates(NamedTuple):
-    """What the error model needs to know of a state and of the step that starts there."""
+    """Hold what the error model needs of a state and of the step that starts there."""
 
     rotation_nb: Rotation
     specific_force_n: Vector  # m/s2
-    earth_rate_n: Vector  # rad/s, of e against i
-    transport_rate_n: Vector  # rad/s, of n against e
+    earth_rate_n: Vector  # rad/s, earth against inertial frame
+    transport_rate_n: Vector  # rad/s, n against earth
     meridian_m: float  # radius of curvature plus height
     transverse_m: float
     gravity_m_s2: float  # down
 
 
 def rotate(m: Rotation, v: Vector) -> Vector:
-    """Matrix times vector."""
+    """Return matrix times vector."""
     x, y, z = v
     return (
         m[0] * x + m[1] * y + m[2] * z,
@@ -57,12 +57,12 @@ def rotate(m: Rotation, v: Vector) -> Vector:
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """The vector product."""
+    """Return the vector product ``a x b``."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def quaternion_of(x: float, y: float, z: float) -> Quaternion:
-    """The quaternion of a rotation vector (rad)."""
+    """Return the quaternion of a rotation vector (rad)."""
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle
     # The series is exact to 1e-17 below 1e-3 rad: (1 - half^2/6 + ...) / 2.
@@ -71,7 +71,7 @@ def quaternion_of(x: float, y: float, z: float) -> Quaternion:
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """The same rotation with unit norm."""
+    """Return the same rotation with unit norm."""
     w, x, y, z = q
     factor = 1 / math.sqrt(w * w + x * x + y * y + z * z)
     return (w * factor, x * factor, y * factor, z * factor)
@@ -80,15 +80,17 @@ def normalised(q: Quaternion) -> Quaternion:
 def propagate(
     state: NavState, specific_force_b: Vector, angular_rate_b: Vector, step_s: float
 ) -> tuple[NavState, Rates]:
-    """One step with the mean readings over it; gives the new state and the rates of the step.
+    """Return the state after a step with the mean readings over it, and the rates of the step.
 
-    ``specific_force_b`` (m/s2) and ``angular_rate_b`` (rad/s) are as read, biases still in them.
-    Written out in scalars in one piece: it runs at every IMU sample, and again for each when a
-    measurement comes late, and calls would cost as much as the arithmetic.
+    ``specific_force_b`` (m/s2) and ``angular_rate_b`` (rad/s) are as read, biases not yet
+    subtracted.
+
+    The arithmetic is written in scalars, in one piece: it runs at every IMU sample, and again for
+    each when a measurement comes late; function calls would cost as much as the arithmetic.
     """
     (w, x, y, z), (north, east, down), latitude, longitude, height, *rest = state
     gyro, accel, moved, pushed = rest
-    # Readings without their biases; the body turns during the step: the force at its middle.
+    # Subtract the biases. The body turns during the step: take the force as seen at its middle.
     tx = (angular_rate_b[0] - gyro[0]) * step_s
     ty = (angular_rate_b[1] - gyro[1]) * step_s
     tz = (angular_rate_b[2] - gyro[2]) * step_s
@@ -106,28 +108,28 @@ def propagate(
     fn = r0 * fx + r1 * fy + r2 * fz
     fe = r3 * fx + r4 * fy + r5 * fz
     fd = r6 * fx + r7 * fy + r8 * fz
-    # The earth here: radii, gravity and the turns of e against i and n against e (Groves 2.105,
-    # 2.106, 2.123, 2.134, 2.139, 5.44).
+    # At this place: radii, gravity, earth rate and transport rate (Groves 2.105, 2.106, 2.123,
+    # 2.134, 2.139, 5.44).
     sine, cosine, meridian, transverse, gravity = earth_at(latitude, height)
     earth_n, earth_d = EARTH_RATE_RAD_S * cosine, -EARTH_RATE_RAD_S * sine
     over_n = east / transverse
     over_e = -north / meridian
     over_d = -over_n * sine / cosine
     wn, wd = earth_n + over_n, earth_d + over_d
-    # Velocity; the axes turn during the step: the force as seen at its middle.
+    # Velocity. The n axes turn during the step: take the force as seen at its middle.
     half = 0.5 * step_s
     mn, me, md = north + half * fn, east + half * fe, down + half * fd
     north_1 = north + (fn + earth_d * east - (over_e * md - wd * me)) * step_s
     east_1 = east + (fe - (earth_d * north - earth_n * down) - (wd * mn - wn * md)) * step_s
     down_1 = down + (fd - earth_n * east - (wn * me - over_e * mn) + gravity) * step_s
-    # Position with the mean velocity.
+    # Position, with the mean velocity.
     latitude_1 = latitude + half * (north + north_1) / meridian
     cosine_1 = math.cos(0.5 * (latitude + latitude_1))
     longitude_1 = longitude + half * (east + east_1) / (transverse * cosine_1)
     if abs(longitude_1) > math.pi:
         longitude_1 = math.remainder(longitude_1, 2 * math.pi)
-    # Attitude: the body's turn on the right, the axes' on the left. The latter is below 1e-6 rad
-    # in a step: its rotation vector's half is its quaternion, to 1e-12.
+    # Attitude: the body's turn on the right, that of the n axes on the left. The latter is below
+    # 1e-6 rad a step: half its rotation vector is its quaternion's vector part, to 1e-12.
     angle2 = tx * tx + ty * ty + tz * tz
     if angle2 < 1e-6:  # as quaternion_of
         qw, scale = 1 - angle2 / 8 + angle2 * angle2 / 384, 0.5 - angle2 / 48
@@ -147,7 +149,7 @@ def propagate(
     cy = w * qy - x * qz + y * qw + z * qx
     dz = w * qz + x * qy - y * qx + z * qw
     unit = 1 / math.sqrt(aw * aw + bx * bx + cy * cy + dz * dz)
-    # A named tuple's own constructor takes twice the time.
+    # tuple.__new__ takes half the time of a named tuple's constructor.
     return (
         tuple.__new__(
             NavState,
@@ -179,5 +181,5 @@ def propagate(
 
 
 def matrix(rotation: Rotation) -> Array:
-    """A row-by-row rotation as (3, 3)."""
+    """Return a rotation given row by row as (3, 3)."""
     return np.array(rotation).reshape(3, 3)

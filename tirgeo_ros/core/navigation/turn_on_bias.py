@@ -1,10 +1,10 @@
-"""Whether the IMU's biases are such as the parameters say, and what to do where they are not.
+"""Test whether the IMU's biases agree with the parameters, and enlarge their prior where not.
 
-Under a prior that is true, what a fit finds of the biases has the covariance ``P - P'`` (prior
-less posterior), so its normalised square is a chi-square over the directions that the window
-shows. Far beyond chance the IMU is of another class than ``imu.*_turn_on_bias``: the same errors
-may be hidden in its tilt, so its prior is enlarged, and the state must wait for a motion that
-tells tilt and accelerometer bias apart.
+Under a true prior, what a fit finds of the biases has the covariance ``P - P'`` (prior less
+posterior), so its normalised square is chi-square over the directions that the window observes.
+Far beyond chance, the IMU is of another class than ``imu.*_turn_on_bias``. The same errors may
+hide in its tilt. So the prior is enlarged, and the alignment waits for a motion that separates
+tilt and accelerometer bias.
 """
 
 from __future__ import annotations
@@ -25,36 +25,36 @@ from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
 from tirgeo_ros.core.types.arrays import Array
 
-#: Of the variance of a direction, what the window must show of it.
+#: A direction counts where the window removes at least this share of its prior variance.
 _LEAST_SHOWN = 0.1
-#: Beyond the first a longer window must look; beyond the second it is no chance.
+#: Beyond the first a longer window must be fitted; beyond the second it is not chance.
 _SUSPECT_SIGMA, _SURPRISE_SIGMA = 3.0, 4.0
-#: Of the gyroscopes' bias by the autopilot's attitudes over a second, and more with the rate:
-#: its axes and the IMU's are some degrees apart.
+#: Sigma of the gyroscope bias found from the autopilot's attitudes over a second, and its growth
+#: with the rate: the autopilot's axes and the IMU's are some degrees apart.
 _HINT_GYRO_RAD_S, _HINT_GYRO_SHARE = 5e-3, 0.05
-#: What finds the size of biases: those of any IMU, 9 deg/s and 0.15 g.
+#: Prior sigmas that cover any IMU, 9 deg/s and 0.15 g, to find the size of the biases.
 _ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2 = 0.15, 1.5
 #: The enlarged sigma over the largest bias found: others may be larger.
 _MARGIN = 2.0
-#: What an autopilot's tilt errs by, beside its own word, where it accelerates; the mean over a
-#: long turn does not say whether it does.
+#: Tilt error of an autopilot, beyond its configured sigma, per m/s2 of acceleration. The mean
+#: over a long turn does not show the acceleration, so the tilt is not compared there.
 _HINT_DEG_PER_M_S2, _LONG_TURN_RAD = 1.0, np.radians(60.0)
 _LEAN_SIGMAS = 3.0
-_LARGEST_LEAN_RAD = np.radians(10.0)  # 0.17 g: beyond it is the autopilot's axes
+_LARGEST_LEAN_RAD = np.radians(10.0)  # 0.17 g: beyond it the autopilot's axes are wrong
 _LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
 _GRAVITY_M_S2 = 9.81
-#: How far an alignment came that lacks nothing but motion (see LackingError).
+#: Stage of an alignment that lacks nothing but motion (see LackingError).
 MOTION_STAGE = 5
 
 
 class Surprise(NamedTuple):
-    """A normalised square, and the directions in it."""
+    """Hold a normalised square, and the number of directions in it."""
 
     square: float
     degrees: int
 
     def beyond(self, sigma: float) -> bool:
-        """Whether it is rarer than so many sigma (Wilson and Hilferty's cube root)."""
+        """Return whether it is rarer than ``sigma`` (Wilson and Hilferty's cube root)."""
         if not self.degrees:
             return False
         spread = 2 / (9 * self.degrees)
@@ -63,7 +63,7 @@ class Surprise(NamedTuple):
 
 
 def surprise(biases: Array, covariance: Array, prior: Biases) -> Surprise:
-    """Return how far biases (6,) with their covariance (6, 6) are from what was known before."""
+    """Return how far biases (6,) with their covariance (6, 6) are from their prior."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     shown, axes = np.linalg.eigh(np.eye(6) - root @ covariance @ root.T)  # prior less posterior
     apart = axes.T @ root @ (biases - _vector(prior))
@@ -72,7 +72,7 @@ def surprise(biases: Array, covariance: Array, prior: Biases) -> Surprise:
 
 
 def _surprise_of(found: Fitted, prior: Biases) -> Surprise:
-    """That of a fit, with what the autopilot's attitudes say of the gyroscopes."""
+    """Return the surprise of a fit, after an update with the autopilot's gyroscope bias."""
     biases, covariance = found.fit.biases, found.fit.covariance[9:, 9:]
     if found.gyro_bias_b is not None and _apart_rad(found) < _LARGEST_LEAN_RAD:
         rate_rad_s = np.sqrt(np.mean(np.sum(found.window.rate_b**2, axis=1)))
@@ -84,7 +84,7 @@ def _surprise_of(found: Fitted, prior: Biases) -> Surprise:
 
 
 def lean_rad(found: Fitted, tilt_sigma_deg: float) -> float:
-    """Return by how much the tilt differs from the autopilot's; 0 where that may be."""
+    """Return by how much the tilt differs from the autopilot's; 0 where that may be chance."""
     turned = rotvec_from_quat(quat_from_matrix(found.window.to_end[0]))
     if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
         return 0.0
@@ -96,23 +96,23 @@ def lean_rad(found: Fitted, tilt_sigma_deg: float) -> float:
 
 
 def _apart_rad(found: Fitted) -> float:
-    """Return the angle between the vertical found and the autopilot's."""
+    """Return the angle between the vertical found and the autopilot's; pi without the latter."""
     if found.hint_nb is None:
         return np.pi
     return float(np.arccos(np.clip(found.fit.rotation_nb[2] @ found.hint_nb[2], -1, 1)))
 
 
 def _acceleration_m_s2(found: Fitted) -> float:
-    """Return how fast the velocity changed over the window."""
+    """Return the mean acceleration over the window."""
     window, fit = found.window, found.fit
     force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
     return float(np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2])))
 
 
 class TurnOnBiases:
-    """What is reckoned with of the IMU's biases: as configured, or as a flight before left them.
+    """Hold the prior of the IMU's biases: as configured, or as an earlier flight left them.
 
-    ``widened`` once the measurements have said that this is far too little.
+    ``widened`` is set once the measurements have shown that the prior is far too small.
     """
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
@@ -122,7 +122,7 @@ class TurnOnBiases:
         self.widened = False
 
     def fitted(self, measured: Measured) -> Fitted:
-        """Fit a window with them; raises DoubtError or LackingError."""
+        """Fit a window with this prior; raises DoubtError or LackingError."""
         found = fitted(
             measured, self._config, self._prior, self._taken, gyros_unknown=self.widened
         )
@@ -131,20 +131,20 @@ class TurnOnBiases:
         checked(found.fit, found.seen)
         self._taken = found.fit.biases
         if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
-            raise LackingError(self._needs_motion, MOTION_STAGE)
+            raise LackingError(self._motion_reason, MOTION_STAGE)
         return found
 
     def contradicted(self, found: Fitted) -> bool:
-        """Whether a fit says that the biases are others."""
+        """Return whether a fit contradicts the prior beyond chance."""
         beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
         return beyond or self._lean_rad(found) > 0
 
     def suspected(self, found: Fitted) -> bool:
-        """Whether a fit makes it likely that they are, if a longer window says so too."""
+        """Return whether a fit makes a contradiction likely; a longer window must confirm it."""
         return _surprise_of(found, self._prior).beyond(_SUSPECT_SIGMA)
 
     def loosely(self, measured: Measured) -> Fitted | None:
-        """Fit a window as of any IMU; None where the biases do not explain what it holds."""
+        """Fit a window with a prior for any IMU; None where biases do not explain the data."""
         any_imu = _diagonal(_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2)
         try:
             found = fitted(measured, self._config, any_imu, self._taken, gyros_unknown=True)
@@ -154,7 +154,7 @@ class TurnOnBiases:
         return found
 
     def widen(self, plain: Fitted, loose: Fitted) -> None:
-        """Enlarge what is reckoned with to what a fit as of any IMU has found."""
+        """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""
         gyro, accel = self._sizes(plain, loose)
         sigma = np.sqrt(np.diag(_unknown(self._config).covariance))
         ratio = max(1.0, *(gyro / sigma[:3]))
@@ -162,14 +162,14 @@ class TurnOnBiases:
         scale = _MARGIN * np.repeat([ratio, larger], 3)
         self._prior = Biases((0.0,) * 3, (0.0,) * 3, np.diag((scale * sigma) ** 2))
         self._taken = loose.fit.biases
-        self._needs_motion = (
+        self._motion_reason = (
             f"{self.told(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
             "sigmas"
         )
         self.widened = True
 
     def told(self, plain: Fitted, loose: Fitted) -> str:
-        """Say which biases are not as the parameters say."""
+        """Describe the biases that the parameters do not cover."""
         gyro, accel = self._sizes(plain, loose)
         return (
             f"imu/data: biases of {np.degrees(gyro):.1f} deg/s and {accel:.2g} m/s2 are far "
@@ -177,7 +177,7 @@ class TurnOnBiases:
         )
 
     def _sizes(self, plain: Fitted, loose: Fitted) -> tuple[float, float]:
-        """Largest bias of the gyroscopes, rad/s, and of the accelerometers, m/s2."""
+        """Return the largest bias of the gyroscopes, rad/s, and of the accelerometers, m/s2."""
         gyro, accel = np.abs(loose.fit.biases.reshape(2, 3)).max(axis=1).tolist()
         return gyro, max(accel, _GRAVITY_M_S2 * self._lean_rad(plain))
 
@@ -186,7 +186,7 @@ class TurnOnBiases:
 
 
 def _tilt_sigma_rad(found: Fit) -> float:
-    """Return the larger of the tilt's two, the biases being what they are known to be."""
+    """Return the larger sigma of the two tilt angles, with the uncertainty of the biases in it."""
     return float(np.sqrt(max(found.covariance[0, 0], found.covariance[1, 1])))
 
 
@@ -200,7 +200,7 @@ def _diagonal(gyro_rad_s: float, accel_m_s2: float) -> Biases:
 
 
 def _unknown(config: EkfConfig) -> Biases:
-    """Before any flight: the turn-on bias and what varies about it."""
+    """Return the prior before any flight: the turn-on bias and its variation in the run."""
     imu = config.imu
     gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
     accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)

@@ -1,9 +1,9 @@
-"""How noisy the IMU is in flight, from its own readings.
+"""Measure how noisy the IMU is in flight, from its own readings.
 
-Noise measured at rest is too small by far on an airframe whose rotors shake. Second differences
+Noise measured at rest is far too small on an airframe whose rotors shake. Second differences
 ``d = x_k - 2 x_(k-1) + x_(k-2)`` of white noise with the power density ``s`` (per Hz, two-sided)
-have the variance ``6 s / dt``, and hold next to nothing of an aircraft's motion. So the mean of
-``d^2 dt / 6`` is the density of a white noise that is as strong as what shakes the sensor.
+have the variance ``6 s / dt``, and contain hardly any of the aircraft's motion. So the mean of
+``d^2 dt / 6`` is the density of a white noise as strong as the vibration.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from tirgeo_ros.core.types.measurements import ImuSample
 Powers = tuple[float, float, float, float, float, float]
 STILL: Powers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-#: The running mean is one of so long.
+#: Length of the running mean.
 _MEMORY_S = 3.0
-#: A longer step has lost samples: a difference across it would be motion.
+#: A longer step has lost samples: a difference across it would contain motion.
 _LONGEST_STEP_S = 0.035
-#: PX4's EKF2 takes 4.9 m/s2 a step of 10 ms then, 0.49 m/s/sqrt(s); m2/s3.
+#: While clipped PX4's EKF2 uses 4.9 m/s2 a step of 10 ms: 0.49 m/s/sqrt(s); this in m2/s3.
 _CLIPPED = 0.49**2
 
 
 class VibrationMeter:
-    """Follows the power densities of an IMU, sample by sample."""
+    """Measure the power densities of an IMU, sample by sample."""
 
     def __init__(self, known: Powers = STILL, known_s: float = 0.0) -> None:
-        """Begin with ``known`` densities that are the mean of ``known_s``."""
+        """Begin with ``known`` densities, the mean over ``known_s`` seconds."""
         self._means: Powers = known
         self._seconds = min(known_s, _MEMORY_S)
         self._run = 0  # samples since the last gap, up to 2

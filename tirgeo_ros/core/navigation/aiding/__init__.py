@@ -1,1 +1,1 @@
-"""Aiding measurements of the filter, one module a source."""
+"""Convert aiding measurements to updates of the filter, one module a source."""

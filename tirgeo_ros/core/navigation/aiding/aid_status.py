@@ -1,7 +1,7 @@
-"""What each aid has done lately: who is used, who is refused, since when.
+"""Record what each aid has done lately: whether it is used or refused, and since when.
 
-It is part of the filter's belief and goes along the time line with it, so a measurement that
-comes late meets the same decisions as one that came in time.
+The records are part of the filter's belief and are kept at each epoch of the time line. A
+measurement that arrives late thus meets the same decisions as one that arrived in time.
 """
 
 from __future__ import annotations
@@ -23,55 +23,55 @@ AIDS = (
     Source.GPS_POSITION,
     Source.GPS_VELOCITY,
 )
-#: The autopilot's heading comes last, and has no record: it is taken or not.
+#: Order within an instant. The autopilot's heading comes last; it has no record in ``tracks``.
 PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
 NEVER_NS = -(1 << 62)
-#: An aid that comes back corrects what has drifted meanwhile in so many equal steps.
+#: An aid that returns after a silence corrects the drift since then in this many equal steps.
 EASE_STEPS = 5
 _LEAST_RUN = 5
-#: A contradiction that came by so much of its size from one measurement to the next is a step: the
-#: receiver's, for what the IMU carries drifts away by degrees.
+#: A contradiction of which this share came from one measurement to the next is a step. It is the
+#: receiver's, for the state carried by the IMU drifts away gradually.
 _STEP_SHARE = 0.7
-#: A receiver that has stepped away, with nothing else to ask, is followed after this.
+#: A receiver that has stepped is followed after this, where no other aid can decide.
 STEPPED_S = 20.0
-#: So many resets of position or velocity within so long: the filter does not hold any more.
+#: This many resets of position or velocity within this time: the filter does not recover.
 _HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
 
 
 class Run(NamedTuple):
-    """Measurements that were refused one after another and agree with each other."""
+    """Hold a run of measurements that were refused one after another and agree with each other."""
 
     first_ns: int
     last_ns: int
     number: int
-    innovation: tuple[float, ...]  # the first's, in a form that motion does not change
+    innovation: tuple[float, ...]  # of the first, in a form that motion does not change
 
     def lasts(self, seconds: float) -> bool:
-        """Whether it has gone on for so long, with more than a few measurements."""
+        """Return whether it has lasted ``seconds``, with at least five measurements."""
         return self.number >= _LEAST_RUN and self.last_ns - self.first_ns >= seconds * 1e9
 
 
 class Track(NamedTuple):
-    """One aid's record."""
+    """Hold one aid's record."""
 
     used_ns: int = NEVER_NS
-    agreed_ns: int = 0  # for how long it has been used, without silences and refusals
-    ease: int = 0  # steps still to go
+    agreed_ns: int = 0  # time in use, without silences and refusals
+    ease: int = 0  # steps still to go (see EASE_STEPS)
     run: Run | None = None
-    mean_rad: float = 0.0  # of the newest innovations of headings
-    newest: tuple[float, ...] = ()  # the newest innovation, as ``Run`` has it
-    step: tuple[float, ...] = ()  # by which what is denied has left what fitted; empty: it drifted
-    # Refusals without a use after them, agreeing or not, stale ones left out:
-    denied_ns: int = 0  # the first
-    denied_to_ns: int = 0  # the newest
+    mean_rad: float = 0.0  # running mean of the heading innovations
+    newest: tuple[float, ...] = ()  # newest innovation, in the form of ``Run``
+    step: tuple[float, ...] = ()  # from the fitting to the refused innovation; empty: it drifted
+    # Refusals since the last use, whether they agree or not, without stale ones:
+    denied_ns: int = 0  # of the first
+    denied_to_ns: int = 0  # of the newest
     denied: int = 0  # their number
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
-        """Whether it was used within the time-out."""
+        """Return whether it was used within the time-out."""
         return now_ns - self.used_ns <= timeout_ns
 
     def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> Track:
-        """The record after a use."""
+        """Return the record after a use."""
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
@@ -79,9 +79,10 @@ class Track(NamedTuple):
         return Track(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
 
     def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> Track:
-        """The record before an innovation is judged: a step back ends what a step has begun.
+        """Return the record updated with a step of a new innovation, before that is gated.
 
-        ``expected`` is the innovation that would fit, in the same form.
+        ``expected`` is the innovation that would fit, in the same form. A step back to it ends the
+        step that was recorded; any other step is added to that, and its refusals are counted anew.
         """
         if not self.step:
             return self
@@ -95,7 +96,7 @@ class Track(NamedTuple):
     def stepped(
         self, innovation: tuple[float, ...], expected: tuple[float, ...]
     ) -> tuple[float, ...]:
-        """The step that made a refused innovation of one that fitted, or empty."""
+        """Return the step from the last fitting innovation to this one; empty if it drifted."""
         if self.step or self.denied or not self.newest:
             return self.step
         step = tuple(map(operator.sub, innovation, self.newest))
@@ -111,7 +112,7 @@ class Track(NamedTuple):
         stale: bool = False,
         step: tuple[float, ...] = (),
     ) -> Track:
-        """The record after a refusal; it joins the run where it is within ``slack`` of it."""
+        """Return the record after a refusal, which joins the run if within ``slack`` of it."""
         run = self.run
         if run is None or _apart(run.innovation, innovation) > slack:
             run = Run(now_ns, now_ns, 1, innovation)
@@ -134,7 +135,7 @@ def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 
 
 class Receivers(NamedTuple):
-    """Estimated slow errors of the receivers, at ``stamp_ns``."""
+    """Hold the estimated slow errors of the receivers at ``stamp_ns``."""
 
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
@@ -142,7 +143,7 @@ class Receivers(NamedTuple):
     antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's place less the configured one, FRD
 
     def at(self, stamp_ns: int, gps_time_s: float, heading_time_s: float) -> Receivers:
-        """The same at another time: errors fade with their correlation times."""
+        """Return the errors at another time: they decay with their correlation times (s)."""
         passed_s = (stamp_ns - self.stamp_ns) * 1e-9
         if passed_s == 0:
             return self
@@ -157,7 +158,7 @@ class Receivers(NamedTuple):
     def changed(
         self, gps_error_n: list[float], heading_rad: float = 0.0, antenna_b: Sequence[float] = ()
     ) -> Receivers:
-        """With more error of the GPS (m) and of the headings, and another place of the antenna."""
+        """Return the sum of these errors and changes of them, in m, rad and m."""
         n, e, d = self.gps_error_n
         north, east, down = gps_error_n
         moved = (n + north, e + east, d + down)
@@ -168,14 +169,14 @@ class Receivers(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """A state that was set to a measurement."""
+    """Hold a reset of the state to a measurement."""
 
     source: Source
     stamp_ns: int
     size: float  # m, m/s or rad
 
     def __str__(self) -> str:
-        """For people."""
+        """Return the reset in words."""
         if self.source is Source.RTK_HEADING:
             return f"heading turned by {math.degrees(self.size):+.1f} deg"
         if self.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}:
@@ -185,27 +186,27 @@ class Reset(NamedTuple):
 
 
 class Control(NamedTuple):
-    """The records of all aids."""
+    """Hold the records of all aids."""
 
     receivers: Receivers
     tracks: tuple[Track, ...] = (Track(),) * len(AIDS)
-    status: FixStatus | None = None  # of rtk/fix; None: nothing heard
+    status: FixStatus | None = None  # of rtk/fix; None: no sample yet
     status_ns: int = NEVER_NS
     fixed_since_ns: int = NEVER_NS
     offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
     resets: tuple[int, ...] = (0,) * len(AIDS)
-    reset_ns: tuple[int, ...] = ()  # of the newest of position and velocity
+    reset_ns: tuple[int, ...] = ()  # stamps of the newest resets of position and velocity
     last_reset: Reset | None = None
-    rtk: Consistency = Consistency()  # its positions against its velocities
+    rtk: Consistency = Consistency()  # RTK positions against velocities
 
     def track(self, source: Source) -> Track:
-        """The record of a source."""
+        """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
     def with_track(
         self, source: Source, track: Track, receivers: Receivers | None = None
     ) -> Control:
-        """The same with one record changed, and what is known of the receivers."""
+        """Return a copy with one record changed, and with the receivers' errors if given."""
         place, tracks = PLACE[source], self.tracks
         # By places: a named tuple's own _replace takes three times as long.
         return Control(
@@ -213,27 +214,33 @@ class Control(NamedTuple):
         )
 
     def with_receivers(self, receivers: Receivers) -> Control:
-        """The same with what is known of the receivers."""
+        """Return a copy with the receivers' errors changed."""
         return Control(receivers, *self[1:])
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
-        """What the receiver last said of its fix, if it was lately."""
+        """Return the receiver's newest fix status; None where it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
     def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> Control:
-        """The receiver has told its status."""
+        """Return a copy after a status of the RTK receiver.
+
+        The change from float to fixed makes the next RTK positions correct the state in steps.
+        """
         fixed = status is FixStatus.FIXED
         was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
         told = Control(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
         if not fixed or was_fixed or self.status is None:
             return told
-        # A float's offset has grown meanwhile.
+        # The offset has grown while the solution was float.
         tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
         return told._replace(tracks=tracks)
 
     def with_reset(self, source: Source, now_ns: int, size: float) -> Control:
-        """The state was set to a measurement of a source: counted, its record begun anew."""
+        """Return a copy after a reset to a measurement: counted, with a new record of its source.
+
+        ``size`` is the change of the state in m, m/s or rad.
+        """
         place = PLACE[source]
         counts = list(self.resets)
         counts[place] += 1
@@ -245,12 +252,13 @@ class Control(NamedTuple):
         )
 
     def hopeless(self, patience_s: float) -> str:
-        """Why nothing short of another start helps, or empty."""
+        """Return why only a restart of the filter helps, or an empty string."""
         stamps = self.reset_ns
         if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
             return f"reset again and again: {self.last_reset}"
-        # Two measurements of different kinds do not err together, and by what runs away beneath
-        # them they do not agree with themselves either.
+        # Two measurements of different kinds do not fail together. Where the state runs away,
+        # their refused innovations do not agree with themselves either, so all refusals are
+        # counted.
         both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
         if any(track.step for track in both):  # the receiver has stepped, not the state
             patience_s = max(patience_s, STEPPED_S)

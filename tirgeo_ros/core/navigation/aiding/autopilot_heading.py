@@ -1,8 +1,9 @@
-"""The autopilot's own heading, where nothing else holds the filter's.
+"""Aid the filter with the autopilot's heading, where no other measurement holds the heading.
 
-It gave the first heading where no antennas did. Gyroscopes carry that on, and velocities correct
-it where the aircraft accelerates; over a long hover or a straight leg neither is enough. Its error
-lasts, so that it is taken only once the state has forgotten it, to be as good as at the start.
+It gave the initial heading where no antennas did. The gyroscopes carry that on, and velocities
+correct it while the aircraft accelerates; in a long hover or on a straight leg neither is enough.
+The error of the autopilot's heading lasts. So it is used only once the state's own heading is much
+worse, to be as good again as at the start.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
 
 _NOSE_B = (1.0, 0.0, 0.0)
-#: Worth taking where the state's heading has so many of its sigmas.
+#: It is used where the state's heading sigma exceeds this multiple of its own.
 _SIGMAS = 3.0
 _GATE_SIGMA = 5.0
 _AGAIN_NS = 1_000_000_000
 
 
 class AutopilotHeadings:
-    """Makes the sample and its measurement, as the parameters say."""
+    """Make the samples and measurements of the autopilot's heading."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
@@ -37,11 +38,14 @@ class AutopilotHeadings:
         self._newest_ns: int | None = None
 
     def is_worth(self, covariance: Array) -> bool:
-        """Whether the state's heading is so uncertain that the autopilot's tells more."""
+        """Return whether the state's heading is uncertain enough for the autopilot's to help."""
         return bool(covariance[2, 2] > self._worth_rad2)
 
     def sample(self, imu: ImuSample, covariance: Array) -> AutopilotHeading | None:
-        """The sample of an IMU message, where it is worth it; one a second at the most."""
+        """Return the heading sample of an IMU message, or None where it is not worth using.
+
+        There is one a second at most. ``covariance`` (n, n) is that of the error states.
+        """
         newest_ns, q_nb = self._newest_ns, imu.autopilot_q_nb
         if not self.is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
             return None
@@ -52,7 +56,7 @@ class AutopilotHeadings:
         return AutopilotHeading(imu.stamp_ns, heading, self._variance_rad2)
 
     def aid(self, sample: AutopilotHeading, belief: Belief) -> Aid:
-        """The measurement: the turn about the vertical alone, tilt is known better."""
+        """Return the measurement: a turn about the vertical alone, for tilt is known better."""
         nose_n = rotate(rotation_of(belief.state.q_nb), _NOSE_B)
         off = wrapped(sample.heading_rad - azimuth(nose_n))
         design = np.zeros((1, len(belief.covariance)))

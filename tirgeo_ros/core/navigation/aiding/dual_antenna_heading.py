@@ -1,4 +1,7 @@
-"""The heading of two antennas (Eq. 7 and 9, with the row that the full attitude gives)."""
+"""Aid the filter with the heading of two antennas (Eq. 7 and 9 of Ren et al. 2022).
+
+The row of H is that of the full attitude, not the printed one.
+"""
 
 from __future__ import annotations
 
@@ -17,29 +20,29 @@ from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 
-#: The error function's own rounding; a reading less likely than that says nothing by its tails.
+#: Rounding of the error function: a less probable interval cannot be computed from two tails.
 _LEAST_LIKELY = 1e-12
-#: No gyroscope turns by this unseen, and few compasses err by it: it is the antennas.
+#: A larger turn is the antennas' fault: no gyroscope misses it and few compasses err by as much.
 LARGE_TURN_RAD = math.radians(20.0)
-#: Below this horizontal share a baseline has no heading worth the name (75 deg of tilt).
+#: A baseline with a smaller horizontal share gives no useful heading (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
-#: Of the newest innovation in the running mean: the mean is one of about twenty.
+#: Weight of the newest innovation in the running mean, which averages about twenty.
 _MEAN_SHARE = 0.1
 _MEAN_GATE_SIGMA = 5.0
 
 
 class Baseline(NamedTuple):
-    """From the first antenna to the second, and what the receiver says of it."""
+    """Hold the direction from the first antenna to the second, and the heading's offset."""
 
     direction_b: Vector  # unit vector, FRD
     reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
 
     @classmethod
     def from_config(cls, aircraft: AircraftConfig) -> Baseline:
-        """Return the baseline between the two antennas; with one, level along the nose.
+        """Return the baseline of the two antennas; with one antenna, level along the nose.
 
-        What is reported is the azimuth less the baseline's own direction in a level body. Raises
-        ConfigError where the two antennas give no heading.
+        The reported heading is the azimuth of the baseline less its direction in a level body.
+        Raises ConfigError where the two antennas give no heading.
         """
         baseline_b = aircraft.baseline_b
         if baseline_b is None:
@@ -49,26 +52,26 @@ class Baseline(NamedTuple):
 
 
 def azimuth(direction_n: Vector) -> float:
-    """Azimuth of a NED vector, radians from north, clockwise."""
+    """Return the azimuth of a NED vector, radians from north, clockwise."""
     return math.atan2(direction_n[1], direction_n[0])
 
 
 def wrapped(angle_rad: float) -> float:
-    """The same direction in -pi to pi."""
+    """Return the same angle in -pi to pi."""
     return math.remainder(angle_rad, 2 * math.pi)
 
 
 def heading_innovation(
     rotation_nb: Rotation, heading_rad: float, baseline: Baseline
 ) -> tuple[float, Vector]:
-    """Reported minus predicted heading (rad), and the baseline in ``n``."""
+    """Return reported minus predicted heading (rad), and the baseline's direction in ``n``."""
     u = rotate(rotation_nb, baseline.direction_b)
     predicted = azimuth(u) + baseline.reported_less_azimuth_rad
     return wrapped(heading_rad - predicted), u
 
 
 def heading_design(states: int, u: Vector) -> Array | None:
-    """H (1, states) of a baseline ``u`` in ``n``, or None where it stands upright.
+    """Return H (1, states) of a baseline ``u`` in ``n``, or None where it is near the vertical.
 
     With ``u = R u_b`` and ``du = phi x u`` the azimuth moves by
     ``phi_D - u_D (u_N phi_N + u_E phi_E) / (u_N^2 + u_E^2)``; with a baseline along the nose it is
@@ -88,12 +91,13 @@ def heading_design(states: int, u: Vector) -> Array | None:
 def interval_measurement(
     innovation: float, predicted: float, noise: float, resolution: float
 ) -> tuple[float, float]:
-    """The innovation and its variance that stand for a reading in steps of ``resolution``.
+    """Return innovation and variance of the linear measurement that replaces a quantised reading.
 
-    Heading plus noise lay within half a step of the reading. The linear measurement is given that
-    leaves behind the mean and variance of that: those of a doubly truncated normal (Johnson, Kotz
-    and Balakrishnan, Continuous Univariate Distributions 1, chapter 13). ``predicted``, ``noise``:
-    variances; rad, rad2. The innovation is infinite where the interval is too far out to compute.
+    Heading plus noise was within half a step (``resolution``) of the reading. The linear
+    measurement leads to the posterior mean and variance of that condition: those of a doubly
+    truncated normal (Johnson, Kotz and Balakrishnan, Continuous Univariate Distributions 1,
+    chapter 13). ``predicted`` and ``noise`` are variances; rad, rad2. The innovation is infinite
+    where the interval is too far out to compute.
     """
     spread = math.sqrt(predicted + noise)
     low = (abs(innovation) - 0.5 * resolution) / spread
@@ -103,13 +107,13 @@ def interval_measurement(
         return math.inf, noise
     at_low, at_high = (math.exp(-0.5 * x * x) / math.sqrt(math.tau) for x in (low, high))
     mean = (at_low - at_high) / share
-    # The share of the variance that the interval takes away; next to none where its ends are far.
+    # Share of the variance that the interval removes; next to none where its ends are far.
     told = max(mean * mean - (low * at_low - high * at_high) / share, _LEAST_LIKELY)
     return math.copysign(spread * mean / told, innovation), spread * spread / told - predicted
 
 
 class Headings:
-    """Makes measurements of the headings, as the parameters say."""
+    """Make measurements of the antennas' headings."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._heading = config.heading
@@ -120,7 +124,10 @@ class Headings:
         self._resolution_rad = math.radians(config.heading.resolution_deg)
 
     def obstacle(self, sample: HeadingSample, control: Control) -> str:
-        """Why a heading is not for use now, or empty; start and continue have own conditions."""
+        """Return why a heading is not to be used now, or an empty string.
+
+        RTK must be fixed; before the first use, and after a time-out, for ``start_after_s``.
+        """
         now_ns = sample.stamp_ns
         if control.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
@@ -133,7 +140,7 @@ class Headings:
         return ""
 
     def aid(self, sample: HeadingSample, belief: Belief) -> Aid | None:
-        """The measurement, or None where the baseline stands upright."""
+        """Return the measurement, or None where the baseline is near the vertical."""
         reported = sample.heading_rad - belief.control.receivers.heading_error_rad
         rotation = rotation_of(belief.state.q_nb)
         innovation, u = heading_innovation(rotation, reported, self._baseline)
@@ -152,10 +159,10 @@ class Headings:
         return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack)
 
     def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
-        """What a reading in steps says; the plain one where either is beyond the gate.
+        """Return the measurement of a quantised reading; ``plain`` if either is beyond the gate.
 
-        So gates and resets see the reading as it is, and one that contradicts the state by less
-        than the plain gate still draws on it.
+        So gates and resets use the reading as it is, and a reading that contradicts the state by
+        less than the plain gate still corrects it.
         """
         innovation, variance = float(plain.innovation[0]), float(plain.noise[0, 0])
         predicted = float((plain.design @ covariance @ plain.design.T)[0, 0])
@@ -169,15 +176,15 @@ class Headings:
     def averaged(
         self, track: Track, measurement: Measurement, predicted: Array, reason: str
     ) -> tuple[Track, str]:
-        """The record with one more innovation in its mean, and why a heading is refused.
+        """Return the record with one more innovation in its mean, and why a heading is refused.
 
-        One heading that is off by less than the gate passes; the mean of many that are off by as
-        much is far outside of what the mean of good ones can be.
+        A heading that is off by less than the gate passes alone. The mean of many that are off by
+        as much lies far outside the scatter of a mean of good ones.
         """
         noise, own = float(measurement.noise[0, 0]), float(predicted[0, 0])
         off = float(measurement.innovation[0])
         if abs(off) > 2 * measurement.gate_sigma * math.sqrt(own + noise):
-            return track, reason  # a flip is no small error that lasts
+            return track, reason  # a flip is no small lasting error
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
         if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:

@@ -1,4 +1,4 @@
-"""What the filter believes, and what a measurement asks of it."""
+"""Define the filter's belief, and a measurement as it is applied to it."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 Aiding = PositionSample | VelocitySample | HeadingSample
-#: With what the filter has from the IMU's own messages.
+#: The same, and what the filter takes from the IMU's own messages.
 Aidlike = Aiding | AutopilotHeading
 
 
 class Belief(NamedTuple):
-    """State, covariance (n, n) of its error, and what the aids have done."""
+    """Hold the state, the covariance (n, n) of its error, and the records of the aids."""
 
     state: NavState
     covariance: Array
@@ -34,50 +34,51 @@ class Belief(NamedTuple):
 
 
 class Fused(NamedTuple):
-    """The belief after a sample, changed or not, and why."""
+    """Hold the belief after a sample, changed or not, and the verdict on the sample."""
 
     verdict: Verdict
     belief: Belief
 
 
 class Aid(NamedTuple):
-    """A measurement that fits the belief, with what its refusal would be judged by."""
+    """Hold a measurement for the update, with the numbers by which its refusals are compared."""
 
     source: Source
     stamp_ns: int
     measurement: Measurement
-    invariant: tuple[float, ...]  # the innovation in a form that motion does not change
-    expected: tuple[float, ...]  # the same of an innovation of zero
-    slack: float  # by which such innovations of one cause may differ
-    stale: bool = False  # the sample says what the one before said
+    invariant: tuple[float, ...]  # innovation, in a form that motion does not change
+    expected: tuple[float, ...]  # the same for an innovation of zero
+    slack: float  # by which two of them with one cause may differ
+    stale: bool = False  # the sample repeats the value of the one before
 
 
 def refused(sample: Aidlike, belief: Belief, outcome: Outcome, reason: str) -> Fused:
-    """The same belief after a sample that is not for use now."""
+    """Return the same belief after a sample that is not to be used now."""
     return Fused(Verdict(source_of(sample), outcome, reason), belief)
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
-    """The verdict on a sample of a receiver without a good enough fix."""
+    """Return the verdict on a sample of a receiver without a good enough fix."""
     return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
 
 
 def source_of(sample: Aidlike) -> Source:
-    """Where an aiding sample comes from."""
+    """Return the source of an aiding sample."""
     if isinstance(sample, AutopilotHeading):
         return Source.AUTOPILOT_HEADING
     return Source.RTK_HEADING if isinstance(sample, HeadingSample) else sample.source
 
 
 def added(a: Vector, b: Vector) -> Vector:
-    """The sum of two vectors."""
+    """Return the sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def floored(covariance: Array, sigma: float) -> Array:
-    """A covariance (3, 3) whose axes are believed no better than ``sigma``.
+    """Return a covariance (3, 3) with standard deviations of at least ``sigma`` on its axes.
 
-    Where variances are absent (zero or negative) the floor stands for them.
+    Where a variance is absent (zero or negative) the floor replaces it, and the result is
+    diagonal.
     """
     a, b, c = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     least = sigma * sigma

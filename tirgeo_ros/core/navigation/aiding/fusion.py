@@ -1,7 +1,7 @@
-"""A sample into the belief: the right measurement, its gate, its verdict.
+"""Fuse a sample into the filter's belief: choose the measurement, gate it, give the verdict.
 
-RTK positions are used from float on and RTK velocities with them, headings only while the
-position is fixed. The ordinary GPS steps in where RTK is gone.
+RTK positions and velocities are used from float on, headings only while the position is fixed. The
+ordinary GPS replaces RTK where that is missing.
 """
 
 from __future__ import annotations
@@ -50,16 +50,17 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: What has stepped away is believed only where the state itself may well be off by as much.
+#: Gate of a heading or velocity that has stepped: it passes only if the state may be off by as
+#: much.
 _STEPPED_GATE_SIGMA = 2.0
-#: Of these a step is told from a drift; a step of ordinary GPS is its error's.
+#: Sources whose steps are told from a drift. A step of ordinary GPS belongs to its error state.
 _STEPPING = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-#: Aids that move the map where they come back at once.
+#: Sources that are eased in after a silence, since they would move the map in one step.
 _EASED = (Source.RTK_POSITION, Source.RTK_VELOCITY)
 
 
 class Fusion:
-    """Turns samples into measurements and fuses them, as the parameters say."""
+    """Convert samples to measurements and fuse them."""
 
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
@@ -76,7 +77,7 @@ class Fusion:
         self._heading_time_s = config.heading.bias_time_s
 
     def spare(self, sample: Aidlike, control: Control) -> bool:
-        """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
+        """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
         return self._gps_position.spare(sample, control)
 
     def fuse(
@@ -88,18 +89,18 @@ class Fusion:
         stale: bool = False,
         autopilot_q_nb: Array | None = None,
     ) -> Fused:
-        """The belief with a sample in it.
+        """Return the belief with a sample in it, and the verdict.
 
-        ``angular_rate_b`` (rad/s) has its bias removed; a ``stale`` sample says what the one
-        before said: its refusal proves less against the state. The autopilot's attitude (4,) is
-        asked where the headings contradict the state.
+        ``angular_rate_b`` (rad/s) has its bias removed. A ``stale`` sample repeats the value of
+        the one before, so its refusal proves less against the state. The autopilot's attitude
+        (4,), wxyz, is consulted where the headings contradict the state.
         """
         if self.spare(sample, belief.control):
             return refused(sample, belief, Outcome.STANDBY, "RTK is there")
         state, covariance, control = belief
-        belief = Belief(state, covariance, self._faded(control, sample.stamp_ns))
+        belief = Belief(state, covariance, self._with_decayed_errors(control, sample.stamp_ns))
         if isinstance(sample, AutopilotHeading):
-            return self._turned_by_autopilot(sample, belief)
+            return self._with_autopilot_heading(sample, belief)
         if isinstance(sample, HeadingSample):
             aid, belief = self._heading(sample, belief)
         elif isinstance(sample, VelocitySample):
@@ -110,7 +111,7 @@ class Fusion:
             return Fused(aid, belief)
         if stale:
             aid = aid._replace(stale=True)
-        belief, reason = _against_itself(sample, aid, belief)
+        belief, reason = _checked_rtk(sample, aid, belief)
         if reason:
             return refused(sample, belief, Outcome.GATED, reason)
         return self._judged(aid, belief, autopilot_q_nb)
@@ -150,7 +151,7 @@ class Fusion:
         return aid, belief
 
     def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:
-        """The belief with a measurement in it, or without where the gates refuse."""
+        """Return the belief with a measurement in it, or without it where the gates refuse."""
         state, covariance, control = belief
         track = control.track(aid.source).followed(aid.invariant, aid.expected)
         track = self._eased(aid, track)
@@ -158,7 +159,7 @@ class Fusion:
         if track.ease > 1:
             measurement = measurement._replace(ease=track.ease - 1.0)
         if track.step and aid.source is Source.RTK_POSITION:
-            return self._without_step(aid, belief, track)
+            return self._with_motion_alone(aid, belief, track)
         if track.step:
             gate_sigma = min(measurement.gate_sigma, _STEPPED_GATE_SIGMA)
             measurement = measurement._replace(gate_sigma=gate_sigma)
@@ -173,14 +174,14 @@ class Fusion:
             belief = belief._replace(control=control.with_track(aid.source, track))
             return self._after_refusal(aid, belief, ratio, reason, autopilot_q_nb)
         if self._direct and aid.source is Source.RTK_POSITION:
-            error, updated = _position_taken(error, updated, measurement)
+            error, updated = _with_rtk_position(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
         control = control.with_track(aid.source, track, _receivers(control, error))
         belief = Belief(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
-    def _turned_by_autopilot(self, sample: AutopilotHeading, belief: Belief) -> Fused:
-        """The belief with the autopilot's heading, where it is worth it; it never resets one."""
+    def _with_autopilot_heading(self, sample: AutopilotHeading, belief: Belief) -> Fused:
+        """Return the belief with the autopilot's heading, if it is worth it; it never resets."""
         if not self._autopilot.is_worth(belief.covariance):
             return refused(sample, belief, Outcome.STANDBY, "the heading is known better")
         aid = self._autopilot.aid(sample, belief)
@@ -192,10 +193,11 @@ class Fusion:
         return Fused(_verdict(aid, Outcome.USED, "", ratio), Belief(state, updated, control))
 
     def _refused(self, aid: Aid, track: Track) -> Track:
-        """The record after a refusal.
+        """Return the record after a refusal.
 
-        A position that comes back after a silence meets a state that has drifted; a heading meets
-        one that the gyroscopes have carried, and they do not turn it by much.
+        A position that returns after a silence meets a state that has drifted, so its difference
+        is no step. A heading that returns is compared with the gyroscopes, which drift little: its
+        difference is a step.
         """
         step: tuple[float, ...] = ()
         seen = track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns)
@@ -205,11 +207,12 @@ class Fusion:
             step = tuple(map(operator.sub, aid.invariant, aid.expected))
         return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
 
-    def _without_step(self, aid: Aid, belief: Belief, track: Track) -> Fused:
-        """The belief after a position that has stepped away: its motion is taken, its place not.
+    def _with_motion_alone(self, aid: Aid, belief: Belief, track: Track) -> Fused:
+        """Return the belief after a position that has stepped: only its motion is used.
 
-        What a receiver says of motion stays right when its solution jumps. After a while without
-        a step back the place is as uncertain as the step is large, and the next one decides.
+        The motion that a receiver reports stays right when its solution jumps. After a while
+        without a step back the place becomes as uncertain as the step is large, and the next
+        position decides; a large step resets the position instead.
         """
         plain = aid.measurement
         ratio = update(belief.covariance, plain).test_ratio
@@ -239,19 +242,19 @@ class Fusion:
         return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
 
     def _eased(self, aid: Aid, track: Track) -> Track:
-        """An aid that was silent for long does not move the state in one step."""
+        """Return a record that eases an aid in, where it was silent beyond the time-out."""
         if aid.source not in _EASED or track.recent(aid.stamp_ns, self._timeout_ns):
             return track
         return track._replace(ease=EASE_STEPS)
 
-    def _faded(self, control: Control, stamp_ns: int) -> Control:
-        """With the receivers' errors at a sample's time."""
+    def _with_decayed_errors(self, control: Control, stamp_ns: int) -> Control:
+        """Return the records with the receivers' errors at a sample's time."""
         receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
         return control if receivers is control.receivers else control.with_receivers(receivers)
 
 
-def _against_itself(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
-    """RTK's positions and velocities compared, and why a measurement of them is refused."""
+def _checked_rtk(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
+    """Compare RTK positions and velocities; return the belief and why one is refused."""
     control, (innovation, _, noise, *_) = belief.control, aid.measurement
     if aid.source is Source.RTK_POSITION and isinstance(sample, PositionSample):
         rtk = control.rtk.with_fix(sample, noise)
@@ -265,7 +268,7 @@ def _against_itself(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, 
 
 
 def _receivers(control: Control, error: Array) -> Receivers:
-    """What is known of the receivers after an estimated error (n,)."""
+    """Return the receivers' errors after a correction by an estimated error (n,)."""
     at = heading_error(len(error))
     turned = 0.0 if at is None else float(error[at])
     moved = error[ANTENNA].tolist() if has_antenna(len(error)) else ()
@@ -273,7 +276,7 @@ def _receivers(control: Control, error: Array) -> Receivers:
 
 
 def off(aid: Aid, track: Track) -> str:
-    """Say how far a measurement is off, for people; of a step, by how much it was."""
+    """Return in words how far a measurement is off; of a step, how large it was."""
     size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
     if aid.source is Source.RTK_HEADING:
         if track.step:  # a chord of the unit circle
@@ -285,17 +288,20 @@ def off(aid: Aid, track: Track) -> str:
 
 
 def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:
-    """The verdict on a measurement, with its numbers."""
+    """Return the verdict on a measurement, with its numbers."""
     innovation = tuple(aid.measurement.innovation.tolist())
     degrees = len(innovation)
     limit = chi_square_limit(aid.measurement.gate_sigma, degrees)
     return Verdict(aid.source, outcome, reason, ratio, innovation, ratio * limit / degrees)
 
 
-def _position_taken(
+def _with_rtk_position(
     error: Array, covariance: Array, measurement: Measurement
 ) -> tuple[Array, Array]:
-    """The paper's cycle (section 3.3): RTK's position as it stands, the rest filtered."""
+    """Replace the position by that of RTK as it is; the other states are filtered.
+
+    This is the cycle of Ren et al. 2022 (section 3.3), ``position_update: rtk_direct``.
+    """
     error, covariance = error.copy(), covariance.copy()
     error[POSITION] = measurement.innovation
     covariance[POSITION, :] = 0.0

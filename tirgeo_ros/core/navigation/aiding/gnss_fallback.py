@@ -1,8 +1,8 @@
-"""The ordinary GPS as the fall-back of RTK.
+"""Aid the filter with the ordinary GPS where RTK is missing.
 
-Its position has an error of metres that varies over a minute. While RTK is fixed that error is
-learned, as a state of the filter, from a position a second; when RTK is gone, positions less the
-learned error carry on where RTK stopped, and the state's covariance grows as the error wanders.
+Its position has an error of metres that varies over a minute. While RTK is fixed, that error is
+estimated as a state of the filter, from one position a second. When RTK is gone, positions less
+the estimated error continue from where RTK stopped, and the covariance grows as the error wanders.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
-#: While RTK lasts the error is learned once in so long (a second less the jitter of stamps).
+#: While RTK is there the error is learned at this interval (a second less the jitter of stamps).
 _LEARNING_NS = 950_000_000
-#: Wandering of a GPS error that still counts as one and the same.
+#: Variation of a GPS error that still counts as the same error.
 _SLACK_M = 2.0
 
 
 class GpsPosition:
-    """Makes measurements of GPS positions, as the parameters say."""
+    """Make measurements of GPS positions."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._gps = config.gps
@@ -38,7 +38,7 @@ class GpsPosition:
         self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
     def spare(self, sample: Aidlike, control: Control) -> bool:
-        """Whether a sample of the ordinary GPS is not needed, since RTK is there."""
+        """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
         source, now_ns = source_of(sample), sample.stamp_ns
         if source is Source.GPS_VELOCITY:
             return control.track(Source.RTK_VELOCITY).recent(now_ns, self._timeout_ns)
@@ -51,15 +51,15 @@ class GpsPosition:
         )
 
     def aid(self, sample: PositionSample, belief: Belief) -> Aid:
-        """The measurement of a position with its slow error in it."""
+        """Return the measurement of a position with its slow error in it."""
         state = belief.state
         error = belief.control.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
         innovation = innovation_n(state, sample, added(lever_n, error))
         design = position_design(self._states, lever_n, gps=True)
-        # What the receiver admits beyond the slow error that the state has.
+        # Reported variance beyond that of the slow error in the state.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
-        beyond *= self._lasting(belief.control, sample.stamp_ns)
+        beyond *= self._white_factor(belief.control, sample.stamp_ns)
         noise = self._noise + np.diag(beyond)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
@@ -67,11 +67,11 @@ class GpsPosition:
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
         )
 
-    def _lasting(self, control: Control, now_ns: int) -> float:
-        """White noise that is worth an error which lasts, times its variance.
+    def _white_factor(self, control: Control, now_ns: int) -> float:
+        """Return the factor that makes the variance of a lasting error one of white noise.
 
-        Where there has been no RTK for long no number of fixes averages it away: noise with the
-        same power at low frequency has 2 tau / step times the variance.
+        Long without RTK no number of fixes averages a lasting error away. White noise with the
+        same power at low frequency has 2 tau / step times its variance.
         """
         used_ns = control.track(Source.GPS_POSITION).used_ns
         time_s = self._gps.position_time_s

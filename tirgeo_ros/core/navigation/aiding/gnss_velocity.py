@@ -1,4 +1,4 @@
-"""Satellite velocity of an antenna."""
+"""Aid the filter with the satellite velocity of an antenna."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tirgeo_ros.core.types.measurements import VelocitySample
 
 
 def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
-    """Velocity of the antenna against the IMU, NED m/s; the rate (rad/s) is without its bias."""
+    """Return the antenna's velocity against the IMU, NED m/s; the rate (rad/s) has no bias."""
     return rotate(rotation_nb, cross(angular_rate_b, lever_arm_b))
 
 
 def velocity_design(
     states: int, rotation_nb: Rotation, swing: Vector, lever_arm_b: Vector
 ) -> Array:
-    """H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
+    """Return H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
 
     The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
     """
@@ -44,26 +44,26 @@ def velocity_design(
     return design
 
 
-_NOTHING = (0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Velocities:
-    """Makes measurements of the velocities of one receiver, as the parameters say."""
+    """Make measurements of the velocities of one receiver."""
 
     def __init__(self, states: int, receiver: RtkConfig | GpsConfig, lever_arm_b: Array) -> None:
-        """``lever_arm_b`` (3,): its antenna from the IMU, FRD, m."""
+        """Take the receiver's antenna ``lever_arm_b`` (3,) from the IMU, FRD, m."""
         self._states = states
         self._lever_b: Vector = tuple(lever_arm_b.tolist())
-        self._sought = isinstance(receiver, RtkConfig) and has_antenna(states)
+        self._estimates_antenna = isinstance(receiver, RtkConfig) and has_antenna(states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
 
     def aid(self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector) -> Aid:
-        """The measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
+        """Return the measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
-        if self._sought:
+        if self._estimates_antenna:
             lever_b = added(lever_b, belief.control.receivers.antenna_b)
         swing = swing_n(rotation, angular_rate_b, lever_b)
         (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
@@ -74,9 +74,9 @@ class Velocities:
         )
         noise = floored(sample.covariance_n, self._floor_m_s)
         design = velocity_design(self._states, rotation, swing, lever_b)
-        if self._sought:
+        if self._estimates_antenna:
             design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
         measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
-        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _NOTHING, slack)
+        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack)

@@ -1,9 +1,9 @@
-"""RTK judged against itself: the way between two fixes is the integral of its velocities.
+"""Check RTK against itself: the path between two fixes is the integral of its velocities.
 
 Both are of one antenna, so neither a lever arm nor the IMU takes part in the comparison. Where the
-two contradict each other for long, although each is within its gate, the IMU's path says which of
-them has left it, and that one is refused while it lasts. A step of one of them is left to the
-gates. The records are part of ``Control``, so late measurements meet the same decisions.
+two contradict each other for long, although each passes its gate, the path by the IMU shows which
+of them is wrong, and that one is refused while the contradiction lasts. A step of either is left
+to the gates. The records are part of ``Control``, so late measurements meet the same decisions.
 """
 
 from __future__ import annotations
@@ -19,43 +19,45 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 
-#: Fix and velocity are compared over so long; what the IMU's path is held to is so much older.
+#: Fix and velocity are compared over the first. Pairs that are older by the second give the
+#: velocity against which the IMU's path is measured.
 WINDOW_NS = 2_000_000_000
 _BEFORE_NS = 1_000_000_000
 #: Fix and velocity are of one epoch where their stamps differ by less.
 _SAME_NS = 5_000_000
-#: With fewer intervals in a window a step cannot be told from what lasts.
+#: With fewer intervals in a window a step cannot be told from a lasting difference.
 _LEAST_INTERVALS = 4
-#: No difference is known better: sums that have grown large round.
+#: Bounds of a variance: the lower covers the rounding of sums that have grown large.
 _LEAST_M2 = 1e-8
 _MOST_M2 = 1e4
 _LONGEST_GAP_NS = 1_000_000_000
-#: A contradiction begins beyond the first and lasts until below the second.
+#: A contradiction begins beyond the first squared distance and lasts until below the second.
 _BEGIN, _END = chi_square_limit(5.0, 3), chi_square_limit(3.0, 3)
-#: Fixes hold the position: more is asked before they are refused.
+#: Fixes hold the position, so more is demanded before they are refused.
 _BEGIN_AGAINST_FIXES = chi_square_limit(6.0, 3)
-_TOLD_OF_VELOCITIES, _TOLD_OF_FIXES = 2, 3  # pairs whose mean decides
-#: By so much a receiver's velocity may be late (1 sigma), for it smooths; known no better than.
+_VELOCITY_PAIRS, _FIX_PAIRS = 2, 3  # pairs whose mean decides
+#: Prior sigma of a receiver's velocity latency, for it smooths, and the least sigma it may reach.
 _LAG_S, _LEAST_LAG_S = 0.05, 0.01
-#: What came by more than this share in the two largest intervals is a step, not a drift.
+#: Where the two largest intervals hold more than this share of the change, it is a step, no drift.
 _STEP_SHARE = 0.7
-#: The velocities have left the IMU's path by this much of the contradiction where they are to
-#: blame, and by this little where the fixes are; by as much beyond 1 or below 0 the IMU errs.
+#: Share of the contradiction by which the velocities have left the IMU's path: above the first
+#: they are wrong, below the second the fixes are. As far beyond 1 or below 0 the IMU is wrong.
 _LEAST_LEFT, _MOST_STAYED = 0.6, 0.4
 #: Before the window the two may have drifted apart by this share of the contradiction.
 _MOST_BEFORE = 0.25
-#: For so long the two must have agreed before; time in which they do not is counted off so many
-#: times. What is there from the start, or comes and goes, is nobody's fault, and 1.3 s after a
-#: contradiction has begun to show the window holds too little from before it.
+#: Time for which the two must have agreed before one is blamed, its upper limit, and the factor at
+#: which disagreement reduces it. So nothing is blamed that is there from the start, or comes and
+#: goes. Even from the limit it falls short 1.3 s after a contradiction has begun to show: from
+#: then on the window holds too little from before it.
 _AGREED_NS, _LONGEST_AGREED_NS, _FORGET = 3_000_000_000, 7_000_000_000, 3
-#: Velocities and the IMU carry the position for so long against the fixes, and not longer.
+#: Longest time for which velocities and the IMU carry the position against the fixes.
 _LONGEST_AGAINST_FIXES_NS = 20_000_000_000
 
-_NOTHING: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 class Fix(NamedTuple):
-    """A fixed position that waits for the velocity of its epoch."""
+    """Hold a fixed position that waits for the velocity of its epoch."""
 
     stamp_ns: int
     latitude_rad: float
@@ -65,35 +67,35 @@ class Fix(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Fix and velocity of one epoch, and sums over the velocities up to it."""
+    """Hold fix and velocity of one epoch, and sums over the velocities up to it."""
 
     fix: Fix
     velocity_n: Vector  # m/s
-    against_imu_n: Vector  # m/s, the velocity less that which the IMU alone would have
-    slope_n: Vector = _NOTHING  # m/s2, of the velocities since the pair before
-    drift_n: Vector = _NOTHING  # m, way between fixes less the integral of the velocities
-    left_n: Vector = _NOTHING  # m, integral of ``against_imu_n``
-    spread: Vector = _NOTHING  # m2, variance of the integral of the velocities
+    against_imu_n: Vector  # m/s, velocity less that which the IMU alone would have
+    slope_n: Vector = _ZERO  # m/s2, of the velocities since the pair before
+    drift_n: Vector = _ZERO  # m, path between fixes less the integral of the velocities
+    left_n: Vector = _ZERO  # m, integral of ``against_imu_n``
+    spread: Vector = _ZERO  # m2, variance of the integral of the velocities
 
     @property
     def stamp_ns(self) -> int:
-        """Its epoch."""
+        """Return the time stamp of the fix."""
         return self.fix.stamp_ns
 
 
 class Lag(NamedTuple):
-    """By how much the velocities are late, learned where they agree with the fixes."""
+    """Hold the latency of the velocities, learned where they agree with the fixes."""
 
     mean_s: float = 0.0
     variance_s2: float = _LAG_S**2
-    learned_ns: int = 0  # the newest pair that it is learned from
+    learned_ns: int = 0  # the newest pair used
 
     def learned(self, first: Pair, last: Pair) -> Lag:
-        """The lag after one more window; one that overlaps the last says nothing new."""
+        """Return the latency after one more window; one that overlaps the last changes nothing."""
         if first.stamp_ns < self.learned_ns:
             return self
-        change = _less(last.velocity_n, first.velocity_n)
-        off_n, variances = _less(last.drift_n, first.drift_n), _variances(first, last)
+        change = _difference(last.velocity_n, first.velocity_n)
+        off_n, variances = _difference(last.drift_n, first.drift_n), _variances(first, last)
         told = sum(c * c / v for c, v in zip(change, variances, strict=True))
         asks = sum(
             c * (o - self.mean_s * c) / v for c, o, v in zip(change, off_n, variances, strict=True)
@@ -104,7 +106,7 @@ class Lag(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """What is kept of RTK, and who is refused."""
+    """Hold the records of RTK, and which source is refused."""
 
     fix: Fix | None = None
     pairs: tuple[Pair, ...] = ()
@@ -112,18 +114,18 @@ class Consistency(NamedTuple):
     agreed_ns: int = 0  # for how long they have agreed lately
     since_ns: int = 0  # the first pair that contradicts; 0: they agree
     against: Source | None = None
-    told: tuple[float, ...] = ()  # of who is to blame, by the pairs that contradict
+    told: tuple[float, ...] = ()  # shares of blame (see ``_blame``), by contradicting pair
     off_m_s: float = 0.0  # the newest contradiction over its time
 
     def reason(self, source: Source) -> str:
-        """Why a measurement of a source is refused, or empty."""
+        """Return why a measurement of a source is refused, or an empty string."""
         if source is not self.against:
             return ""
         other = "rtk/vel" if source is Source.RTK_POSITION else "the differences of rtk/fix"
         return f"{self.off_m_s:.2f} m/s off {other}"
 
     def with_fix(self, sample: PositionSample, noise: Array) -> Consistency:
-        """The same with a position; ``noise`` (3, 3) m2. One that is not fixed begins anew."""
+        """Return a copy with a position, ``noise`` (3, 3) m2; one not fixed clears the records."""
         if sample.status is not FixStatus.FIXED:
             return Consistency(lag=self.lag)
         place = sample.latitude_rad, sample.longitude_rad, sample.height_m
@@ -132,7 +134,7 @@ class Consistency(NamedTuple):
     def with_velocity(
         self, sample: VelocitySample, noise: Array, against_imu_n: Vector
     ) -> Consistency:
-        """The same with a velocity, compared where it has a fix; ``noise`` (3, 3) m2/s2.
+        """Return a copy with a velocity, compared where it has a fix; ``noise`` (3, 3) m2/s2.
 
         ``against_imu_n`` is the velocity less that which the IMU alone would have (m/s).
         """
@@ -143,26 +145,26 @@ class Consistency(NamedTuple):
         pair = Pair(fix, (north, east, down), against_imu_n)
         if not pairs or not 0 < fix.stamp_ns - pairs[-1].stamp_ns <= _LONGEST_GAP_NS:
             return Consistency(fix, (pair,), self.lag)
-        pair = _after(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
-        drop = _from(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
+        pair = _with_sums(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
+        drop = _first_index(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
         return self._replace(pairs=(*pairs[drop:], pair)).judged()
 
     def judged(self) -> Consistency:
-        """The same with what its newest pair says."""
+        """Return a copy with the result of its newest pair."""
         pairs = self.pairs
         last_ns = pairs[-1].stamp_ns
-        window = pairs[_from(pairs, last_ns - WINDOW_NS) :]
+        window = pairs[_first_index(pairs, last_ns - WINDOW_NS) :]
         if len(window) <= _LEAST_INTERVALS:
             return self
         squared, off_n = distance(window[0], window[-1], self.lag)
         step_ns = last_ns - pairs[-2].stamp_ns
         limit, share = (_END, 1.0) if self.since_ns else (_BEGIN, _STEP_SHARE)
-        if squared <= limit or not _lasts(window, off_n, share):
+        if squared <= limit or not _grows_steadily(window, off_n, share):
             return self._agreed(window, step_ns, well=squared <= _END)
         off_m_s = math.hypot(*off_n) / ((last_ns - window[0].stamp_ns) * 1e-9)
         kept = self._replace(since_ns=self.since_ns or last_ns, off_m_s=off_m_s)
         if self.against is None:
-            left = _left(pairs[0], window, off_n) if self.agreed_ns >= _AGREED_NS else None
+            left = _blame(pairs[0], window, off_n) if self.agreed_ns >= _AGREED_NS else None
             return kept.blaming(left, step_ns, clearly=squared > _BEGIN_AGAINST_FIXES)
         long = last_ns - kept.since_ns > _LONGEST_AGAINST_FIXES_NS
         if long and self.against is Source.RTK_POSITION:
@@ -170,36 +172,39 @@ class Consistency(NamedTuple):
         return kept
 
     def _agreed(self, window: tuple[Pair, ...], step_ns: int, *, well: bool) -> Consistency:
-        """The same where the newest pair is no contradiction; ``well``: far from one."""
-        agreed_ns = self._for_long(step_ns if well else -_FORGET * step_ns)
+        """Return a copy whose newest pair is no contradiction; ``well``: the distance is small."""
+        agreed_ns = self._agreed_after(step_ns if well else -_FORGET * step_ns)
         lag = self.lag.learned(window[0], window[-1]) if well else self.lag
         return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, told=())
 
-    def _for_long(self, change_ns: int) -> int:
+    def _agreed_after(self, change_ns: int) -> int:
         return min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
 
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
-        """The same with who is to blame, as far as ``left`` (see ``_left``) tells."""
-        agreed_ns = self._for_long(-_FORGET * step_ns)
+        """Return a copy with the source to blame, as far as ``left`` (see ``_blame``) shows it.
+
+        ``clearly``: the distance is large enough to refuse fixes.
+        """
+        agreed_ns = self._agreed_after(-_FORGET * step_ns)
         told, against = self.told, None
         if left is not None and -_LEAST_LEFT < left < 1 + _LEAST_LEFT:
             told = (*told, left)
-        if len(told) >= _TOLD_OF_VELOCITIES and sum(told) > _LEAST_LEFT * len(told):
+        if len(told) >= _VELOCITY_PAIRS and sum(told) > _LEAST_LEFT * len(told):
             against = Source.RTK_VELOCITY
-        elif len(told) >= _TOLD_OF_FIXES and clearly and sum(told) < _MOST_STAYED * len(told):
+        elif len(told) >= _FIX_PAIRS and clearly and sum(told) < _MOST_STAYED * len(told):
             against = Source.RTK_POSITION
         return self._replace(agreed_ns=agreed_ns, told=told, against=against)
 
 
 def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
-    """The squared distance (3 degrees) of two ways between two epochs, and their difference.
+    """Return the squared distance (3 degrees of freedom) of two paths, and their difference.
 
-    The difference (m) is the way between the fixes less the integral of the velocities. That these
-    are late by ``lag`` makes it lag times their change l: the variance is D + s l l', its inverse
-    by Sherman and Morrison's formula.
+    The difference (m) is the path between the fixes of two epochs less the integral of the
+    velocities. Velocities that are late by ``lag`` change it by lag times their change l. With the
+    lag's variance s, the variance is D + s l l'; its inverse is by Sherman and Morrison's formula.
     """
-    change = _less(last.velocity_n, first.velocity_n)
-    x, y, z = _less(last.drift_n, first.drift_n)
+    change = _difference(last.velocity_n, first.velocity_n)
+    x, y, z = _difference(last.drift_n, first.drift_n)
     off_n = (
         x - lag.mean_s * change[0],
         y - lag.mean_s * change[1],
@@ -214,7 +219,7 @@ def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
 
 
 def _variances(first: Pair, last: Pair) -> Vector:
-    """Of the difference, per axis (m2), but for the lag."""
+    """Return the variances of the difference, per axis (m2), without the latency's."""
     a, b, early, late = first.fix.variances, last.fix.variances, first.spread, last.spread
     return (
         max(a[0] + b[0] + late[0] - early[0], _LEAST_M2),
@@ -223,12 +228,12 @@ def _variances(first: Pair, last: Pair) -> Vector:
     )
 
 
-def _after(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
-    """A pair with its sums, from the pair before."""
+def _with_sums(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
+    """Return a pair with its sums, from the pair before."""
     step_s = (pair.stamp_ns - before.stamp_ns) * 1e-9
     half = 0.5 * step_s
     slope, drift, left, spread = [], [], [], []
-    way_n = _way(before.fix, pair.fix)
+    way_n = _path_n(before.fix, pair.fix)
     for i in range(3):
         v, w = before.velocity_n[i], pair.velocity_n[i]
         rise = (w - v) / step_s
@@ -242,8 +247,8 @@ def _after(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
     return Pair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
 
 
-def _way(a: Fix, b: Fix) -> Vector:
-    """From one fix to another, NED m."""
+def _path_n(a: Fix, b: Fix) -> Vector:
+    """Return the path from one fix to another, NED m."""
     meridian, transverse = radii_of_curvature(a.latitude_rad)
     east = math.remainder(b.longitude_rad - a.longitude_rad, 2 * math.pi)
     cosine = math.cos(0.5 * (a.latitude_rad + b.latitude_rad))
@@ -254,8 +259,8 @@ def _way(a: Fix, b: Fix) -> Vector:
     )
 
 
-def _from(pairs: tuple[Pair, ...], begin_ns: int) -> int:
-    """The place of the first pair that is not older."""
+def _first_index(pairs: tuple[Pair, ...], begin_ns: int) -> int:
+    """Return the index of the first pair that is not older."""
     return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=_stamp_of)
 
 
@@ -263,18 +268,18 @@ def _stamp_of(pair: Pair) -> int:
     return pair.fix.stamp_ns
 
 
-def _lasts(window: tuple[Pair, ...], off_n: Vector, share: float) -> bool:
-    """Whether a contradiction has grown over the window, not in two of its intervals."""
+def _grows_steadily(window: tuple[Pair, ...], off_n: Vector, share: float) -> bool:
+    """Return whether a contradiction has grown over the window, not in two of its intervals."""
     along = [a * off_n[0] + b * off_n[1] + c * off_n[2] for a, b, c in (p.drift_n for p in window)]
     parts = sorted(b - a for a, b in pairwise(along))
     return parts[-1] + parts[-2] < share * (along[-1] - along[0])
 
 
-def _left(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None:
-    """The share of a contradiction by which the velocities have left the IMU's path.
+def _blame(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None:
+    """Return the share of a contradiction by which the velocities have left the IMU's path.
 
-    Zero: it is the fixes that have left it. The IMU alone would have gone on with the velocity
-    that the receiver had on the average before the window; None where the two did not agree then.
+    Zero means that the fixes have left it. The IMU's path continues with the mean velocity that
+    the receiver had before the window; None where fixes and velocities did not agree then.
     """
     begin, last = window[0], window[-1]
     before_s = (begin.stamp_ns - oldest.stamp_ns) * 1e-9
@@ -290,11 +295,11 @@ def _left(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None
     return None if abs(drifted) > _MOST_BEFORE * squared else left / squared
 
 
-def _less(a: Vector, b: Vector) -> Vector:
+def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def _diagonal(noise: Array) -> Vector:
-    """The variances of a covariance (3, 3); one without meaning must not spoil sums."""
+    """Return the variances of a covariance (3, 3), bounded to keep the sums precise."""
     a, b, c = noise[0, 0], noise[1, 1], noise[2, 2]
     return min(float(a), _MOST_M2), min(float(b), _MOST_M2), min(float(c), _MOST_M2)

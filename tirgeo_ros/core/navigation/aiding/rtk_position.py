@@ -1,4 +1,7 @@
-"""Satellite position of an antenna (Eq. 4, with the lever arm's partials in attitude)."""
+"""Aid the filter with the satellite position of an antenna (Eq. 4 of Ren et al. 2022).
+
+H includes the lever arm's partials in attitude, which the paper leaves out.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 
 
 def separation_n(state: NavState, sample: PositionSample) -> Vector:
-    """Antenna as measured minus IMU as estimated, NED metres (Eq. 5)."""
+    """Return the antenna as measured minus the IMU as estimated, NED metres (Eq. 5)."""
     meridian, transverse = radii_of_curvature(state.latitude_rad)
     east = (sample.longitude_rad - state.longitude_rad + math.pi) % (2 * math.pi) - math.pi
     middle = 0.5 * (sample.latitude_rad + state.latitude_rad)
@@ -37,7 +40,7 @@ def separation_n(state: NavState, sample: PositionSample) -> Vector:
 
 
 def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
-    """Measured minus predicted antenna position, NED metres; ``lever_n`` is ``R_nb l``."""
+    """Return measured minus predicted antenna position, NED metres; ``lever_n`` is ``R_nb l``."""
     north, east, down = separation_n(state, sample)
     return north - lever_n[0], east - lever_n[1], down - lever_n[2]
 
@@ -45,9 +48,9 @@ def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Ve
 def position_design(
     states: int, lever_n: Vector, *, gps: bool = False, rotation_nb: Rotation | None = None
 ) -> Array:
-    """H (3, states) of an antenna position: ``R_true l = R l - [R l x] phi``.
+    """Return H (3, states) of an antenna position: ``R_true l = R l - [R l x] phi``.
 
-    With ``gps`` the slow error of the ordinary GPS is in the measurement too; with a rotation the
+    With ``gps`` the slow error of the ordinary GPS is in the measurement too. With a rotation the
     antenna's place is a state.
     """
     design = np.zeros((3, states))
@@ -67,7 +70,7 @@ def position_design(
 
 
 class RtkPosition:
-    """Makes measurements of RTK positions, as the parameters say."""
+    """Make measurements of RTK positions."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._rtk = config.rtk
@@ -75,7 +78,7 @@ class RtkPosition:
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
     def aid(self, sample: PositionSample, belief: Belief) -> tuple[Aid, Belief]:
-        """The measurement, and the belief with its offset in the median's window."""
+        """Return the measurement, and the belief with its offset in the median's window."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_n = rotate(rotation, added(self._lever_b, belief.control.receivers.antenna_b))
@@ -94,11 +97,10 @@ class RtkPosition:
         ), belief
 
     def _median(self, offset: Vector, belief: Belief) -> tuple[Vector, Belief]:
-        """The median's innovation.
+        """Return the innovation of the median, NED m, and the belief with the offset stored.
 
-        A median of positions would lag behind an aircraft in motion. The offsets from the path
-        that the IMU alone has taken are disturbed by a jump as positions are, by motion not at
-        all.
+        A median of positions would lag behind an aircraft in motion. Offsets from the path that
+        the IMU alone has taken show a jump as positions do, but not the motion.
         """
         control, moved = belief.control, belief.state.correction_n
         offsets = (*control.offsets_n, offset)[-self._rtk.median_window :]
@@ -107,7 +109,7 @@ class RtkPosition:
         return (north - moved[0], east - moved[1], down - moved[2]), belief
 
     def _noise(self, sample: PositionSample, control: Control) -> tuple[Array, float]:
-        """R (3, 3), and the scatter (m) of one position against the next."""
+        """Return R (3, 3), and the scatter (m) of one position against the next."""
         if sample.status is FixStatus.FIXED:
             noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)
             return noise, math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])

@@ -1,6 +1,6 @@
-"""A state that measurements contradict for long is set to them, and that is counted.
+"""Reset the state to measurements that have contradicted it for long, and count the resets.
 
-Only measurements that agree with each other count: one position that jumps is forgotten, a
+Only measurements that agree with each other count. One position that jumps is forgotten; a
 receiver that is frozen while the aircraft moves never agrees with itself.
 """
 
@@ -30,20 +30,21 @@ from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 
-#: A heading that has been agreed with for long is given up after a minute of contradiction.
+#: Longest contradiction that a heading needs, however long it agreed before; the second is for a
+#: turn below one heading's gate. The first also applies to values that repeat.
 _LONGEST_S = 60.0
 _SMALL_LONGEST_S = 10.0
-#: A step that is believed counts as a reset from here on; a smaller one, of which ordinary GPS
-#: cannot tell, is believed after so long: a receiver's passing fault lasts for a second.
+#: A step that is accepted counts as a reset from this size on. A smaller one, which ordinary GPS
+#: cannot confirm, is accepted after this time: a receiver's passing fault lasts for a second.
 _COUNTED_STEP_M = 1.0
 _SMALL_STEP_S = 1.2
-#: A turn by more comes of a wrong start, which has spoiled what was estimated with it.
+#: A larger turn follows a wrong initial heading, which has spoiled tilt and biases as well.
 _SPOILING_TURN_RAD = math.radians(5.0)
 _TILT_SIGMA_RAD = math.radians(1.0)
 
 
 class Resets:
-    """Sets the state where the parameters say so."""
+    """Reset the state after the times that the parameters give."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._config = config
@@ -52,26 +53,26 @@ class Resets:
     def after_refusal(
         self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None
     ) -> Belief | None:
-        """The belief set to the measurement, where its run of refusals is long enough."""
+        """Return the belief reset to the measurement, or None if its refusals are too short."""
         track = belief.control.track(aid.source)
         run = track.run
         if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
             return None
         if aid.source is Source.RTK_HEADING:
-            return self._turned(aid, belief)
+            return self._with_heading(aid, belief)
         block = {
             Source.RTK_POSITION: POSITION,
             Source.RTK_VELOCITY: VELOCITY,
-            Source.GPS_POSITION: GPS_ERROR,  # the state is not changed by a jump of that
+            Source.GPS_POSITION: GPS_ERROR,  # a jump of it leaves the state unchanged
             Source.GPS_VELOCITY: VELOCITY,
         }[aid.source]
-        return self._set(aid, belief, block)
+        return self._with_block(aid, belief, block)
 
     def _patience_s(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> float:
-        """For how long a run must have lasted; infinite where nothing else supports it."""
+        """Return how long a run of refusals must last; infinite if it must not cause a reset."""
         control = belief.control
         track = control.track(aid.source)
-        if aid.stale:  # a receiver that is frozen over a hover, more likely than not
+        if aid.stale:  # most likely a receiver that is frozen in a hover
             return _LONGEST_S
         if aid.source is Source.RTK_HEADING:
             return self._heading_patience_s(aid, belief, autopilot_q_nb)
@@ -82,32 +83,36 @@ class Resets:
         if aid.source is not Source.RTK_POSITION and position.recent(
             aid.stamp_ns, self._timeout_ns
         ):
-            return math.inf  # positions that fit say that the velocity does too
+            return math.inf  # positions that fit confirm the velocity
         return max(STEPPED_S, reset_after_s) if track.step else reset_after_s
 
     def after_step(self, aid: Aid, belief: Belief) -> Belief | None:
-        """The belief where RTK's position has been for long where it stepped to, or None yet.
+        """Return the belief once RTK's position has stayed long where it stepped to, else None.
 
-        After a small step the position is as uncertain as the step is large, and the next ones
-        move it gently; after a large one it is set, and counted.
+        After a small step the position becomes as uncertain as the step is large, and the next
+        ones move it gently. After a large one it is reset, and counted.
         """
         state, covariance, control = belief
         track = control.track(aid.source)
         if (aid.stamp_ns - track.denied_ns) * 1e-9 < self._step_patience_s(aid, control):
             return None
         if math.hypot(*track.step) >= _COUNTED_STEP_M:
-            return self._set(aid, belief, POSITION)
+            return self._with_block(aid, belief, POSITION)
         covariance = covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
         track = Track(track.used_ns, track.agreed_ns, EASE_STEPS)
         return Belief(state, covariance, control.with_track(aid.source, track))
 
     def _step_patience_s(self, aid: Aid, control: Control) -> float:
-        """Longer where ordinary GPS goes on as before, endless where it cannot err by the step."""
+        """Return how long a step must last before it is accepted.
+
+        It is longer where ordinary GPS continues as before, and infinite where that cannot err by
+        the step.
+        """
         patience_s, track = self._config.rtk.reset_after_s, control.track(aid.source)
         gps, last = control.track(Source.GPS_POSITION), control.last_reset
         if math.hypot(*track.step) < _COUNTED_STEP_M:
-            return min(patience_s, _SMALL_STEP_S)  # GPS cannot tell
+            return min(patience_s, _SMALL_STEP_S)  # too small for GPS to confirm
         if not gps.recent(aid.stamp_ns, self._timeout_ns):
             return patience_s
         if (
@@ -122,63 +127,63 @@ class Resets:
         return max(STEPPED_S, patience_s)
 
     def _heading_patience_s(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> float:
-        """A step is the antennas' unless the autopilot has seen it too."""
+        """Return how long a run must last; infinite for a turn that the autopilot has not seen."""
         heading, track = self._config.heading, belief.control.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
         if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
             supported = _supported(turn, belief.state, autopilot_q_nb)
             return heading.reset_after_s if supported else math.inf
-        # The longer the two have agreed, the less one contradiction says against the state. Off by
-        # less than one heading's gate, it may as well be the gyroscopes.
+        # The longer the two have agreed, the less one contradiction says against the state. Where
+        # it is below one heading's gate, the gyroscopes may as well be the cause.
         gate_rad = measurement.gate_sigma * math.sqrt(measurement.noise[0, 0])
         longest_s = _SMALL_LONGEST_S if abs(turn) < gate_rad else _LONGEST_S
         return max(heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
 
-    def _set(self, aid: Aid, belief: Belief, block: slice) -> Belief:
-        """Three states and their covariance as measured, without ties to the others."""
+    def _with_block(self, aid: Aid, belief: Belief, block: slice) -> Belief:
+        """Set three states and their covariance as measured, uncorrelated with the others."""
         state, covariance, control = belief
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
-        covariance = _untied(covariance, block)
+        covariance = _uncorrelated(covariance, block)
         error = np.zeros(len(covariance))
         error[block] = innovation
         covariance[block, block] = noise
         if block is GPS_ERROR:
-            # Position and error together are as measured: what one is off, the other is, negated.
+            # Their sum is measured: the error of the one is that of the other, negated.
             covariance[block, :] -= covariance[POSITION, :]
             covariance[:, block] -= covariance[:, POSITION]
             control = control._replace(receivers=control.receivers.changed(innovation.tolist()))
         else:
             state = feedback(state, error)
         if block is POSITION:
-            # The ordinary GPS has not moved: its error against the new position has.
+            # The ordinary GPS has not moved, but its error against the new position has changed.
             control = control._replace(receivers=control.receivers.changed((-innovation).tolist()))
         size = float(np.linalg.norm(innovation))
         return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
-    def _turned(self, aid: Aid, belief: Belief) -> Belief:
-        """The attitude turned about the vertical to the heading."""
+    def _with_heading(self, aid: Aid, belief: Belief) -> Belief:
+        """Turn the attitude about the vertical to the heading."""
         state, covariance, control = belief
         turn = float(aid.measurement.innovation[0])
         error = np.zeros(len(covariance))
         error[2] = turn
         if abs(turn) > _SPOILING_TURN_RAD:
-            covariance = self._spoiled(covariance)
+            covariance = self._as_at_start(covariance)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
-        covariance = _untied(covariance, slice(2, 3))
+        covariance = _uncorrelated(covariance, slice(2, 3))
         covariance[2, 2] = aid.measurement.noise[0, 0]
         at = heading_error(len(covariance))
-        if at is not None:  # the heading and its error together are as measured
+        if at is not None:  # their sum is measured: correlate heading and heading error
             covariance[2, :] -= covariance[at, :]
             covariance[:, 2] -= covariance[:, at]
         control = control.with_reset(aid.source, aid.stamp_ns, turn)
         return Belief(feedback(state, error), covariance, control)
 
-    def _spoiled(self, covariance: Array) -> Array:
-        """Tilt and biases as uncertain as at the start."""
+    def _as_at_start(self, covariance: Array) -> Array:
+        """Return a covariance with tilt and biases as uncertain as at the start."""
         imu = self._config.imu
         for block in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS):
-            covariance = _untied(covariance, block)
+            covariance = _uncorrelated(covariance, block)
         variances = np.diagonal(covariance).copy()
         variances[ATTITUDE] = _TILT_SIGMA_RAD**2
         variances[GYRO_BIAS] = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
@@ -188,7 +193,7 @@ class Resets:
 
 
 def _supported(turn_rad: float, state: NavState, autopilot_q_nb: Array | None) -> bool:
-    """Whether the autopilot's nose is nearer to that of the headings than to the state's."""
+    """Return whether the autopilot's heading is nearer to the antennas' than to the state's."""
     if abs(turn_rad) < LARGE_TURN_RAD or not usable_attitude(autopilot_q_nb):
         return False
     assert autopilot_q_nb is not None
@@ -197,8 +202,8 @@ def _supported(turn_rad: float, state: NavState, autopilot_q_nb: Array | None) -
     return abs(math.remainder(apart - turn_rad, 2 * math.pi)) < 0.5 * abs(turn_rad)
 
 
-def _untied(covariance: Array, block: slice) -> Array:
-    """A copy with the block's variances and its covariances with all other states zero."""
+def _uncorrelated(covariance: Array, block: slice) -> Array:
+    """Return a copy with all variances and covariances of the block's states set to zero."""
     covariance = covariance.copy()
     covariance[block, :] = 0.0
     covariance[:, block] = 0.0

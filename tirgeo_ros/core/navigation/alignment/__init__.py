@@ -1,1 +1,1 @@
-"""Find the first state of the filter, at rest or in motion."""
+"""Find the filter's initial state, at rest or in motion."""

@@ -1,8 +1,9 @@
-"""The first state, at rest or in flight, from what there is.
+"""Find the filter's initial state, at rest or in flight, from the measurements that are there.
 
-A window of some seconds is fitted whole (``window_fit``): tilt comes from the accelerometers
-corrected by the change of velocity, heading from two antennas or from the autopilot. What does
-not fit together is waited out; only what stays so for long is passed over for the next best.
+A window of some seconds is fitted as a whole (``batch_least_squares``). Tilt comes from the
+accelerometers corrected by the change of velocity, heading from two antennas or from the
+autopilot. The alignment waits while the measurements contradict each other. Only after a long
+contradiction does it try the next best measurements.
 """
 
 from __future__ import annotations
@@ -41,43 +42,43 @@ from tirgeo_ros.core.types.measurements import (
 
 __all__ = ["Aligner", "Alignment", "Biases"]
 
-#: A window that does not do is made this long, where ``alignment.duration_s`` is shorter.
+#: Longer windows to try, where ``alignment.duration_s`` is shorter and gives no result.
 _LONGER_S = (2.5, 6.0)
 _LEAST_POSITIONS = 2
 _LEAST_HEADINGS = 3
 _LARGEST_AGE_NS = 2_000_000_000  # of the window's end
-_RETRY_NS = 500_000_000  # of what costs more than a look at the samples
+_RETRY_NS = 500_000_000  # between two costly trials
 _DOUBT_ENDS_NS = 1_000_000_000
-#: Biases are believed in after this: longer than one wrong measurement is in the second window.
+#: Biases are accepted after this time; one wrong measurement leaves the second window sooner.
 _SURE_S = 2.6
 _SHORTER_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """A state to start from: the IMU's, at ``stamp_ns``."""
+    """Hold a state to start the filter from: that of the IMU at ``stamp_ns``."""
 
     stamp_ns: int
     state: NavState
     covariance: Array  # (15, 15)
     imu: tuple[ImuSample, ...]  # the newest sample up to the stamp and all after it
     later: tuple[NavigationInput, ...]  # measurements after the stamp
-    sources: frozenset[Source]  # of the measurements in it
+    sources: frozenset[Source]  # of the measurements used
     rtk_status: FixStatus | None  # of the newest RTK position up to the stamp
-    vibration: Powers = STILL  # of the IMU over the window
-    vibration_s: float = 0.0  # the window's length
+    vibration: Powers = STILL  # noise densities of the IMU in the window
+    vibration_s: float = 0.0  # length of the window
 
 
 class _Plan(NamedTuple):
-    """What to start from. Without a velocity source the positions tell velocity."""
+    """Hold a choice of sources. Without a velocity source the positions give the velocity."""
 
     velocity: Source | None
     position: Source
     antennas: bool  # the heading is that of rtk/heading, else the autopilot's
 
 
-#: Best first. The errors of ordinary GPS's positions move slowly: their differences tell a
-#: velocity, if only over the longest window.
+#: Best first. Errors of ordinary GPS positions change slowly, so their differences give a
+#: velocity, though only over the longest window.
 _SOURCES = (
     (Source.RTK_VELOCITY, Source.RTK_POSITION),
     (None, Source.RTK_POSITION),
@@ -89,10 +90,11 @@ _SOURCES = (
 
 
 class Aligner:
-    """Collects samples until a state can be found; ``reason`` says what is missing.
+    """Collect samples until a state can be found; ``reason`` says what is missing.
 
-    They come in the order of their stamps (``stamp_order``); none older than ``keep_s`` serves.
-    ``prior`` is what an earlier run of the filter knew of the IMU's biases.
+    Samples must arrive in the order of their stamps (``measurement_order``); those older than
+    ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter knew of the IMU's
+    biases.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class Aligner:
         self.reason = "needs imu/data"
 
     def add(self, sample: NavigationInput) -> Alignment | None:
-        """Take one valid sample; gives the alignment once it is possible."""
+        """Take one valid sample; return the alignment once it is possible."""
         self._samples.add(sample)
         if isinstance(sample, ImuSample):
             if self._samples.frozen:
@@ -131,7 +133,7 @@ class Aligner:
         return self._samples.imu_s >= self._config.alignment.wait_s
 
     def _try(self) -> Alignment | None:
-        """Try the best, and once that has been waited for long enough, all, best first."""
+        """Try the best sources; once ``wait_s`` has passed, try all of them, best first."""
         lacks: list[LackingError] = []
         if self._waited:
             self._next_ns = self._samples.newest_ns + _RETRY_NS
@@ -141,14 +143,14 @@ class Aligner:
                 return outcome
             doubt = self._lately_doubted()
             if doubt is not None and not isinstance(outcome, LackingError) and not outcome.lasting:
-                # In a turn wrong headings do not even fit the motion.
+                # In a turn wrong headings contradict the motion too; report the antennas.
                 outcome = doubt
             if isinstance(outcome, LackingError):
                 lacks.append(outcome)
                 if outcome.stage < MOTION_STAGE:
                     continue
                 self._next_ns = self._samples.newest_ns + _RETRY_NS
-                break  # no other measurements are better
+                break  # no other sources are better
             self.reason = str(outcome)
             self._next_ns = self._samples.newest_ns + _RETRY_NS
             if outcome.lasting:
@@ -164,17 +166,17 @@ class Aligner:
         plans = [_Plan(v, p, antennas) for v, p in _SOURCES for antennas in kinds]
         if not self._waited:
             return plans[:1]
-        # Antennas that were in doubt of late are not passed over for the autopilot's heading.
+        # While antennas are in doubt, they are not replaced by the autopilot's heading.
         return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
 
     def _lately_doubted(self) -> DoubtError | None:
-        """That antennas and autopilot are far apart, for some seconds after it was seen."""
+        """Return a lasting doubt (antennas against autopilot) for ``wait_s``, then None."""
         stamp_ns, doubt = self._lasting
         passed_ns = self._samples.newest_ns - stamp_ns
         return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
 
     def _outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
-        """What the shortest window gives that has all it needs, or why none has."""
+        """Return the result of the shortest window that has all it needs, or why none has."""
         if self._turn_on.widened:
             return self._longest_outcome(plan)
         lacks: list[LackingError] = []
@@ -186,7 +188,7 @@ class Aligner:
         return furthest(lacks)
 
     def _longest_outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
-        """What the longest window gives that is there and fits."""
+        """Return the result of the longest window that is complete and fits, or why none does."""
         lacks: list[LackingError] = []
         doubts: list[DoubtError] = []
         for length_s in reversed(self._lengths_s):
@@ -198,7 +200,7 @@ class Aligner:
                 continue
             lacks.append(outcome)
             if outcome.stage >= MOTION_STAGE:
-                return outcome  # a shorter one tells less
+                return outcome  # a shorter window shows less motion
         return doubts[0] if doubts else furthest(lacks)
 
     def _outcome_over(self, plan: _Plan, length_s: float) -> Alignment | LackingError | DoubtError:
@@ -208,11 +210,11 @@ class Aligner:
             return error
 
     def _still_doubted(self, what: str) -> bool:
-        """Note a doubt; false once it has come again and again for ``wait_s``."""
+        """Note a doubt; return False once it has recurred for ``wait_s``."""
         return self._doubted_s(what) < self._config.alignment.wait_s
 
     def _doubted_s(self, what: str) -> float:
-        """Note a doubt; for how long it has come again and again."""
+        """Note a doubt; return for how long (s) it has recurred."""
         now = self._samples.newest_ns
         since, latest = self._doubts.get(what, (now, now))
         if now - latest > _DOUBT_ENDS_NS:
@@ -221,7 +223,7 @@ class Aligner:
         return (now - since) * 1e-9
 
     def _align(self, plan: _Plan, length_s: float) -> Alignment:
-        """Raises LackingError or DoubtError."""
+        """Return the alignment of one window; raises LackingError or DoubtError."""
         positions, velocities = self._motion(plan, length_s)
         stamps = [s.stamp_ns for s in positions] + [s.stamp_ns for s in velocities]
         first, last = min(stamps), max(stamps)
@@ -235,14 +237,14 @@ class Aligner:
         if found.hint_nb is not None:
             self._compare(found.fit, found.hint_nb)
         elif plan.antennas and doubted is not None:
-            raise doubted  # nothing has come that says otherwise
+            raise doubted  # nothing has contradicted the doubt since
         sources = {positions[-1].source, *(s.source for s in velocities)}
         if plan.antennas:
             sources.add(Source.RTK_HEADING)
         return self._start(measured, found, frozenset(sources))
 
     def _fitted(self, measured: Measured) -> Fitted:
-        """The fit of a window, with biases as the parameters say, or as the window says."""
+        """Return the fit of a window, with the prior of the biases or, if need be, a wider one."""
         known = self._turn_on
         found = known.fitted(measured)
         if known.widened:
@@ -252,7 +254,7 @@ class Aligner:
             self._look_longer(known, found)
             return found
         loose = known.loosely(measured)
-        if loose is None:  # not the biases, or not these alone
+        if loose is None:  # biases are not the cause, or not the only one
             checked(found.fit, found.seen)
             raise DoubtError("imu/data does not fit the motion measured")
         if self._doubted_s("biases") < _SURE_S:  # a wrong measurement may look like biases
@@ -265,7 +267,7 @@ class Aligner:
     def _motion(
         self, plan: _Plan, length_s: float
     ) -> tuple[list[PositionSample], list[VelocitySample]]:
-        """Positions and velocities of the window."""
+        """Return positions and velocities of the window; raises LackingError."""
         positions = self._samples.positions(plan.position)
         velocities = self._samples.velocities(plan.velocity) if plan.velocity else []
         found = span(velocities if plan.velocity else positions, round(length_s * 1e9))
@@ -290,12 +292,15 @@ class Aligner:
         return found
 
     def _turned(self, found: Fitted) -> bool:
-        """Whether the heading contradicts the autopilot's: then the accelerations do not fit."""
+        """Return whether the heading contradicts the autopilot's.
+
+        With a wrong heading the accelerations do not fit either, so that biases are not the cause.
+        """
         hint_nb, autopilot = found.hint_nb, self._config.autopilot
         return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
 
     def _look_longer(self, known: TurnOnBiases, found: Fitted) -> None:
-        """Lack a longer window where a short one has raised a suspicion lately."""
+        """Raise LackingError for a longer window, where a short one lately raised a suspicion."""
         now = self._samples.newest_ns
         if known.suspected(found):
             self._suspected_ns = now
@@ -312,7 +317,11 @@ class Aligner:
         )
 
     def _compare(self, found: Fit, hint_nb: Array) -> None:
-        """Doubt what differs from the autopilot's attitude; a little not for ever: it may err."""
+        """Raise a doubt where the fit differs from the autopilot's attitude.
+
+        A small difference is accepted once it has lasted for ``wait_s``, for the autopilot may
+        err.
+        """
         for what, doubt in differences(found, hint_nb, self._config.autopilot).items():
             if doubt.lasting or self._still_doubted(what):
                 raise doubt

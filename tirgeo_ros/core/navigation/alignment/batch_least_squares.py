@@ -1,4 +1,4 @@
-"""The state at the end of a short window that best fits all that was measured in it.
+"""Fit the state at the end of a short window to all that was measured in it.
 
 Generalised least squares. Seen from the end, at time T, the gyroscopes carry body vectors at t to
 the body at T (``D``), and the accelerometers give, in the same axes and without gravity,
@@ -8,11 +8,11 @@ the body at T (``D``), and the accelerometers give, in the same axes and without
     p(t) = p - v u + R W + g u^2 / 2
     direction(t) = R D d
 
-So every observation is ``a v + b p + c g + R x`` with its own scalars and body vector x. Noise and
-bias of the IMU reach it through x; the errors of all observations are therefore correlated, and
-the covariance of the end's state follows with all its cross terms, those of tilt and
-accelerometer bias among them. Earth rate and Coriolis force are left out: over some seconds they
-are a tenth of what the turn-on biases may be.
+So every observation is ``a v + b p + c g + R x`` with its own scalars a, b, c and body vector x.
+Noise and bias of the IMU enter through x. The errors of all observations are therefore correlated,
+and the covariance of the end's state has all cross terms, those of tilt and accelerometer bias
+among them. Earth rate and Coriolis force are left out: over some seconds they are a tenth of what
+the turn-on biases may be.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _CONVERGED_RAD = 1e-7
 
 
 class Kind(Enum):
-    """What an observation is of."""
+    """Name the quantity that an observation measures."""
 
     VELOCITY = "velocity"
     POSITION = "position"
@@ -45,35 +45,35 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A thing measured in the window; k = 3, or 1 for an azimuth."""
+    """Hold one measurement of the window; k = 3, or 1 for an azimuth."""
 
     stamp_ns: int
     name: str  # its topic
     kind: Kind
     value: Array  # (k,) NED m/s or m of an antenna, or the azimuth of a direction in rad
-    arm_b: Array  # (3,) antenna from the IMU in m, or the direction
+    arm_b: Array  # (3,) lever arm from IMU to antenna in m, or the direction
     white: Array  # (k, k) covariance of the error that is new each time
     slow_sigma: Array  # (k,) standard deviation of the error that lasts
-    slow_time_s: float = np.inf  # its correlation time
+    slow_time_s: float = np.inf  # correlation time of the latter
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """The state at the window's end."""
+    """Hold the state at the window's end."""
 
     rotation_nb: Array  # (3, 3)
     velocity_n: Array  # (3,) m/s
     position_n: Array  # (3,) m, in the axes of the observations
     biases: Array  # (6,) gyroscope rad/s, accelerometer m/s2
     covariance: Array  # (15, 15) attitude, velocity, position, biases
-    tilt_sigma_rad: float  # of the larger of the two, were the biases known
+    tilt_sigma_rad: float  # larger of the two, were the biases known
     residuals: list[Array]  # (k,) of each observation
     distances: Array  # (m,) squared distance per degree of freedom, of each observation
     settled: bool
 
 
 class _Terms:
-    """What the model needs of each observation: its scalars, its body vector, its IMU errors."""
+    """Compute the model's terms by observation: scalars, body vectors, partials by IMU errors."""
 
     def __init__(self, window: Window, seen: Sequence[Observation], powers: Powers) -> None:
         at = window.at([o.stamp_ns for o in seen])
@@ -99,10 +99,11 @@ class _Terms:
         self.imu_noise = flat @ flat.T  # (3 m, 3 m) in the last body frame
 
     def _kernels(self, window: Window, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
-        """(m, steps, 3, 6): what a unit error of the IMU in a step does to each observation.
+        """Return the effect of a unit IMU error in a step on each observation: (m, steps, 3, 6).
 
-        A turn by e at time s turns all body vectors before s; of an integral it turns the part
-        up to s, which is what its value at s does not hold yet.
+        The lengths of the steps (s) come second. A turn by e at time s turns all body vectors
+        before s. Of an integral it turns the part up to s, which is the part that its value at s
+        lacks.
         """
         coarse = _coarse(window, at)
         steps = -np.diff(window.before_s[coarse])
@@ -121,7 +122,7 @@ class _Terms:
 
 
 def _coarse(window: Window, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Instants 20 ms or a hundredth of the window apart, and all of observations.
+    """Return indices of instants 20 ms or 1 % of the window apart, and of all observations.
 
     Noise needs no finer steps.
     """
@@ -141,12 +142,12 @@ def fit(
     biases: Biases,
     powers: Powers,
 ) -> Fit:
-    """Fit the state to the observations; ``settled`` where the steps came to an end.
+    """Fit the state to the observations; ``settled`` tells that the iteration converged.
 
-    ``start_nb`` (3, 3) is an attitude right to some tens of degrees; ``biases`` are what is known
-    before, near those that ``integrate`` took out; ``powers`` are the densities of the IMU's
-    white noise. The observations must hold azimuths, velocities or positions at three instants,
-    and a position.
+    ``start_nb`` (3, 3) is an attitude right to some tens of degrees. ``biases`` are the prior,
+    near those that ``integrate`` subtracted. ``powers`` are the densities of the IMU's white
+    noise. The observations must hold azimuths, velocities or positions at three instants, and a
+    position.
     """
     terms = _Terms(window, seen, powers)
     measured = _measured_noise(seen)
@@ -190,7 +191,7 @@ def _residual(
 
 
 def _projections(seen: Sequence[Observation], turned: Array) -> Array:
-    """(rows, 3 m): from vectors in n to what is observed of them."""
+    """Return the matrix (rows, 3 m) from vectors in n to the observed components."""
     rows = sum(len(o.value) for o in seen)
     out, row = np.zeros((rows, 3 * len(seen))), 0
     for k, o in enumerate(seen):
@@ -204,7 +205,7 @@ def _projections(seen: Sequence[Observation], turned: Array) -> Array:
 
 
 def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
-    """(rows, 15) partials by attitude, velocity, position and biases."""
+    """Return the partials (rows, 15) by attitude, velocity, position and biases."""
     blocks = np.zeros((len(terms.body), 3, 15))
     blocks[:, :, 0:3] = -skew(terms.body @ rotation.T)
     blocks[:, :, 3:6] = terms.of_velocity[:, None, None] * np.eye(3)
@@ -221,7 +222,11 @@ def _projected_noise(terms: _Terms, rotation: Array, projection: Array) -> Array
 
 
 def _measured_noise(seen: Sequence[Observation]) -> Array:
-    """(rows, rows): each observation's own error, and what lasts between those of one source."""
+    """Return the covariance (rows, rows) of the measurements' errors.
+
+    It holds each observation's white error, and the slow error that observations of one source
+    share, decaying with its correlation time.
+    """
     owner = np.repeat(np.arange(len(seen)), [len(o.value) for o in seen])
     axis = np.concatenate([np.arange(len(o.value)) for o in seen])
     names = np.unique([o.name for o in seen], return_inverse=True)[1].reshape(-1)[owner]
@@ -248,7 +253,8 @@ def _result(
     covariance = np.linalg.inv(information)
     covariance = 0.5 * (covariance + covariance.T)
     seen, residual, design, noise = left
-    # What alone fixes a state has no residual: a millionth of its noise keeps the ratio defined.
+    # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
+    # ratio defined.
     spread = (1 + 1e-6) * noise - design @ covariance @ design.T
     parts, distances, row = [], [], 0
     for o in seen:

@@ -1,4 +1,4 @@
-"""Whether what a window holds fits together: one wrong measurement must not give a wrong start."""
+"""Check that the contents of a window agree, so that one wrong measurement spoils no alignment."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Kind, 
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
 from tirgeo_ros.core.types.arrays import Array
 
-#: Squared misfit per degree of freedom, six sigma: no bad luck.
+#: Squared misfit per degree of freedom: six sigma is not chance.
 _LARGEST_DISTANCE = 36.0
-#: An error of the second order, a hundredth of the tilt, is as far as a linear filter is right.
+#: Up to here a linear filter is right: its error, of second order, is a hundredth of the tilt.
 _LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
-#: Headings compared before the tilt is known: ten sigma of the floor's default.
+#: Headings are compared before the tilt is known: ten times the default sigma floor.
 _HEADINGS_APART_RAD = np.radians(6.0)
-#: A flight of a second and more is carried by half of gravity at least, by twice it at most.
+#: Mean force over a second or more of flight: between half of gravity and twice it.
 _LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
-_HINT_TILT_RAD = np.radians(10.0)  # what an autopilot may err by in a hard turn
-_HINT_SIGMAS = 5.0
+_AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
+_AUTOPILOT_SIGMAS = 5.0
 _LOOK_AT_ANTENNAS = (
     ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
     "much: autopilot.attitude_sigma_deg)"
@@ -31,16 +31,19 @@ _UNITS = {Kind.POSITION: "m", Kind.VELOCITY: "m/s", Kind.AZIMUTH: "deg"}
 
 
 class LackingError(Exception):
-    """Something needed is not there; ``stage`` says how far the alignment came."""
+    """Report that something needed is missing; ``stage`` says how far the alignment came."""
 
     def __init__(self, reason: str, stage: int) -> None:
-        """Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion."""
+        """Set the reason and the stage.
+
+        Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion.
+        """
         super().__init__(reason)
         self.stage = stage
 
 
 class DoubtError(Exception):
-    """All is there, but does not fit together; ``lasting``: waiting does not mend it."""
+    """Report a contradiction in the measurements; ``lasting``: waiting does not resolve it."""
 
     def __init__(self, reason: str, *, lasting: bool = False) -> None:
         super().__init__(reason)
@@ -48,14 +51,15 @@ class DoubtError(Exception):
 
 
 def furthest(lacks: Sequence[LackingError]) -> LackingError:
-    """What was lacking where the alignment came furthest; of equals the first."""
+    """Return what was missing where the alignment came furthest; of equals the first."""
     return max(lacks, key=lambda lack: lack.stage)
 
 
 def agreeing(window: Window, headings: Sequence[Observation]) -> tuple[list[Observation], Array]:
-    """The headings that most agree on, and a first attitude (3, 3) with them, as if at rest.
+    """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
-    Raises DoubtError where fewer than two thirds agree, or the force is no gravity.
+    The attitude is found as if at rest. Raises DoubtError where fewer than two thirds agree, or
+    the mean force is not gravity.
     """
     level_nb = _shortest_turn(_down_b(window), np.array([0.0, 0.0, 1.0]))
     at = window.at([o.stamp_ns for o in headings])
@@ -71,7 +75,7 @@ def agreeing(window: Window, headings: Sequence[Observation]) -> tuple[list[Obse
 
 
 def _down_b(window: Window) -> Array:
-    """(3,) unit vector, as at rest: against the mean force."""
+    """Return the unit vector (3,) against the mean force: down, as if at rest."""
     force = float(np.linalg.norm(window.velocity[0])) / float(window.before_s[0])
     if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
         raise DoubtError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
@@ -79,16 +83,16 @@ def _down_b(window: Window) -> Array:
 
 
 def _shortest_turn(a: Array, b: Array) -> Array:
-    """(3, 3) the smallest rotation that takes unit vector ``a`` to unit vector ``b``."""
+    """Return the smallest rotation (3, 3) that takes unit vector ``a`` to unit vector ``b``."""
     across = np.cross(a, b)
     angle = np.arctan2(np.linalg.norm(across), a @ b)
-    if np.linalg.norm(across) < 1e-9:  # the same or opposite: about any axis across
+    if np.linalg.norm(across) < 1e-9:  # parallel or opposite: take any axis across
         across = np.cross(a, [1.0, 0, 0] if abs(a[0]) < 0.9 else [0, 1.0, 0])
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
 def checked(found: Fit, seen: Sequence[Observation]) -> Fit:
-    """The fit, where every measurement is near it and the tilt is known well enough.
+    """Return the fit, where it is near every measurement and the tilt is known well enough.
 
     Raises DoubtError or LackingError.
     """
@@ -114,16 +118,19 @@ def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
 
 
 def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, DoubtError]:
-    """What differs too much from the autopilot's attitude (3, 3), with a doubt for each."""
+    """Return doubts where the fit differs too much from the autopilot's attitude (3, 3).
+
+    The keys are "tilt" and "heading".
+    """
     tilt = float(np.arccos(np.clip(found.rotation_nb[2] @ hint_nb[2], -1, 1)))
     heading = abs(float(wrap_pi(_nose(found.rotation_nb) - _nose(hint_nb))))
     own = np.sqrt(found.covariance[2, 2])
     sigma = np.hypot(np.radians(autopilot.attitude_sigma_deg[2]), own)
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
-    if tilt > _HINT_TILT_RAD:
+    if tilt > _AUTOPILOT_TILT_RAD:
         out["tilt"] = DoubtError(text.format("the tilt found", np.degrees(tilt)))
-    if heading > _HINT_SIGMAS * sigma:
+    if heading > _AUTOPILOT_SIGMAS * sigma:
         told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
         out["heading"] = DoubtError(told, lasting=heading > LARGE_TURN_RAD)
     return out

@@ -1,7 +1,7 @@
-"""IMU readings over a short window, integrated backwards from its end.
+"""Integrate IMU readings over a short window, backwards from its end.
 
-No attitude is needed for that: the gyroscopes carry every reading into the body frame at the end,
-and there the readings sum up (Groves, 2nd ed., section 5.6.2).
+That needs no attitude: the gyroscopes carry every reading into the body frame at the end, and
+there the readings are summed (Groves, 2nd ed., section 5.6.2).
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 
 class Biases(NamedTuple):
-    """What is known of the IMU's biases."""
+    """Hold the IMU's biases and their covariance."""
 
-    gyro_b: Vector  # rad/s, to be taken from the reading
-    accel_b: Vector  # m/s2, to be taken from the reading
+    gyro_b: Vector  # rad/s, subtracted from the reading
+    accel_b: Vector  # m/s2, subtracted from the reading
     covariance: Array  # (6, 6) gyroscope, then accelerometer
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """IMU readings, integrated from each of n instants to the last, in the last body frame."""
+    """Hold IMU readings integrated from each of n instants to the last, in the last body frame."""
 
     stamps_ns: npt.NDArray[np.int64]  # (n,) of the IMU samples and of the observations
     before_s: Array  # (n,) time to the end
     to_end: Array  # (n, 3, 3) D
     velocity: Array  # (n, 3) S, m/s
     position: Array  # (n, 3) W, m
-    rate_b: Array  # (n, 3) rad/s, in the body at the instant
-    taken: Array  # (6,) biases taken from the readings, gyroscope, then accelerometer
+    rate_b: Array  # (n, 3) rad/s, in the body frame at the instant
+    taken: Array  # (6,) biases subtracted from the readings, gyroscope, then accelerometer
 
     def at(self, stamps_ns: Sequence[int]) -> npt.NDArray[np.intp]:
-        """Indices of instants that are in the window."""
+        """Return the indices of instants that are in the window."""
         return np.searchsorted(self.stamps_ns, np.array(stamps_ns, np.int64))
 
 
@@ -79,6 +79,6 @@ def _integrated(
 
 
 def _sums_to_end(parts: Array) -> Array:
-    """(n, 3) of (n - 1, 3): from each instant to the last."""
+    """Return the sums (n, 3) of (n - 1, 3) parts from each instant to the last."""
     sums = np.cumsum(parts[::-1], axis=0)[::-1]
     return np.concatenate([sums, np.zeros((1, 3))])

@@ -1,7 +1,7 @@
-"""What each kind of sample says in an alignment, with its error as it really is.
+"""Convert samples to observations of an alignment, with realistic errors.
 
-The errors of a float solution and of ordinary GPS last for longer than the window: many positions
-do not average them away, but their differences tell velocity. Headings in whole degrees average
+The errors of a float solution and of ordinary GPS last longer than the window: many positions do
+not average them away, but their differences give the velocity. Headings in whole degrees average
 only as far as they scatter.
 """
 
@@ -41,24 +41,24 @@ _TOPICS = {
     Source.GPS_POSITION: "gps/fix",
     Source.GPS_VELOCITY: "gps/vel",
 }
-_HINTS = 9
-#: Of the autopilot's azimuth: what is new in each, and how long the rest lasts (as simulated).
+_PICKED = 9
+#: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
-_HINTS_APART_RAD = np.radians(5.0)
+_AUTOPILOT_APART_RAD = np.radians(5.0)
 _NOSE_B = np.array([1.0, 0.0, 0.0])
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 
 
 def topic_of(source: Source) -> str:
-    """The topic of an aid."""
+    """Return the topic of an aid."""
     return _TOPICS[source]
 
 
 def position_observation(
     sample: PositionSample, plane: TangentPlane, config: EkfConfig
 ) -> Observation:
-    """An antenna's position in the axes of ``plane``."""
+    """Return an antenna's position in the axes of ``plane``."""
     place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
     white, slow, time_s = _position_error(sample, config)
     return Observation(
@@ -74,7 +74,7 @@ def position_observation(
 
 
 def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, Array, float]:
-    """White covariance (3, 3), slow standard deviations (3,) and their correlation time."""
+    """Return white covariance (3, 3), slow standard deviations (3,), their correlation time."""
     variances = np.diag(sample.covariance_n)
     if sample.source is Source.GPS_POSITION:
         absent = bool(np.any(variances <= 0))
@@ -84,13 +84,13 @@ def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, A
     floor = config.rtk.position_sigma_floor_m
     if sample.status is FixStatus.FIXED:
         return floored(sample.covariance_n, floor), np.zeros(3), np.inf
-    # Receivers differ in how much of a float solution's error is new each time: half is taken.
+    # Receivers differ in how much of a float solution's error is white: half is assumed.
     halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
     return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
 
 
 def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observation:
-    """An antenna's velocity."""
+    """Return an antenna's velocity."""
     source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
     return Observation(
         sample.stamp_ns,
@@ -104,11 +104,11 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observati
 
 
 def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) -> list[Observation]:
-    """Azimuths of the antenna baseline.
+    """Return the azimuths of the antenna baseline.
 
-    Rounding to whole degrees errs by 1/sqrt(12) deg. Of readings that spread by s degrees (their
-    noise, or a turn) the rounding errors average away but for ``exp(-2 pi^2 s^2)`` of that
-    (Widrow and Kollar, Quantization Noise, chapter 5); of readings that stay the same, nothing.
+    Rounding to whole degrees errs by 1/sqrt(12) deg. Where readings spread by s degrees (their
+    noise, or a turn), the rounding errors average away down to ``exp(-2 pi^2 s^2)`` of that
+    (Widrow and Kollar, Quantization Noise, chapter 5). Where they stay the same, nothing averages.
     """
     baseline = Baseline.from_config(config.aircraft)
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
@@ -128,7 +128,7 @@ def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) ->
 
 
 def _shared_rounding_rad(headings_rad: Array) -> float:
-    """What readings in whole degrees have in common of their rounding error; 0 if not rounded."""
+    """Return the rounding error shared by headings in whole degrees; 0 if they are not rounded."""
     spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
     if np.abs(spread_deg - np.round(spread_deg)).max() > _WHOLE_DEG:
         return 0.0
@@ -139,7 +139,7 @@ def _shared_rounding_rad(headings_rad: Array) -> float:
 def autopilot_observation(
     hint_nb: Array, stamp_ns: int, autopilot: AutopilotConfig
 ) -> Observation:
-    """The nose's azimuth as the autopilot has it; one, since its errors last."""
+    """Return the azimuth of the nose by the autopilot; a single one, since its errors last."""
     nose = hint_nb @ _NOSE_B
     return Observation(
         stamp_ns,
@@ -155,14 +155,17 @@ def autopilot_observation(
 def autopilot_observations(
     imu: Sequence[ImuSample], first_ns: int, last_ns: int, autopilot: AutopilotConfig
 ) -> list[Observation]:
-    """Its azimuths over a window, which tell how fast it turns: their errors change slowly."""
+    """Return the autopilot's azimuths over a window.
+
+    Their errors change slowly, so they show how fast the aircraft turns.
+    """
     usable = [
         s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
     ]
     slow = np.array([np.radians(autopilot.attitude_sigma_deg[2])])
     noise = np.array([[_AZIMUTH_NOISE_RAD**2]])
     out = []
-    for s in _spread(usable):
+    for s in _evenly_spaced(usable):
         nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
         azimuth = np.array([np.arctan2(nose[1], nose[0])])
         out.append(
@@ -180,20 +183,20 @@ def autopilot_observations(
     return out
 
 
-def _spread(samples: Sequence[ImuSample]) -> list[ImuSample]:
-    """Some of them, evenly."""
+def _evenly_spaced(samples: Sequence[ImuSample]) -> list[ImuSample]:
+    """Return some of the samples, evenly spaced."""
     if not samples:
         return []
-    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _HINTS, dtype=int))]
+    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _PICKED, dtype=int))]
 
 
 def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | None:
-    """(3,) what the gyroscopes turn too fast by, rad/s, by the autopilot's attitudes.
+    """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
 
-    Carried to the window's end each is turned by the bias over the time to it.
+    Carried to the window's end, each attitude is turned by the bias times the time to the end.
     """
     picked = _usable(window, imu)
-    if len(picked) < _HINTS:
+    if len(picked) < _PICKED:
         return None
     at = window.at([s.stamp_ns for s in picked])
     at_end = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked])) @ (
@@ -205,19 +208,19 @@ def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | Non
 
 
 def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
-    """Some samples of the window with an attitude, evenly."""
+    """Return some samples of the window with an attitude, evenly spaced."""
     first, last = window.stamps_ns[0], window.stamps_ns[-1]
-    return _spread(
+    return _evenly_spaced(
         [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
     )
 
 
 def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None:
-    """(3, 3) the autopilot's attitude at the window's end, where most of its attitudes agree.
+    """Return the autopilot's attitude (3, 3) at the window's end, if most of its attitudes agree.
 
-    The gyroscopes carry some of the window to its end; None where fewer than half of these are
-    within 5 deg of the one in their middle: one glitch does no harm, and an attitude that stands
-    still while the body turns is none.
+    The gyroscopes carry some attitudes of the window to its end. The result is None where no more
+    than half of them are within 5 deg of the central one. So one glitch does no harm, and an
+    attitude that does not follow the body's turn is not used.
     """
     picked = _usable(window, imu)
     if not picked:
@@ -228,5 +231,5 @@ def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None
     cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
     apart = np.arccos(np.clip(cosines, -1, 1))
     middle = int(np.argmin(np.median(apart, axis=1)))
-    near = apart[middle] < _HINTS_APART_RAD
+    near = apart[middle] < _AUTOPILOT_APART_RAD
     return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None

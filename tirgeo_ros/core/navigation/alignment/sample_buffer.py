@@ -1,4 +1,4 @@
-"""The newest samples before there is a state, and which of them an alignment may use."""
+"""Buffer the newest samples before there is a state, and select those an alignment may use."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 
-_LEAST_INSTANTS = 3  # two fit always: a wrong one would not show
-#: Measurements kept for each second, by which a flood of them is bounded: five sources at 100 Hz.
+_LEAST_INSTANTS = 3  # two always fit, and would hide a wrong one
+#: Bound on the measurements kept per second: five sources at 100 Hz.
 _MOST_HZ = 500
 _MOST_IMU_HZ = 1000
 _T = TypeVar("_T", bound=NavigationInput)
 
 
 class AlignmentSamples:
-    """Samples of the last ``keep_s``; of the IMU without a gap and without a standstill.
+    """Hold the samples of the last ``keep_s``; those of the IMU without a gap or a frozen spell.
 
-    ``frozen`` says that the IMU gives the same reading again and again.
+    ``frozen`` says that the IMU repeats the same reading.
     """
 
     def __init__(self, keep_s: float, largest_gap_s: float) -> None:
@@ -41,17 +41,17 @@ class AlignmentSamples:
 
     @property
     def ready(self) -> bool:
-        """Whether there is an IMU interval."""
+        """Return whether there is an IMU interval."""
         return len(self._imu) > 1
 
     @property
     def newest_ns(self) -> int:
-        """Stamp of the newest IMU sample."""
+        """Return the stamp of the newest IMU sample."""
         return self._imu[-1].stamp_ns
 
     @property
     def imu_s(self) -> float:
-        """Time since the first IMU sample ever."""
+        """Return the time since the first IMU sample ever, s."""
         return (self.newest_ns - self._first_ns) * 1e-9 if self._imu else 0.0
 
     def add(self, sample: NavigationInput) -> None:
@@ -70,7 +70,8 @@ class AlignmentSamples:
             self._first_ns = self._changed_ns = sample.stamp_ns
         elif not _same_reading(self._imu[-1], sample):
             self._changed_ns = sample.stamp_ns
-        # The same from the first sample on is a bench without noise; a live sensor has changed.
+        # Readings that never changed are a bench without noise; those of a live sensor have
+        # changed.
         lived = self._changed_ns > self._first_ns
         self.frozen = lived and sample.stamp_ns - self._changed_ns > self._gap_ns
         gap = self._imu and sample.stamp_ns - self._imu[-1].stamp_ns > self._gap_ns
@@ -79,7 +80,7 @@ class AlignmentSamples:
         self._imu.append(sample)
 
     def positions(self, source: Source) -> list[PositionSample]:
-        """Those good enough, by stamp; of RTK none while its newest is not."""
+        """Return a source's positions with a good fix, by stamp; none if its newest has none."""
         least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
         found = [s for s in self._reached(PositionSample) if s.source is source]
         if not found or found[-1].status < least:
@@ -87,40 +88,40 @@ class AlignmentSamples:
         return [s for s in found if s.status >= least]
 
     def rtk_status(self, stamp_ns: int) -> FixStatus | None:
-        """What the newest RTK position up to a stamp said of its fix."""
+        """Return the fix status of the newest RTK position up to a stamp."""
         found = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
         told = [s.status for s in found if s.stamp_ns <= stamp_ns]
         return told[-1] if told else None
 
     def velocities(self, source: Source) -> list[VelocitySample]:
-        """Those of a source, by stamp."""
+        """Return the velocities of a source, by stamp."""
         return [s for s in self._reached(VelocitySample) if s.source is source]
 
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
-        """Those between two stamps that came while RTK was fixed, by stamp.
+        """Return the headings between two stamps that were measured while RTK was fixed, by stamp.
 
-        The RTK positions ``settled_s`` before a heading and the first one not before it must say
-        so: the samples of one instant arrive in any order.
+        The RTK positions within ``settled_s`` before a heading and the first one not before it
+        must be fixed: the samples of one instant arrive in any order.
         """
         found = [s for s in self._reached(HeadingSample) if first_ns <= s.stamp_ns <= last_ns]
         fixes = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
         return [s for s in found if _fixed_around(fixes, s.stamp_ns, round(settled_s * 1e9))]
 
     def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
-        """IMU samples of an interval, with one before and one after where there is one."""
+        """Return the IMU samples of an interval, with one before and one after if available."""
         stamps = [s.stamp_ns for s in self._imu]
         begin = max((k for k, stamp in enumerate(stamps) if stamp <= first_ns), default=0)
         end = min((k for k, stamp in enumerate(stamps) if stamp >= last_ns), default=len(stamps))
         return [s for k, s in enumerate(self._imu) if begin <= k <= end]
 
     def rest(self, stamp_ns: int) -> tuple[tuple[ImuSample, ...], tuple[NavigationInput, ...]]:
-        """The newest IMU sample up to a stamp and all later; the measurements that are later."""
+        """Return the newest IMU sample up to a stamp and all later; and the later measurements."""
         before = [s for s in self._imu if s.stamp_ns <= stamp_ns][-1:]
         after = [s for s in self._imu if s.stamp_ns > stamp_ns]
         return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
 
     def _reached(self, kind: type[_T]) -> list[_T]:
-        """Measurements that the IMU samples enclose, by stamp; one of each source and stamp."""
+        """Return the measurements within the IMU record, by stamp, one per source and stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
         found = (s for s in self._aiding if isinstance(s, kind))
         single = {
@@ -134,7 +135,10 @@ class AlignmentSamples:
 def span(
     samples: Sequence[PositionSample | VelocitySample], length_ns: int
 ) -> tuple[int, int] | None:
-    """The last ``length_ns`` of what samples enclose, from one stamp to another, or None."""
+    """Return first and last stamp of the newest ``length_ns`` that the samples cover, or None.
+
+    At least three stamps must lie in it.
+    """
     stamps = [s.stamp_ns for s in samples]
     if not stamps:
         return None

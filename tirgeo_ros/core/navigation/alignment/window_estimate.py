@@ -1,7 +1,7 @@
-"""The measurements of a window made into observations, and fitted.
+"""Fit the measurements of a window: convert them to observations, integrate the IMU, solve.
 
-The fit is linear in the biases, so where those it finds turn the window by much, the window is
-integrated again with them taken out.
+The fit is linear in the biases. Where those it finds turn the window by much, the window is
+integrated again with them subtracted.
 """
 
 from __future__ import annotations
@@ -37,40 +37,41 @@ from tirgeo_ros.core.types.measurements import (
 )
 
 _PASSES = 5
-#: A turn of the window that the fit, being linear, takes with an error of half its square.
+#: A change of the biases that turns the window by less needs no new integration: the linear fit
+#: errs by half the square of the turn.
 _TURN_RAD = 0.03
 
 
 class Measured(NamedTuple):
-    """What a window holds. Without readings of the antennas the autopilot gives the heading."""
+    """Hold a window's samples. Without readings of antennas the autopilot gives the heading."""
 
     imu: Sequence[ImuSample]
     positions: Sequence[PositionSample]
     velocities: Sequence[VelocitySample]
     readings: Sequence[HeadingSample]
-    needs_heading: str  # what is said where there is no heading
+    needs_heading: str  # the reason given where there is no heading
 
     @property
     def last_ns(self) -> int:
-        """The newest stamp of a position or velocity: the state's."""
+        """Return the newest stamp of a position or velocity: that of the state."""
         stamps = [s.stamp_ns for s in self.positions] + [s.stamp_ns for s in self.velocities]
         return max(stamps)
 
     @property
     def plane(self) -> TangentPlane:
-        """The plane of the fit: at the newest position."""
+        """Return the tangent plane of the fit: at the newest position."""
         newest = self.positions[-1]
         return TangentPlane(newest.latitude_rad, newest.longitude_rad, newest.height_m)
 
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity there."""
+        """Return gravity at the newest position."""
         newest = self.positions[-1]
         return gravity_down(newest.latitude_rad, newest.height_m)
 
 
 class Fitted(NamedTuple):
-    """A window with its fit."""
+    """Hold a window with its fit."""
 
     window: Window
     hint_nb: Array | None  # (3, 3) the autopilot's attitude at the window's end
@@ -88,10 +89,10 @@ def fitted(
     *,
     gyros_unknown: bool = False,
 ) -> Fitted:
-    """Fit a window; ``taken`` (6,) are biases to begin with, ``biases`` what is known of them.
+    """Fit a window; ``taken`` (6,) are the biases to subtract first, ``biases`` their prior.
 
-    Where the gyroscopes are unknown, the autopilot's headings over the window tell what they
-    turn by. Raises DoubtError or LackingError.
+    With ``gyros_unknown`` and without antennas, the autopilot's headings over the window observe
+    its turn. Raises DoubtError or LackingError.
     """
     vibration = mean_powers(measured.imu)
     powers = NoisePowers(config.imu).under((0.0, 0.0, 0.0, *vibration[3:]))
@@ -100,7 +101,7 @@ def fitted(
     motion += [velocity_observation(s, config) for s in measured.velocities]
     stamps = [s.stamp_ns for s in motion] + [s.stamp_ns for s in measured.readings]
     for _ in range(_PASSES):
-        window = integrate(measured.imu, stamps, _about(biases, taken))
+        window = integrate(measured.imu, stamps, _linearised_at(biases, taken))
         hint_nb = autopilot_attitude(window, measured.imu)
         headings = _headings(measured, config, hint_nb, gyros_unknown=gyros_unknown)
         headings, start_nb = agreeing(window, headings)
@@ -114,7 +115,7 @@ def fitted(
     return Fitted(window, hint_nb, turning_b, seen, found, vibration)
 
 
-def _about(biases: Biases, taken: Array) -> Biases:
+def _linearised_at(biases: Biases, taken: Array) -> Biases:
     return Biases(tuple(taken[:3].tolist()), tuple(taken[3:].tolist()), biases.covariance)
 
 
