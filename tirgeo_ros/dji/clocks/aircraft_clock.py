@@ -154,7 +154,7 @@ class AircraftClock:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """State, offset, spread, drift and what befell the two clocks, as texts."""
+        """Return state, offset, spread, drift and irregularities of both clocks, as texts."""
         texts = {"clock state": self.state}
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
@@ -215,7 +215,7 @@ class AircraftClock:
         return arrival_ns
 
     def _believed(self, x: float, y: float, height: float) -> float:
-        """How far below the line two messages of the last window have been (0 or less)."""
+        """Return how far (ns, <= 0) below the line two recent messages agree to be."""
         known = self._early
         if known is None or x - known[0] > self._window_ns:
             self._early = x, y

@@ -157,7 +157,10 @@ class LowerEnvelope:
 
 
 def middle_slope(points: list[Point]) -> float:
-    """Slope of the lower hull's edge over the middle; points by increasing x, two at least."""
+    """Return the slope of the lower hull's edge over the middle.
+
+    ``points``: at least two, by increasing x.
+    """
     hull: list[Point] = []
     for point in points:
         while len(hull) > 1 and _is_above(hull[-2], hull[-1], point):

@@ -89,7 +89,7 @@ class HostSession:
 
     @property
     def message(self) -> str:
-        """One line for a person: the aircraft and what is wrong, or else where it stands."""
+        """Return a line for a person: the aircraft and the problems, or else the current step."""
         if self._listens:
             return "listening only: nothing is asked of the aircraft"
         aircraft = self._activation.aircraft if self._activation else ""

@@ -45,7 +45,10 @@ class BaselineCheck:
     """Average RTK yaw minus the aircraft's own heading over the newest 20 s."""
 
     def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
-        """``offset_deg``: by the antennas' places, from the nose, clockwise."""
+        """Take ``offset_deg``, the baseline's direction by the antennas' positions.
+
+        It counts clockwise from the nose.
+        """
         self._offset_deg = offset_deg
         self._attitudes = attitudes
         self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine

@@ -90,7 +90,7 @@ class Attitudes:
         return found[0] if found[2] == 0.0 else slerp(*found)
 
     def near(self, stamp_ns: int) -> Array | None:
-        """The attitude (4,) at an instant, else the newest if it is a tenth of a second away."""
+        """Return the attitude (4,) at an instant, else the newest one if within 0.1 s of it."""
         found = self.at(stamp_ns)
         if not isinstance(found, Miss):
             return found

@@ -131,7 +131,7 @@ class GimbalMeaning:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """psi_coder: the gimbal's yaw less the autopilot's of the same instant."""
+        """Return psi_coder (deg): the gimbal's yaw minus the autopilot's at the same instant."""
         if self._psi_coder is None:
             return {}
         return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}

@@ -78,7 +78,7 @@ class RtkMeaning:
         return [HeadingSample(stamp_ns, heading_rad, self._heading_variance)]
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:
-        """Flags in words, the age of the newest epoch, whether the receiver is frozen."""
+        """Return flags in words, age of the newest epoch, and whether the receiver is frozen."""
         epoch_ns = self._receiver.epoch_ns
         found = {
             "rtk_flag": flag_text(self._position_flag.newest),

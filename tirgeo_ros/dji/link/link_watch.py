@@ -35,7 +35,7 @@ class Level(IntEnum):
 
 
 class LinkCondition(Enum):
-    """How the link is: the port's states where it is not open, else what comes through it."""
+    """List the link's conditions: states of a port that is not open, else of its data."""
 
     NO_DEVICE = "no_device"
     PERMISSION_DENIED = "permission_denied"

@@ -1,4 +1,4 @@
-"""The aircraft itself: samples of a flight in, frames at their times out, the host answered."""
+"""Simulate the aircraft: samples of a flight in, timed frames out, host requests answered."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _SECOND_NS = 1_000_000_000
 
 
 class Outgoing(NamedTuple):
-    """A frame, and when it leaves the aircraft, in the time of the samples' arrival."""
+    """Hold a frame and the time when it leaves the aircraft, in the samples' arrival time."""
 
     time_ns: int
     data: bytes
@@ -70,7 +70,7 @@ class Aircraft:
         activation: Sequence[int] = (0,),
         places: AircraftConfig | None = None,
     ) -> None:
-        """``activation``: as for CommandDesk; ``places``: where its antennas stand."""
+        """Take ``activation`` as CommandDesk does, and ``places``, the antennas' positions."""
         self._config = config = config or SimulatedAircraftConfig()
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
@@ -149,7 +149,7 @@ class Aircraft:
         return [self._in_order(frame) for frame in frames]
 
     def _in_order(self, frame: Outgoing) -> Outgoing:
-        """The link keeps the order of what is written to it."""
+        """Return the frame, not earlier than the one before: the link keeps the order."""
         self._told_ns = max(self._told_ns, frame.time_ns)
         return Outgoing(self._told_ns, frame.data)
 

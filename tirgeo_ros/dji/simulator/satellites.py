@@ -41,7 +41,7 @@ _GOOD_HEALTH = 5
 
 
 class Satellites:
-    """The newest of what each receiver said, in the units of the aircraft's messages."""
+    """Hold the newest data of each receiver, and return it in the units of the messages."""
 
     def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
         self._undulation_m = config.geoid_undulation_m
@@ -93,7 +93,7 @@ class Satellites:
         )
 
     def position(self, now_ns: int) -> Position:
-        """The fused position: here the receiver's, with heights above the sea and the start."""
+        """Return the fused position: the receiver's, heights above the sea and the start."""
         sources = (Source.RTK_POSITION, Source.GPS_POSITION)
         found = [_recent(self._positions.get(source), now_ns) for source in sources]
         best = next((sample for sample in found if sample is not None), None)

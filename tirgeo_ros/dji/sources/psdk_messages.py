@@ -42,7 +42,7 @@ def attitude(stamp_ns: int, q_wxyz: Quaternion) -> AttitudeReading:
 
 
 def imu(stamp_ns: int, q_wxyz: Quaternion, rate_flu: Vector, force_flu: Vector) -> ImuReading:
-    """``imu``: attitude FLU to ENU, rate (rad/s), and specific force of 9.8 to the g."""
+    """Convert ``imu``: attitude FLU to ENU, rate (rad/s), specific force, 9.8 m/s2 to the g."""
     p, q, r = rate_flu
     x, y, z = (force / _PSDK_GRAVITY for force in force_flu)
     q_nb = quat_turned_both(*q_wxyz)

@@ -33,7 +33,7 @@ class ImuOrigin(Enum):
 
 
 class ImuReading(NamedTuple):
-    """Specific force and rate of one instant, with the attitude of the same message if any."""
+    """Hold specific force and rate of one instant, and the attitude of the message if any."""
 
     stamp_ns: int
     origin: ImuOrigin

@@ -80,7 +80,7 @@ class StampLags:
 
 
 class _Line:
-    """The smallest lag of one topic: in all, in the first stretch and in the newest whole one."""
+    """Track the smallest lag of a topic: in all, in the first and in the newest whole stretch."""
 
     def __init__(self, begun_ns: int) -> None:
         self._begun_ns = begun_ns

@@ -77,7 +77,7 @@ class Telemetry:
         return dict(self._counts)
 
     def read(self, frame: Frame, arrival_ns: int) -> list[Reading]:
-        """The readings of a frame that came in at ``arrival_ns``, in the order of their use."""
+        """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
             return self._read_broadcast(frame.value, arrival_ns)
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
