@@ -43,7 +43,7 @@ class TickClock:
         self._seen: list[int] = []  # tick lengths of the newest looks, which agree
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """The time of a counter's value that came in at ``arrival_ns``, as AircraftClock's."""
+        """Return the stamp of a counter's value that arrived at ``arrival_ns``."""
         if len(self._seen) < _LOOKS:
             self._look(ticks, arrival_ns)
         return self._clock.stamp_ns(ticks, arrival_ns, extra_ns)

@@ -65,7 +65,7 @@ class SerialRoad:
         return self._read(frames, arrivals, now_s)
 
     def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
-        """The port was opened anew: what was cut is given up, the host begins again."""
+        """Handle a port that was opened again: drop a cut frame, restart the host's session."""
         self._heard_s = None
         frames = self._frames.rescan()
         readings = self._read(frames, [arrival_ns] * len(frames), now_s)
@@ -96,7 +96,7 @@ class SerialRoad:
 
     @property
     def locked(self) -> int:
-        """How many of the frames were encrypted, and not opened by the key or by none."""
+        """Return how many frames were encrypted and not decrypted, with a key or without."""
         return self._locked
 
     @property

@@ -61,7 +61,7 @@ class Ros1Bag:
             raise BagError(f"{self.path}: no message can be read; {self.damage or 'it has none'}")
 
     def topics(self) -> dict[str, tuple[str, ...]]:
-        """Every topic in the bag with the names of its types, of which there should be one."""
+        """Return every topic in the bag with the names of its types (there should be one)."""
         found: dict[str, set[str]] = {}
         for connection in self._contents.connections.values():
             found.setdefault(connection.topic, set()).add(connection.typename)

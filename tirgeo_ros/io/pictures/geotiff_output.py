@@ -43,7 +43,7 @@ class _Grid(NamedTuple):
     rows: int
 
     def metres(self, columns: Array, rows: Array) -> Array:
-        """(rows, columns, 2) of the corners with these numbers."""
+        """Return the coordinates (rows, columns, 2), m, of pixel corners with these numbers."""
         x, y = np.meshgrid(
             self.west_m + columns * self.pixel_m, self.north_m - rows * self.pixel_m
         )
