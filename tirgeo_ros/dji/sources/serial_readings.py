@@ -201,7 +201,7 @@ class Telemetry:
 def _inertial(
     stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, parts: tuple[Any, ...]
 ) -> list[Reading]:
-    """``parts``: acceleration, rate, attitude; what of them can be used together."""
+    """Return the readings that ``parts`` (acceleration, rate, attitude) make together."""
     acceleration, rate, q_nb = parts
     if acceleration is not None and rate is not None:
         return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q_nb)]

@@ -216,7 +216,7 @@ def _unit(source: Any) -> tuple[float, str]:
 
 
 def _datum_note(system: pyproj.CRS, undulation_m: float) -> str:
-    """A word where the file says that its heights are no ellipsoid's and nobody corrects them."""
+    """Return a note if the file's heights are not ellipsoidal and nothing corrects them."""
     vertical = [part for part in system.sub_crs_list if part.is_vertical]
     if not vertical or undulation_m:
         return ""

@@ -45,11 +45,10 @@ class _Placed(NamedTuple):
 
 
 def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
-    """Heights (rows, columns) of tiles on one grid, nan where none has one; and its transform.
+    """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
 
-    Where tiles overlap, the first that has a height gives it. Raises ElevationError, naming
-    the tile, for one of another system or another grid than the first one's, and where there is
-    no room.
+    Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
+    tile, for one of another system or another grid than the first one's, and if there is no room.
     """
     corners = [_corner(tile, tiles[0]) for tile in tiles]
     left, top = (min(each) for each in zip(*corners, strict=True))

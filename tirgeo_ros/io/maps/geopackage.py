@@ -100,7 +100,7 @@ def _connected(path: Path) -> sqlite3.Connection:
 
 
 def log_of(path: Path) -> Path:
-    """The write-ahead log of a package, there while it is open in a program that writes."""
+    """Return the path of the write-ahead log, which exists while a program writes the package."""
     return path.with_name(path.name + "-wal")
 
 

@@ -160,7 +160,7 @@ def tangent_plane(msg: Any) -> TangentPlane:
 
 
 def pixel(msg: Any) -> tuple[int, float, float]:
-    """``geometry_msgs/PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
+    """Convert ``PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
     return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
 
 

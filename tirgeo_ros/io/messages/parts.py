@@ -144,7 +144,7 @@ class Parts:
         return self._twist_covariance(twist=twist, covariance=covariance)
 
     def octets(self, data: npt.NDArray[Any]) -> Any:
-        """The bytes of a contiguous array as a field ``uint8[]`` takes them fastest."""
+        """Return a contiguous array's bytes in the type that a field ``uint8[]`` takes fastest."""
         flat = data.reshape(-1).view(np.uint8)
         if self.takes_ndarray:
             return flat

@@ -104,7 +104,7 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
 
 
 def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Easting, northing, column, row of the enabled points, by their places in the file."""
+    """Return easting, northing, column, row of the enabled points, by their numbers."""
     reader = csv.DictReader(lines)
     header = reader.fieldnames or ()
     pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)

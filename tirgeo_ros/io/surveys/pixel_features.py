@@ -56,7 +56,7 @@ class PixelFeatures:
         return len(set(np.array(self._owners, int)[vertices].tolist()))
 
     def geojson(self, degrees: Array) -> str:
-        """The collection with longitudes and latitudes (n, 2) in place of the pixels."""
+        """Return the collection with the pixels replaced by longitude, latitude (n, 2), deg."""
         rest = iter(np.round(degrees, 9).tolist())
         features = [
             {
