@@ -25,8 +25,8 @@ _SECOND_NS = 1_000_000_000
 #: A message above the line by more than this is suspected of a clock step: no queue stays filled
 #: and holds messages for longer.
 _STEP_NS = 250_000_000
-#: A clock step is accepted after this many messages in a row over this time, by the counter and by
-#: arrival, that were late by at least the step. If one of them is less late than the first by more
+#: A clock step is accepted after this many messages in a row above the line by more than _STEP_NS,
+#: over this time by the counter and by arrival. If one of them is less late than the first by more
 #: than _DRAINS_NS, the run begins again: in a queue that drains, each message is less late than
 #: the one before.
 _STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
@@ -45,7 +45,7 @@ _SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
 _HASTE, _SLEW = 0.5, 200e-6
 
 
-class _Stranger(NamedTuple):
+class _Candidate(NamedTuple):
     """Hold a message that fits no known offset, until the next one confirms or contradicts it."""
 
     number: int
@@ -91,7 +91,7 @@ class AircraftClock:
         self._settled = False
         self._early: tuple[float, float] | None = None
         self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
-        self._stranger = _Stranger(-1, 0, is_counter=False)
+        self._candidate = _Candidate(-1, 0, is_counter=False)
         self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
@@ -113,10 +113,10 @@ class AircraftClock:
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
         if height < -_NEWLY_EARLY_NS or height > _STEP_NS or step_ns < -_LATE_NS:
-            if self._is_strange(height, step_ns):
-                return self._take_stranger(ticks, extra_ns, aircraft_ns, arrival_ns)
+            if self._is_unexplained(height, step_ns):
+                return self._try_candidate(ticks, extra_ns, aircraft_ns, arrival_ns)
             if height < 0:
-                y += self._believed(x, y, height) - height
+                y += self._agreed_depth(x, y, height) - height
             elif self._is_set(height, aircraft_ns, arrival_ns):
                 late_ns = round(height - self._above.least)
                 return self._begin(ticks, extra_ns, arrival_ns - late_ns)
@@ -192,7 +192,7 @@ class AircraftClock:
             number = self._number - self._began_number
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
 
-    def _is_strange(self, height: float, step_ns: int) -> bool:
+    def _is_unexplained(self, height: float, step_ns: int) -> bool:
         """Return whether neither delay nor overtaking can explain a message.
 
         This includes a message far above the line after a pause of the counter: messages from one
@@ -202,19 +202,19 @@ class AircraftClock:
             return True
         return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
 
-    def _take_stranger(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
+    def _try_candidate(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
         """Begin a new offset at the second message in a row that shows the same new offset."""
         offset_ns = arrival_ns - aircraft_ns
-        known = self._stranger
+        known = self._candidate
         if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
             self._count_begin(known.is_counter)
             return self._begin(ticks, extra_ns, arrival_ns)
         self._counts["stray counts"] += 1
         is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
-        self._stranger = _Stranger(self._number, offset_ns, is_counter)
+        self._candidate = _Candidate(self._number, offset_ns, is_counter)
         return arrival_ns
 
-    def _believed(self, x: float, y: float, height: float) -> float:
+    def _agreed_depth(self, x: float, y: float, height: float) -> float:
         """Return how far (ns, <= 0) below the line two recent messages agree to be."""
         known = self._early
         if known is None or x - known[0] > self._window_ns:

@@ -123,9 +123,8 @@ class CaptureClock:
     def place(self, ticks: int, utc_ns: int) -> None:
         """Set the time at which the counter had the value ``ticks``.
 
-        This moves all clocks of the file.
-
-        Before the first message ``ticks`` may be that of any later message.
+        This moves all clocks of the file. Before the first message ``ticks`` may be that of any
+        later message.
         """
         if not self._is_begun:
             self._begin(self._counter.begin(ticks))

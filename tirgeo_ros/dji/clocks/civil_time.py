@@ -49,7 +49,7 @@ class UtcOffset(NamedTuple):
 
 
 def guess_utc_offset(newest_words_ns: int, hint_ns: int | None) -> UtcOffset:
-    """Return whether words are in UTC or in GMT+8, by the approximate time of the newest ones.
+    """Return the time zone of words, UTC or GMT+8, by the approximate time of the newest.
 
     ``newest_words_ns`` takes the words as UTC (``WholeSeconds.newest_ns``). The hint, such as the
     time of the file's last change, is in UTC. Without a hint within 2 h of either, return the
@@ -103,9 +103,9 @@ class WholeSeconds:
 
     @property
     def newest_ns(self) -> int | None:
-        """Return the newest message's time, by words as if they were UTC.
+        """Return the time of the newest message; None until a second began.
 
-        None until a second began.
+        It is the time by the words as if they were UTC.
         """
         shift_ns = self.shift_ns
         return None if shift_ns is None else self._newest_ns + shift_ns

@@ -126,7 +126,7 @@ class LowerEnvelope:
         while self._bins and self._bins[0].x < x - self._memory_ns:
             self._bins.popleft()
         self._learn_drift()
-        self._lay(x)
+        self._refit_line(x)
         self._open(x)
 
     def _bridge(self, x: float) -> None:
@@ -146,7 +146,7 @@ class LowerEnvelope:
         trust = known / (known + measured)
         self.drift = self._drift_before + trust * (slope - self._drift_before)
 
-    def _lay(self, x: float) -> None:
+    def _refit_line(self, x: float) -> None:
         """Set the line to the highest one of the learned slope below all points of the window."""
         keys = [bin_.y - self.drift * bin_.x for bin_ in self._recent(x)]
         if keys:

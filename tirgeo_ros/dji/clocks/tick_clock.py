@@ -1,4 +1,4 @@
-"""Find out the length of a tick of the broadcast's counter from the speed at which it counts.
+"""Determine the length of a tick of the broadcast's counter from the speed at which it counts.
 
 It counts milliseconds in firmware from 3.3 on. DJI's documents of older ones (M100, A3 3.1) state
 ticks of 2.5 ms. The field's name is the same in both.
@@ -39,7 +39,7 @@ class TickClock:
         self._clock = make(MILLISECOND_NS)
         self._tick_ns = MILLISECOND_NS
         self._counter = RunningCounter(MILLISECOND_NS, 32)
-        self._begun: tuple[int, int] | None = None  # begin of the open look: arrival, count in ns
+        self._begun: tuple[int, int] | None = None  # start of the open look: arrival, count in ns
         self._seen: list[int] = []  # tick lengths of the newest looks, which agree
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:

@@ -1,4 +1,7 @@
-"""Ask the aircraft for its version and activate an application; without it it only broadcasts."""
+"""Ask the aircraft for its version and activate an application.
+
+Without an activated application the aircraft only broadcasts.
+"""
 
 from __future__ import annotations
 

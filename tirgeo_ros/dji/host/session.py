@@ -24,8 +24,8 @@ _FIRST_PAUSE_S = 1.0  # before the first new try, doubled each time
 _LONGEST_PAUSE_S = 30.0
 # limit while nothing answers, since the aircraft may be switched on later
 _LONGEST_UNANSWERED_S = 5.0
-#: The aircraft may be silent for this long; doubled each time, until a round has gone well for a
-#: while.
+#: The aircraft may be silent for this long; doubled at each silence, and reset after
+#: _LONGEST_PATIENCE_S without one.
 _PATIENCE_S, _LONGEST_PATIENCE_S = 3.0, 60.0
 
 

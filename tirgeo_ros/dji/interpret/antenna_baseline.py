@@ -70,7 +70,7 @@ class BaselineCheck:
     def seen_deg(self) -> float | None:
         """Return the baseline's direction clockwise from the nose, 0 to 360 deg.
 
-        None before 10 s agree.
+        Returns None until ten seconds of readings agree.
         """
         seen = self._seen
         if len(seen) < _LEAST_NUMBER or seen[-1][0] - seen[0][0] < _LEAST_NS:

@@ -102,7 +102,7 @@ class Attitudes:
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
         """Return the newest attitude (4,) propagated by the rate (b, rad/s).
 
-        None if it is too far.
+        Returns None if the newest attitude is too far from the instant.
         """
         newest_ns = self._history.newest_ns
         if newest_ns is None or abs(stamp_ns - newest_ns) > _CARRIED_NS:

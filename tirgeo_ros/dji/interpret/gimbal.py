@@ -43,7 +43,7 @@ class GimbalMeaning:
     """Convert gimbal readings to samples, each with the body's attitude at its own instant.
 
     A reading waits at most 0.25 s for that attitude, then it is published without joints. If yaw
-    counts from the nose, the attitude is indispensable. Counted: ``gimbal_refused`` (not finite,
+    counts from the nose, the reading is dropped instead. Counted: ``gimbal_refused`` (not finite,
     or too large for an angle), ``gimbal_out_of_order``, ``gimbal_without_joints``,
     ``gimbal_without_heading`` (dropped) and ``joints_near_singularity``.
     """
@@ -140,7 +140,7 @@ class GimbalMeaning:
 def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
     """Return ``q_ng`` (wxyz) of yaw, then pitch, then roll (rad).
 
-    Scalars, as there are 100 a second.
+    It uses scalars for speed, as there are a hundred readings a second.
     """
     yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
     pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)

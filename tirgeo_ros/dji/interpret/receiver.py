@@ -112,10 +112,10 @@ class Receiver:
             self._frozen = False
         elif parts:
             self._counts[f"{self._name}_repeated"] += 1
-            self._mind_freezing(stamp_ns)
+            self._check_freezing(stamp_ns)
         return fresh
 
-    def _mind_freezing(self, stamp_ns: int) -> None:
+    def _check_freezing(self, stamp_ns: int) -> None:
         begun_ns = self._epochs.begun_ns
         # a receiver without a fix has nothing new to send
         without_fix = self._status is FixStatus.NONE

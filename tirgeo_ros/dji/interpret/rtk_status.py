@@ -57,7 +57,7 @@ _CLASSES = (
 def qualities(config: DjiRtkConfig) -> dict[int, Quality]:
     """Return the flags that are a fix, each with its quality.
 
-    None is better than the fixed one's.
+    No flag's sigmas are smaller than those of the fixed one.
     """
     fixed = (config.fixed_sigma_m[0], config.fixed_sigma_m[1])
     speed = config.velocity_sigma_m_s

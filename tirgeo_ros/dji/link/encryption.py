@@ -59,9 +59,9 @@ class Aes256:
         return self._encrypt(data + bytes(padding)), padding
 
     def decrypt(self, data: bytes, padding: int) -> bytes | None:
-        """Return the clear data.
+        """Return the clear data; None if it cannot be decrypted.
 
-        None if its length or the padding cannot be that of encrypted data.
+        That is if its length or the padding cannot be that of encrypted data.
         """
         if not data or len(data) % BLOCK or not 1 <= padding <= BLOCK:
             return None

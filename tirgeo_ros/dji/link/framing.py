@@ -49,9 +49,9 @@ class Frame(NamedTuple):
 
     @property
     def cmd_set(self) -> int | None:
-        """Return the command set.
+        """Return the command set; None if the frame does not name it.
 
-        None for acks (which do not name it), encrypted and shorter data.
+        Acks do not name it, nor do encrypted frames and shorter data.
         """
         return self.data[0] if self._names_command else None
 

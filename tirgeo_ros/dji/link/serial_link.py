@@ -95,9 +95,7 @@ class SerialLink:
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, in one batch; wait ``timeout_s`` for the first byte.
 
-        b"" without any.
-
-        Opens the port if it is not open and the next try is due.
+        Returns b"" if nothing has come. Opens the port if it is not open and the next try is due.
         """
         handle = self._handle or self._try_to_open(timeout_s)
         if handle is None:

@@ -48,10 +48,9 @@ class Layout(Enum):
 class Broadcast(NamedTuple):
     """Hold one broadcast in the aircraft's own units (``broadcast_parts``).
 
-    An absent part is None.
-
-    Axes: ``quaternion_wxyz`` turns body FRD into ground NED. ``acceleration_as_packed`` is in g or
-    m/s2, in the axes that DJI Assistant is set to (raw: g, FRD).
+    An absent part is None. Axes: ``quaternion_wxyz`` turns body FRD into ground NED.
+    ``acceleration_as_packed`` is in g or m/s2, in the axes that DJI Assistant is set to (raw: g,
+    FRD).
     """
 
     layout: Layout = Layout.MODERN
@@ -215,7 +214,7 @@ def _fitting(mask: int, length: int) -> _Plan | None:
 def broadcast_length(layout: Layout, mask: int) -> int | None:
     """Return the bytes of a broadcast's value, mask included.
 
-    None where the layout lacks a bit.
+    Returns None where the layout lacks a bit.
     """
     plan = _plan(layout, mask)
     return None if plan is None else plan.whole.size
@@ -224,7 +223,7 @@ def broadcast_length(layout: Layout, mask: int) -> int | None:
 def decode_broadcast(value: bytes) -> Broadcast | None:
     """Decode a broadcast's value (what follows set and id).
 
-    None where no layout has its length.
+    Returns None where no layout has its length.
     """
     if len(value) < _MASK.size:
         return None

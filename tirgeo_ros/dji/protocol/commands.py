@@ -131,7 +131,7 @@ def _encode_value(request: Request) -> bytes:
 def decode_request(data: bytes) -> Request | None:
     """Return the request in a host's frame.
 
-    None for another command or a value of wrong length.
+    Returns None for another command or a value of wrong length.
     """
     kind = _KINDS.get((data[0], data[1])) if len(data) >= 2 else None
     try:

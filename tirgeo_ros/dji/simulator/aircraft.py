@@ -35,7 +35,7 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 _BROADCAST, _PUSH = b"\x02\x00", b"\x02\x05"
 #: Hz of the codes 0 to 7. Code 5 keeps the present rate, so it is never stored.
 _CODE_HZ = (0, 1, 10, 50, 100, 0, 200, 400)
-#: The gimbal is interpolated between its samples, so frames are made this long after their time.
+#: The gimbal is interpolated between its samples, so a frame is made this long after its time.
 _AHEAD_S = 0.25
 _AHEAD_NS = round(_AHEAD_S * 1e9)
 #: A sample of the IMU may be early by this much, or by half of its step, and still be due.
@@ -220,7 +220,7 @@ class Aircraft:
 
 
 def frames_of(aircraft: Aircraft, samples: Iterable[tuple[int, Sample]]) -> Iterator[Outgoing]:
-    """Return all frames of a flight from its samples, each with its arrival time."""
+    """Yield all frames of a flight from its samples, each with its arrival time."""
     for arrival_ns, sample in samples:
         yield from aircraft.take(arrival_ns, sample)
     yield from aircraft.flush()
@@ -233,7 +233,7 @@ def _is_sound(sample: NavigationInput) -> bool:
 
 
 def _grid(first_ns: int, after_ns: int, until_ns: int, rate_hz: int) -> Iterator[int]:
-    """Return the times of a rate, counted from ``first_ns``, that lie in (after, until]."""
+    """Yield the times of a rate, counted from ``first_ns``, that lie in (after, until]."""
     number = (after_ns - first_ns) * rate_hz // _SECOND_NS
     while (stamp_ns := first_ns + -(-number * _SECOND_NS // rate_hz)) <= until_ns:
         if stamp_ns > after_ns:

@@ -41,9 +41,9 @@ class GimbalAngles:
         return sound
 
     def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:
-        """Return the angles at an instant by the aircraft's attitude ``q_nb`` (4,).
+        """Return the camera's angles at an instant, None if they are not known.
 
-        None without any.
+        ``q_nb`` (4,) is the aircraft's own attitude, None if it is not known.
         """
         q_ng = self._attitude(stamp_ns, q_nb)
         if q_ng is None:

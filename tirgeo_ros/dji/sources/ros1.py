@@ -88,7 +88,7 @@ class Arrived(NamedTuple):
 def types_of(name: str) -> tuple[str, ...]:
     """Return the types that a topic may have, by its name in the wrapper.
 
-    None if it is not read.
+    The tuple is empty if the topic is not read.
     """
     return _TYPES.get(name, ())
 

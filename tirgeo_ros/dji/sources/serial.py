@@ -96,7 +96,7 @@ class SerialRoad:
 
     @property
     def locked(self) -> int:
-        """Return how many frames were encrypted and not decrypted, with a key or without."""
+        """Return how many frames were encrypted and not, or not rightly, decrypted."""
         return self._locked
 
     @property
@@ -120,6 +120,9 @@ class SerialRoad:
 
 
 def _is_locked(frame: Frame) -> bool:
-    """Return whether a frame's data is unread, or makes no sense: aircraft only send pushes."""
+    """Return whether a frame's data is encrypted, or makes no sense after decryption.
+
+    Decrypted data makes sense if it is a push: that is what an aircraft sends.
+    """
     opened = frame.encryption != PLAIN and not frame.is_ack
     return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)

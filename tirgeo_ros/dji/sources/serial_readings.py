@@ -121,7 +121,7 @@ class Telemetry:
             return []
         self._counts["subscription"] += 1
         stamp_ns = self._sent_ns(push, arrival_ns)
-        values = self._believed(push)
+        values = self._plausible_values(push)
         readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
         readings += _inertial(
             stamp_ns,
@@ -136,16 +136,16 @@ class Telemetry:
             readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
         return readings
 
-    def _believed(self, push: Push) -> dict[str, Any]:
+    def _plausible_values(self, push: Push) -> dict[str, Any]:
         """Return the plausible values of a push.
 
         A wrong package table makes many of them implausible.
         """
-        doubts = doubtful(push)
-        if not doubts:
+        implausible = doubtful(push)
+        if not implausible:
             return push.values
         self._counts["implausible"] += 1
-        return {name: value for name, value in push.values.items() if name not in doubts}
+        return {name: value for name, value in push.values.items() if name not in implausible}
 
     def _sent_ns(self, push: Push, arrival_ns: int) -> int:
         if push.time_ms is not None:

@@ -84,9 +84,9 @@ class BagReader:
 
     @property
     def damage(self) -> str | None:
-        """Return in one line what could not be read.
+        """Return in one line what could not be read, None if nothing was lost.
 
-        Complete after an iteration over all topics.
+        The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
         if not losses:

@@ -164,7 +164,7 @@ def _walked(data: mmap) -> Contents:
 def _ranges(data: mmap, found: Contents) -> Iterator[tuple[int, int]]:
     """Yield ranges of whole records, one with each chunk.
 
-    Add broken places to ``found.losses``.
+    Broken places are added to ``found.losses``.
     """
     at = start = len(MAGIC)
     while at < len(data):

@@ -75,9 +75,9 @@ class Ros1Bag:
 
     @property
     def damage(self) -> str | None:
-        """Return in one line what could not be read.
+        """Return in one line what could not be read, None if nothing was lost.
 
-        Complete after an iteration over all topics.
+        The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
         if self._unknown:
@@ -99,7 +99,7 @@ class Ros1Bag:
     def _loaded(
         self, data: mmap, chunk: Chunk, topics: Collection[str] | None
     ) -> Iterator[Placed[Ros1Message]]:
-        """Return the messages of a chunk."""
+        """Yield the messages of a chunk."""
         for number, raw in enumerate(self._contents.messages(data, chunk)):
             connection = self._contents.connections.get(raw.connection)
             if connection is None:

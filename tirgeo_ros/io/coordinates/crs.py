@@ -111,7 +111,7 @@ def _shift_remarks(
 ) -> tuple[str, ...]:
     """Return remarks on the accuracy of the datum shift.
 
-    It is that of the last point transformed.
+    The shift is the one that PROJ used for the last point transformed.
     """
     try:
         step = transformer.get_last_used_operation()

@@ -13,9 +13,8 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 class Plane:
     """Convert between degrees and a projected system.
 
-    By default the UTM zone of points (n, 2), deg.
-
-    Raises MapError for a name that is unknown or no projected system in metres.
+    Without a name the system is the UTM zone of some points (n, 2), longitude and latitude in
+    degrees. Raises MapError for a name that is unknown or no projected system in metres.
     """
 
     def __init__(self, name: str | None, degrees: Array) -> None:

@@ -23,7 +23,7 @@ def python_command(code: str, *arguments: str) -> list[str]:
 
 
 def _path() -> list[str]:
-    """Return the module path of this process; the last entry is this package's own folder."""
+    """Return the module path of this process; last comes the folder that holds this package."""
     package = str(Path(tirgeo_ros.__file__).resolve().parents[1])
     here = os.path.realpath(".")
     found = [each for each in sys.path if each and os.path.realpath(each) != here]

@@ -8,7 +8,7 @@ from pathlib import Path
 def named_files(text: str) -> list[str]:
     """Return the files of a comma-separated list.
 
-    An existing file whose name has a comma is one.
+    A text with a comma that is an existing file's name is one file.
     """
     if Path(text).is_file():
         return [text]

@@ -30,9 +30,9 @@ def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
 
 
 def _used_bytes() -> int:
-    """Return the process's private memory as the limit counts it.
+    """Return the process's private memory in bytes, as the limit counts it.
 
-    0 if the system does not tell.
+    Returns 0 if the system does not tell.
     """
     with suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()

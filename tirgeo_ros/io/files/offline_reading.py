@@ -39,7 +39,7 @@ _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
 def read_map(work: Callable[[], T], *, network: bool) -> T:
     """Return what ``work`` returns, or raise what it raises.
 
-    Without ``network`` in an offline thread.
+    Without ``network`` it runs in a thread that has no network.
     """
     set_network_enabled(active=network)
     if network:
@@ -83,7 +83,7 @@ def elsewhere(text: str) -> str:
 def _close_network() -> str:
     """Let the kernel refuse sockets to this thread and its children.
 
-    Return "" or why it cannot.
+    Returns "", or the reason why that is impossible.
     """
     if platform.system() != "Linux" or platform.machine() not in _MACHINES:
         return f"{platform.system()} on {platform.machine()}"

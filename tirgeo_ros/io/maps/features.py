@@ -178,9 +178,9 @@ def _features(shapes: Shapes, texts: Mapping[int, str]) -> list[GeoFeature]:
 def _chosen(
     features: list[GeoFeature], table: Table, condition: Condition | None
 ) -> tuple[list[GeoFeature], tuple[str, ...]]:
-    """Return the features that meet a condition.
+    """Return the features that meet a condition, and notes.
 
-    And notes if they are none or fewer than wanted.
+    There are notes if no feature meets it, or if it names an unknown property.
     """
     if condition is None or not features:
         return features, ()

@@ -91,7 +91,7 @@ def read_zipped_shapefiles(
 ) -> list[Table]:
     """Return a table for each shapefile in a zip.
 
-    Raises MapError; ValueError for a damaged zip.
+    Raises MapError, and ValueError for a damaged zip.
     """
     names = {PurePosixPath(name).stem: name[:-4] for name in archive.names(".shp")}
     check_layer(path, layer, names)
@@ -195,9 +195,9 @@ def _points(shape: Any, has_z: bool) -> NDArray[np.float64]:
 def _records(
     where: str, fetch: Fetch, wanted: Wanted
 ) -> tuple[Sequence[str], list[Mapping[str, Any] | None], tuple[str, ...]]:
-    """Return names of the fields; the wanted ones of each record, None of a deleted one.
+    """Return the names of the fields, the records, and remarks.
 
-    Remarks.
+    A record has the wanted fields; it is None if it is deleted.
     """
     content = fetch(".dbf")
     if content is None:

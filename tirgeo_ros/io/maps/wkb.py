@@ -88,7 +88,7 @@ class _Cursor:
     def _count(self, order: str, size: int) -> int:
         """Return a count of items of at least ``size`` bytes each.
 
-        Check that the rest has room for them.
+        Raises FeatureError if the rest of the bytes has no room for them.
         """
         (count,) = struct.unpack_from(order + "I", self._data, self._at)
         self._at += 4

@@ -50,9 +50,8 @@ _WORLD = {3 * blocks: _entries(blocks) for blocks in (1, 2)}
 def covariance_turned_world(covariance: Array, size: int) -> Array:
     """Convert a covariance of NED vectors to ENU, or the reverse.
 
-    Returns (size * size,) row-major.
-
-    ``size`` is 3 or 6. Takes any shape of ``size * size`` numbers.
+    Returns (size * size,) row-major; ``size`` is 3 or 6. Takes any shape of ``size * size``
+    numbers.
     """
     source, sign = _WORLD[size]
     turned: Array = np.asarray(covariance).take(source)

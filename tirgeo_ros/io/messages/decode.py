@@ -188,9 +188,9 @@ def _ned(point: Any) -> Array:
 
 
 def _enu_yaw(q: Any) -> float:
-    """Return the yaw of a quaternion of any length.
+    """Return the ENU yaw (rad) of a quaternion of any length.
 
-    NaN for length zero, whose yaw would read 0.
+    Returns NaN for length zero, whose yaw would otherwise read 0.
     """
     if not q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z > 0:
         return math.nan

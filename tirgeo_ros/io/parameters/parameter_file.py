@@ -195,9 +195,9 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node.
+        """Compose a node; raise ComposerError for an alias.
 
-        Refuse an alias as rcl does: it may contain itself or grow without bound.
+        rcl refuses aliases too: they may contain themselves or grow without bound.
         """
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark
