@@ -53,7 +53,7 @@ _NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 class Messages:
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
-    Nodes pass rclpy's classes, bags those they are written with (``io.bag.Cdr.types``).
+    Nodes pass rclpy's classes, bags those they are written with (``io.bags.cdr.Cdr.types``).
     """
 
     def __init__(self, types: Callable[[str], type]) -> None:
