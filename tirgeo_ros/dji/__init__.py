@@ -1,1 +1,1 @@
-"""The aircraft's language: bytes and foreign messages in, the core's samples out. No ROS."""
+"""Decode the aircraft's bytes and foreign ROS messages into the core's samples. No ROS."""

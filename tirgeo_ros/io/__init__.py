@@ -1,1 +1,1 @@
-"""Files: bags, maps, parameter files, surveys. No ROS."""
+"""Read and write files: bags, maps, parameter files, surveys. No ROS."""

@@ -1,15 +1,16 @@
-"""From the aircraft's clock to this computer's.
+"""Convert the aircraft's clock to this computer's clock.
 
-The aircraft counts milliseconds from power-up. A message arrives later than it was sent by the
-smallest latency of the link and by whatever queues, bursts and scheduling add: never earlier. So
-``arrival - aircraft time`` lies above a line, the offset of the two clocks with their drift, and
-the line below all points (``dji.clocks.lower_envelope``) is that offset plus the smallest
-latency. The latency itself cannot be seen from one side; the delay of each source is a parameter.
+The aircraft counts milliseconds from power-up. A message arrives later than it was sent: by the
+smallest latency of the link, plus whatever queues, bursts and scheduling add. It never arrives
+earlier. So ``arrival - aircraft time`` lies on or above a line. The highest line below all points
+(``dji.clocks.lower_envelope``) is the offset of the two clocks, with their drift, plus the
+smallest latency. The latency itself cannot be measured from one side; the delay of each source is
+a parameter.
 
-A counter that truncates to its tick, fed from a clock that is not in step with it, makes stamps
-early by 0 to 1 tick, half a tick in the mean; the line is not biased by it, since the smallest
-differences are those of messages sent at a tick. Where messages are sent in step with the counter
-all of them are truncated alike, and the line takes that up.
+A counter that truncates to its tick makes stamps early by 0 to 1 tick, half a tick in the mean, if
+the clock that feeds it is not in step with it. This does not bias the line, because the smallest
+differences are those of messages sent at a tick. If messages are sent in step with the counter,
+all of them are truncated by the same amount, and the line absorbs that amount.
 """
 
 from __future__ import annotations
@@ -21,54 +22,60 @@ from tirgeo_ros.dji.clocks.lower_envelope import LowerEnvelope
 from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
 
 _SECOND_NS = 1_000_000_000
-#: No queue holds messages for longer and is never empty; a clock that is set jumps by more.
+#: A message above the line by more than this is suspected of a clock step: no queue stays filled
+#: and holds messages for longer.
 _STEP_NS = 250_000_000
-#: A clock counts as set once so many messages in so long, by the counter and by arrival, were
-#: late by that and hardly ever less: a queue that drains is less late with every message.
+#: A clock step is accepted after this many messages in a row above the line by more than _STEP_NS,
+#: over this time by the counter and by arrival. If one of them is less late than the first by more
+#: than _DRAINS_NS, the run begins again: in a queue that drains, each message is less late than
+#: the one before.
 _STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
-#: An aircraft's message is not overtaken by others for longer.
+#: Other messages overtake an aircraft's message by no more than this.
 _LATE_NS = _SECOND_NS
-#: Two messages have to agree that all before were later than this: one may be a wrong count.
+#: The line is lowered by more than this only if two messages agree, since one may have a wrong
+#: count.
 _NEWLY_EARLY_NS = 2_000_000
-#: The offset is settled with so many messages in so long, once it is so close to the line, and no
-#: longer so where it is that far from it.
+#: The offset is settled after this many messages and this time, once it is within
+#: _SETTLED_WITHIN_NS of the line. It is unsettled again when it is more than _UNSETTLED_NS off the
+#: line.
 _SETTLED_NUMBER, _SETTLED_AFTER_NS = 20, 3 * _SECOND_NS
 _SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
-#: How fast the published offset goes to the line, as a share of time: in haste while not settled,
-#: else beyond the largest drift.
+#: Rate at which the published offset approaches the line, as a share of elapsed time: _HASTE while
+#: not settled, else _SLEW in addition to the largest drift.
 _HASTE, _SLEW = 0.5, 200e-6
 
 
-class _Stranger(NamedTuple):
-    """A message that fits no offset so far and wants a second one that says the same."""
+class _Candidate(NamedTuple):
+    """Hold a message that fits no known offset, until the next one confirms or contradicts it."""
 
     number: int
     offset_ns: int
-    is_counter: bool  # whether the counter has jumped, else the host's clock
+    is_counter: bool  # True if the counter jumped, False if the host's clock did
 
 
 class _Above(NamedTuple):
-    """A run of messages far above the line: a queue that drains, or another offset."""
+    """Hold a run of messages far above the line: a queue that drains, or a new offset."""
 
-    number: int  # of the run's newest
+    number: int  # of the run's newest message
     length: int
-    first: float  # height of the first of them, nanoseconds
+    first: float  # height of the first message, nanoseconds
     least: float
-    aircraft_ns: int  # of the first of them
+    aircraft_ns: int  # of the first message
     arrival_ns: int
     is_counter: bool
 
 
 class AircraftClock:
-    """Places one counter of the aircraft on the host's clock.
+    """Convert the values of one aircraft counter to stamps on the host's clock.
 
     Stamps of increasing counts never decrease, and the same count gets the same stamp. Once
-    settled, a step of stamps differs from the counter's by at most 2 ``max_drift_ppm`` + 200 ppm.
-    Before, and again where the line is more than 2 ms off, it may differ by half of itself.
+    settled, a step of stamps differs from the counter's step by at most 2 ``max_drift_ppm`` + 200
+    ppm. Before that, and whenever the line is more than 2 ms off, it may differ by half of the
+    step.
 
-    When the counter starts again or the host's clock is set, stamps go with them: at the second
-    message where that is certain, after half a second where it may be a queue. A message that is
-    alone in being at odds is stamped with its arrival. Each counter needs a clock of its own.
+    When the counter restarts or the host's clock is set, the stamps follow: at the second message
+    where this is certain, after half a second where a queue could be the cause. A single message
+    that fits no offset is stamped with its arrival. Each counter needs its own AircraftClock.
     """
 
     def __init__(self, config: DjiClockConfig, tick_ns: int = 1_000_000, bits: int = 32) -> None:
@@ -79,19 +86,19 @@ class AircraftClock:
         self._counter = RunningCounter(tick_ns, bits)
         self._number = self._began_number = 0
         self._origin_ns = self._newest_ns = 0  # by the counter
-        self._offset_ns = 0  # of the origin
-        self._published = 0.0  # offset beyond that, of the newest
+        self._offset_ns = 0  # of the origin, from counter time to host time
+        self._published = 0.0  # offset of the newest message, in addition to _offset_ns
         self._settled = False
         self._early: tuple[float, float] | None = None
         self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
-        self._stranger = _Stranger(-1, 0, is_counter=False)
+        self._candidate = _Candidate(-1, 0, is_counter=False)
         self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """Host time of a message, as if it had come with the smallest latency.
+        """Return the host time in nanoseconds that a message has if its latency is the smallest.
 
-        ``ticks`` are the counter's, ``extra_ns`` the time after that tick where the aircraft
-        tells it, ``arrival_ns`` the host's time of the message's last byte.
+        ``ticks`` is the counter's value, ``extra_ns`` the time after that tick if the aircraft
+        sends it, ``arrival_ns`` the host's time of the message's last byte.
         """
         self._number += 1
         if extra_ns and not 0 <= extra_ns <= LONGEST_EXTRA_NS:
@@ -106,10 +113,10 @@ class AircraftClock:
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
         if height < -_NEWLY_EARLY_NS or height > _STEP_NS or step_ns < -_LATE_NS:
-            if self._is_strange(height, step_ns):
-                return self._take_stranger(ticks, extra_ns, aircraft_ns, arrival_ns)
+            if self._is_unexplained(height, step_ns):
+                return self._try_candidate(ticks, extra_ns, aircraft_ns, arrival_ns)
             if height < 0:
-                y += self._believed(x, y, height) - height
+                y += self._agreed_depth(x, y, height) - height
             elif self._is_set(height, aircraft_ns, arrival_ns):
                 late_ns = round(height - self._above.least)
                 return self._begin(ticks, extra_ns, arrival_ns - late_ns)
@@ -121,7 +128,7 @@ class AircraftClock:
         return aircraft_ns + self._offset_ns + int(self._published)
 
     def lateness_ns(self, ticks: int, arrival_ns: int) -> float:
-        """How much later than with the smallest latency a message is, which is not taken."""
+        """Return how far above the line a message arrived, in nanoseconds, without taking it."""
         if not self._number:
             return 0.0
         aircraft_ns = self._counter.time_ns(ticks)
@@ -130,15 +137,16 @@ class AircraftClock:
 
     @property
     def drift(self) -> float:
-        """How much faster than the counter the host's clock is, as a share."""
+        """Return by what share the host's clock runs faster than the counter."""
         return self._line.drift
 
     @property
     def state(self) -> str:
-        """``waiting`` for a message, ``settling`` or ``settled``.
+        """Return ``waiting`` (no message yet), ``settling`` or ``settled``.
 
-        Settled: 20 messages in 3 s have come since the offset was begun, and the stamps are on
-        the line below them. While settling stamps may be late by as much as the messages were.
+        Settled: 20 messages over at least 3 s have come since the offset was begun, and the stamps
+        are on the line below them. While settling, stamps may be late by as much as the messages
+        were.
         """
         if not self._number:
             return "waiting"
@@ -146,7 +154,7 @@ class AircraftClock:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """State, offset, spread, drift and what befell the two clocks, as texts."""
+        """Return state, offset, spread, drift and irregularities of both clocks, as texts."""
         texts = {"clock state": self.state}
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
@@ -160,7 +168,7 @@ class AircraftClock:
         return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
 
     def _begin(self, ticks: int, extra_ns: int, arrival_ns: int) -> int:
-        """Begin the offset with this message; returns its stamp, the arrival."""
+        """Begin the offset with this message; return its stamp, which is the arrival."""
         self._newest_ns = self._origin_ns = self._counter.begin(ticks) + extra_ns
         self._offset_ns = arrival_ns - self._origin_ns
         self._began_number = self._number
@@ -171,7 +179,7 @@ class AircraftClock:
         return arrival_ns
 
     def _follow(self, x: float, step: float) -> None:
-        """Bring the published offset to the line as fast as the time passed allows."""
+        """Move the published offset towards the line as fast as the elapsed time allows."""
         drift = self._line.drift
         self._published += drift * step
         gap = self._line.base + drift * x - self._published
@@ -184,29 +192,30 @@ class AircraftClock:
             number = self._number - self._began_number
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
 
-    def _is_strange(self, height: float, step_ns: int) -> bool:
-        """Whether no delay and no overtaking explains a message.
+    def _is_unexplained(self, height: float, step_ns: int) -> bool:
+        """Return whether neither delay nor overtaking can explain a message.
 
-        Far above after a pause of the counter as well: what waited in a queue was sent in turn.
+        This includes a message far above the line after a pause of the counter: messages from one
+        queue would have consecutive counts.
         """
         if step_ns < -_LATE_NS or (step_ns > _LATE_NS and height > _SECOND_NS):
             return True
         return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
 
-    def _take_stranger(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
-        """Begin anew at the second message in a row with the same other offset."""
+    def _try_candidate(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
+        """Begin a new offset at the second message in a row that shows the same new offset."""
         offset_ns = arrival_ns - aircraft_ns
-        known = self._stranger
+        known = self._candidate
         if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
             self._count_begin(known.is_counter)
             return self._begin(ticks, extra_ns, arrival_ns)
         self._counts["stray counts"] += 1
         is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
-        self._stranger = _Stranger(self._number, offset_ns, is_counter)
+        self._candidate = _Candidate(self._number, offset_ns, is_counter)
         return arrival_ns
 
-    def _believed(self, x: float, y: float, height: float) -> float:
-        """How far below the line two messages of the last window have been (0 or less)."""
+    def _agreed_depth(self, x: float, y: float, height: float) -> float:
+        """Return how far (ns, <= 0) below the line two recent messages agree to be."""
         known = self._early
         if known is None or x - known[0] > self._window_ns:
             self._early = x, y
@@ -217,7 +226,7 @@ class AircraftClock:
         return min(max(height, known_height), 0.0)
 
     def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
-        """Whether messages have come far above the line for so long that the offset is another."""
+        """Return whether messages have been far above the line long enough for a new offset."""
         above = self._above
         goes_on = above.number == self._number - 1
         if not goes_on or height < above.first - _DRAINS_NS:

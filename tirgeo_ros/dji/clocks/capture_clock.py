@@ -1,50 +1,53 @@
-"""The aircraft's counters as times, where a file does not tell when its bytes arrived."""
+"""Convert the aircraft's counters to times where a file does not record when its bytes arrived."""
 
 from __future__ import annotations
 
 from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
 
 _SECOND_NS = 1_000_000_000
-#: Counters closer than this at the same place of a file show the same clock.
+#: Two counters that differ by less than this at the same place of a file show the same clock.
 _SAME_NS = _SECOND_NS
-#: A message that is older than the one before by more is another count, not disorder.
+#: A message that is older than the one before by more than this has another count; less is
+#: disorder.
 _LATE_NS = _SECOND_NS
-#: A pause that long is believed at the second message that says so.
+#: A forward jump of the counter by more than this is accepted only when a second message confirms
+#: it.
 _LONG_NS = 60 * _SECOND_NS
-#: What two messages in a row may differ by that both show the same new count.
+#: Two messages in a row confirm the same new count if they differ by no more than this.
 _AGREE_NS = _SECOND_NS
-#: Time between the last stamp before a counter starts again and the first after.
+#: Assumed time between the last stamp before a counter restarts and the first stamp after it.
 RESTART_NS = _SECOND_NS
 
 
 class CaptureTimeline:
-    """What the counters of one file have in common: where in time they lie.
+    """Hold the timeline that the counters of one file share.
 
-    Stamps are the aircraft's time since power-up plus ``shift_ns``; with ``start_ns`` the shift
-    is the one that gives the first message this stamp. ``place`` of a clock sets it as well.
+    Stamps are the aircraft's time since power-up plus ``shift_ns``. With ``start_ns``, the shift
+    is chosen so that the first message gets this stamp. ``place`` of a clock sets the shift as
+    well.
     """
 
     def __init__(self, start_ns: int | None = None, shift_ns: int = 0) -> None:
         self._start_ns = start_ns
         self.shift_ns = shift_ns
-        self.restarts = 0  # after each of them the time that passed is not known
-        self.number = 0  # of clocks that have begun
+        self.restarts = 0  # the time that passed at a restart is not known
+        self.number = 0  # number of clocks that have begun
         self.newest_ns: int | None = None  # newest stamp, without the shift
-        self.aircraft_ns = 0  # the same by its counter
+        self.aircraft_ns = 0  # counter time of the newest stamp
 
     def clock(
         self, tick_ns: int = 1_000_000, bits: int = 32, *, resets_alone: bool = False
     ) -> CaptureClock:
-        """Another counter of the same file."""
+        """Return a clock for another counter of the same file."""
         return CaptureClock(self, tick_ns, bits, resets_alone=resets_alone)
 
     @property
     def now_ns(self) -> int:
-        """The newest stamp: about when what has no time of its own stands in the file."""
+        """Return the newest stamp. Contents of the file without a time of their own get it."""
         return (self.newest_ns or 0) + self.shift_ns
 
     def take(self, stamp_ns: int, aircraft_ns: int) -> int:
-        """Take a message of any of the clocks; returns its stamp with the shift."""
+        """Take a message of any of the clocks; return its stamp with the shift."""
         if self._start_ns is not None:
             self.place(stamp_ns, self._start_ns)
         if self.newest_ns is None or stamp_ns >= self.newest_ns:
@@ -52,24 +55,24 @@ class CaptureTimeline:
         return stamp_ns + self.shift_ns
 
     def place(self, stamp_ns: int, utc_ns: int) -> None:
-        """Shift the stamps to come so that this one, without the shift, is that time."""
+        """Shift all later stamps so that ``stamp_ns`` (without the shift) becomes ``utc_ns``."""
         self._start_ns = None
         self.shift_ns = utc_ns - stamp_ns
 
 
 class CaptureClock:
-    """Places one counter of the aircraft on a file's timeline.
+    """Convert the values of one aircraft counter to stamps on a file's timeline.
 
-    The counter is believed, wraps included. Where two messages in a row show that it has gone
-    back by more than a second it has started again: the stream goes on ``RESTART_NS`` after its
-    newest stamp, since the file does not tell how long the aircraft was off. One such message
-    alone, or one that is a minute ahead, gets the newest stamp. Stamps of increasing counts do
-    not decrease, unless ``place`` comes between them.
+    The counter is trusted, wraps included. If two messages in a row show that it has gone back by
+    more than a second, it has restarted: stamps continue ``RESTART_NS`` after the newest stamp,
+    since the file does not tell how long the aircraft was off. A single such message, or a single
+    one that is more than a minute ahead, gets the newest stamp. Stamps of increasing counts do not
+    decrease, unless ``place`` is called between them.
 
-    Of the counters of a file, those that show about the same are of the same clock. One that
-    shows something else is placed by the order of the messages: a message is not older than what
-    other clocks' messages before it say. So is, from its reset on, one that ``resets_alone``: a
-    command sets it to zero while the others go on.
+    Counters of a file that show nearly the same value belong to the same clock. A counter that
+    shows another value is placed by the order of the messages: a message is not older than the
+    messages of other clocks before it. A counter with ``resets_alone`` is placed in the same way
+    after its first reset, because a command sets it to zero while the others continue.
     """
 
     def __init__(
@@ -85,13 +88,16 @@ class CaptureClock:
         self._counter = RunningCounter(tick_ns, bits)
         self._is_begun = self._is_placed = False
         self._is_apart = False  # placed by the order of the messages
-        self._offset_ns = 0  # from the counter to the timeline
-        self._newest_ns = 0  # by the counter
-        self._stray_ns: int | None = None  # by the counter, of the message before
+        self._offset_ns = 0  # from counter time to the timeline
+        self._newest_ns = 0  # in counter time
+        self._stray_ns: int | None = None  # counter time of the message before, if that was stray
         self._counts = {"resets": 0, "stray counts": 0, "bad fractions": 0}
 
     def stamp_ns(self, ticks: int, arrival_ns: int = 0, extra_ns: int = 0) -> int:  # noqa: ARG002
-        """Time of a message. ``arrival_ns`` is there for the signature; it is not looked at."""
+        """Return the time of a message in nanoseconds.
+
+        ``arrival_ns`` is unused, for the signature only.
+        """
         if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             self._counts["bad fractions"] += 1
             extra_ns = 0
@@ -115,9 +121,10 @@ class CaptureClock:
         return self._timeline.take(aircraft_ns + self._offset_ns, aircraft_ns)
 
     def place(self, ticks: int, utc_ns: int) -> None:
-        """Say that the counter stood at ``ticks`` at this time; moves all clocks of the file.
+        """Set the time at which the counter had the value ``ticks``.
 
-        Before the first message ``ticks`` may be of any message to come.
+        This moves all clocks of the file. Before the first message ``ticks`` may be that of any
+        later message.
         """
         if not self._is_begun:
             self._begin(self._counter.begin(ticks))
@@ -126,7 +133,7 @@ class CaptureClock:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """What befell the counter, as texts."""
+        """Return the counts of wraps, resets, stray counts and bad fractions, as texts."""
         texts = {"clock wraps": str(self._counter.wraps)}
         return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
 
@@ -140,7 +147,7 @@ class CaptureClock:
             self._offset_ns = now_ns - (aircraft_ns if self._is_apart else line.aircraft_ns)
 
     def _is_stray(self, aircraft_ns: int) -> bool:
-        """Whether a count that does not go on is not confirmed by the one before."""
+        """Return whether the message before does not confirm a count that breaks the sequence."""
         known_ns, self._stray_ns = self._stray_ns, aircraft_ns
         if known_ns is not None and abs(aircraft_ns - known_ns) <= _AGREE_NS:
             return False
@@ -148,7 +155,11 @@ class CaptureClock:
         return True
 
     def _start_again(self, ticks: int, extra_ns: int) -> None:
-        """Set the offset anew: as another clock has it that has started again before, or later."""
+        """Set a new offset after a restart.
+
+        It is that of another clock that has restarted already, or one that continues after the
+        newest stamp.
+        """
         line, newest_ns = self._timeline, self._newest_ns + self._offset_ns
         self._counts["resets"] += 1
         self._newest_ns = aircraft_ns = self._counter.begin(ticks) + extra_ns
@@ -164,7 +175,7 @@ class CaptureClock:
             self._offset_ns = earliest_ns - aircraft_ns
 
     def _keep_order(self, aircraft_ns: int) -> None:
-        """A clock apart is not behind what stands before it."""
+        """Keep a clock that is placed by order from falling behind the messages before it."""
         now_ns = self._timeline.newest_ns
         if self._is_apart and now_ns is not None:
             self._offset_ns = max(self._offset_ns, now_ns - aircraft_ns)

@@ -1,13 +1,13 @@
-"""A line below a stream of points: what a delay that only ever adds lies upon.
+"""Estimate the line below a stream of points whose delay only ever adds.
 
-``y`` is how much later than ``x`` something came, by another clock. Its smallest values lie on a
-line, whose slope is the drift between the two clocks; all else is delay. The line here is the
-highest one of the learned slope that no point of the last window lies below. The slope is that of
-the lower convex hull's edge over the middle of a longer time (Moon, Skelley, Towsley 1999, and
-Zhang, Liu, Xia 2002, take that edge for the skew of two clocks).
+``x`` is a time of one clock, ``y`` the arrival by another clock minus ``x``. The smallest values
+of ``y`` lie on a line, whose slope is the drift between the two clocks; all else is delay. The
+line here has the learned slope and is the highest one that no point of the last window lies below.
+The slope is that of the lower convex hull's edge over the middle of a longer time (Moon, Skelley,
+Towsley 1999, and Zhang, Liu, Xia 2002, take that edge for the skew of two clocks).
 
-With the slope, a minimum stays good for all of the window: a windowed minimum without it lags by
-drift times window, and jumps when it leaves the window.
+With the slope, a minimum stays valid for all of the window. A windowed minimum without the slope
+lags by drift times window, and jumps when it leaves the window.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from collections import deque
 from itertools import chain, pairwise
 from typing import NamedTuple
 
-#: The time that the drift is learned from is cut in so many bins, of which each keeps its lowest.
+#: The time that the drift is learned from is divided into this many bins; each keeps its lowest
+#: point.
 _BINS = 64
-#: Drift is learned from three windows, but from no less and no more than this.
+#: Drift is learned from three windows, limited to this range.
 _DRIFT_NS = 30e9, 300e9
-#: A slope is supposed to be the old one within this share of the largest, and minima are good to
-#: so much: that quotient is how long a stretch must be until its slope is the better one.
+#: Prior sigma of a change of the slope, as a share of the largest drift, and sigma of a minimum.
+#: Their quotient is the length of a stretch from which its own slope gets more weight than the old
+#: one.
 _USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
-#: After a gap of the window's length the old line holds until there are new points for so long.
+#: After a gap of the window's length the old line holds until new points cover this time.
 _HOLD_NS = 2e9
-#: Heights above the line are kept for their distribution, about so many of each bin.
+#: About this many heights above the line are kept per bin, for the distribution.
 _HEIGHTS = 64
 
 _INFINITY = float("inf")
@@ -34,7 +36,7 @@ Point = tuple[float, float]
 
 
 class Spread(NamedTuple):
-    """How high the points of the last window lie above the line, in nanoseconds."""
+    """Hold how high the points of the last window lie above the line, in nanoseconds."""
 
     median_ns: float
     p95_ns: float
@@ -49,10 +51,10 @@ class _Bin(NamedTuple):
 
 
 class LowerEnvelope:
-    """The line below the points of the last window; x and y in nanoseconds.
+    """Track the line below the points of the last window; x and y in nanoseconds.
 
-    ``max_drift`` bounds the slope either way. A point costs a microsecond, and there are
-    ``_BINS`` points to look at again once a bin.
+    ``max_drift`` bounds the slope in both directions. A point costs about a microsecond; once per
+    bin the ``_BINS`` lowest points are looked at again.
     """
 
     def __init__(self, window_ns: float, max_drift: float) -> None:
@@ -64,8 +66,8 @@ class LowerEnvelope:
         self._hold_ns = min(_HOLD_NS, window_ns / 2)
         self.drift = self._drift_before = 0.0  # slope of the line
         self.base = 0.0  # the line is ``base + drift * x``
-        self._bins: deque[_Bin] = deque()  # those done with
-        self._number = 0  # of points in the open one, and the rest of it:
+        self._bins: deque[_Bin] = deque()  # the closed bins
+        self._number = 0  # of points in the open bin; the next lines are the rest of it
         self._bin_end = 0.0
         self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)
         self._highest = -_INFINITY
@@ -73,14 +75,14 @@ class LowerEnvelope:
         self._open(0.0)
 
     def begin(self, x: float, y: float) -> None:
-        """Forget all points; the line goes through this one with the slope learned so far."""
+        """Forget all points; put the line through this one with the slope learned so far."""
         self._bins.clear()
         self._drift_before = self.drift
         self.base = y - self.drift * x
         self._open(x)
 
     def add(self, x: float, y: float) -> None:
-        """Take a point. ``x`` may go back a little, within what is one bin."""
+        """Take a point. ``x`` may go back a little, within the width of one bin."""
         if x >= self._bin_end:
             self._close(x)
         key = y - self.drift * x
@@ -96,7 +98,7 @@ class LowerEnvelope:
 
     @property
     def spread(self) -> Spread | None:
-        """Distribution of the points' heights above the line; None without any."""
+        """Return the distribution of the points' heights above the line; None without points."""
         recent = self._recent(self._bin_end - self._width_ns)
         heights = sorted(chain(self._heights, *(bin_.heights for bin_ in recent)))
         if not heights:
@@ -108,14 +110,14 @@ class LowerEnvelope:
 
     def _open(self, x: float) -> None:
         """Begin a bin; one in ``_stride`` of its heights is kept."""
-        self._stride = self._number // _HEIGHTS | 1  # odd, since bursts come by powers of two
+        self._stride = self._number // _HEIGHTS | 1  # odd, since bursts come in powers of two
         self._bin_end = x + self._width_ns
         self._lowest_key, self._lowest = _INFINITY, (x, 0.0)
         self._highest, self._heights = -_INFINITY, []
         self._number = 0
 
     def _close(self, x: float) -> None:
-        """Put the open bin by; learn the slope and lay the line anew."""
+        """Close the open bin; learn the slope and compute the line again."""
         if self._number and (not self._bins or self._lowest[0] > self._bins[-1].x):
             self._bins.append(_Bin(*self._lowest, self._highest, self._heights))
         newest = self._bins[-1].x if self._bins else x
@@ -124,11 +126,11 @@ class LowerEnvelope:
         while self._bins and self._bins[0].x < x - self._memory_ns:
             self._bins.popleft()
         self._learn_drift()
-        self._lay(x)
+        self._refit_line(x)
         self._open(x)
 
     def _bridge(self, x: float) -> None:
-        """After a long gap the line goes on, for as long as new points need to show another."""
+        """Keep the old line after a long gap until new points suffice to show another."""
         held_x = x - self._window_ns + self._hold_ns
         self._bins.clear()
         self._drift_before = self.drift
@@ -144,8 +146,8 @@ class LowerEnvelope:
         trust = known / (known + measured)
         self.drift = self._drift_before + trust * (slope - self._drift_before)
 
-    def _lay(self, x: float) -> None:
-        """The highest line of the slope that is below all of the window."""
+    def _refit_line(self, x: float) -> None:
+        """Set the line to the highest one of the learned slope below all points of the window."""
         keys = [bin_.y - self.drift * bin_.x for bin_ in self._recent(x)]
         if keys:
             self.base = min(keys)
@@ -155,7 +157,10 @@ class LowerEnvelope:
 
 
 def middle_slope(points: list[Point]) -> float:
-    """Slope of the lower hull's edge over the middle; points by increasing x, two at least."""
+    """Return the slope of the lower hull's edge over the middle.
+
+    ``points``: at least two, by increasing x.
+    """
     hull: list[Point] = []
     for point in points:
         while len(hull) > 1 and _is_above(hull[-2], hull[-1], point):
@@ -167,6 +172,6 @@ def middle_slope(points: list[Point]) -> float:
 
 
 def _is_above(first: Point, middle: Point, last: Point) -> bool:
-    """Whether the middle point is on or above the line from the first to the last."""
+    """Return whether the middle point is on or above the line from the first to the last."""
     (x0, y0), (x1, y1), (x2, y2) = first, middle, last
     return (y1 - y0) * (x2 - x0) >= (y2 - y0) * (x1 - x0)

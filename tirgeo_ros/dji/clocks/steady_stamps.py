@@ -1,8 +1,8 @@
-"""Stamps for periodic messages that tell no time of their own.
+"""Compute stamps for periodic messages that carry no time of their own.
 
-They come in bursts, late by whatever held them up, but the aircraft sends them at a steady rate.
-Counted, they are a clock: so many periods since the first. ``dji.clocks.aircraft_clock`` puts
-that clock on the line below the arrivals, as it does with the aircraft's own.
+They arrive in bursts, with varying delays, but the aircraft sends them at a steady rate. Their
+count is therefore a clock: the number of periods since the first. ``dji.clocks.aircraft_clock``
+puts that clock on the line below the arrivals, as it does with the aircraft's own clock.
 """
 
 from __future__ import annotations
@@ -14,64 +14,67 @@ from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 from tirgeo_ros.dji.clocks.lower_envelope import Point, middle_slope
 
 _SECOND_NS = 1_000_000_000
-#: The period is learned from so many messages and so long; from twice as many each time that it
-#: proves wrong, up to this.
+#: The period is learned from at least this many messages and this time. The number doubles each
+#: time that the period proves wrong, up to _LEARN_MOST.
 _LEARN_NUMBER, _LEARN_NS, _LEARN_MOST = 8, _SECOND_NS, 128
-#: From so many on their parts are looked at. Quarters have slopes that differ by less from the
-#: whole's, if the messages are periodic; a half with one that is smaller by that has no loss in
-#: it, the whole has.
+#: From this number of messages on, parts of the sequence are compared. If the messages are
+#: periodic, the slopes of its quarters differ from the whole's by less than _ALIKE. If a half has
+#: a slope that is smaller than the whole's by more than _LOSSLESS, the whole contains lost
+#: messages and that half does not.
 _PARTED_NUMBER, _ALIKE, _LOSSLESS = 64, 0.1, 0.01
-#: What the period may be wrong by after that, and how long minima count.
+#: Largest remaining error of the period, and the window of the minima.
 _CONFIG = DjiClockConfig(window_s=10.0, max_drift_ppm=10_000.0)
-#: Silent for longer, and for more than so many periods: what was lost cannot be counted.
+#: A silence longer than both limits is a pause: lost messages cannot be counted over it.
 _PAUSE_NS, _PAUSE_PERIODS = 500_000_000, 2.5
-#: A message is late by a period from here on.
+#: A message that is late by this many periods counts as late by a period.
 _LOST_PERIODS = 0.8
-#: Nothing is held up for longer; where runs of late messages end sooner, for so many times as long
-#: as the longest of late (it is forgotten in 10 s).
+#: No message is held up for longer than _HELD_UP_NS. If runs of late messages are usually shorter,
+#: the limit is _RUN_TIMES the longest of the recent ones (forgotten in 10 s).
 _HELD_UP_NS, _RUN_TIMES, _FORGOTTEN_NS = 200_000_000, 3.0, 10e9
-#: A message of a slower stream than this that is late by a period shows the loss at once.
+#: In a stream whose period is longer than this, one message that is late by a period proves a
+#: loss.
 _SLOW_NS = 150_000_000
-#: If a message comes early so soon after some were taken for lost, they were not.
+#: If a message comes early within this time after a loss was assumed, nothing was lost.
 _UNDONE_NS = 2 * _SECOND_NS
-#: Stamps are not earlier than the arrival by more.
+#: Stamps are earlier than the arrival by no more than this.
 _EARLIEST_NS = 250_000_000
-#: Arrivals that are out of order by less were stamped by two threads.
+#: Arrivals that are out of order by less than this were stamped by two threads.
 _DISORDER_NS = 50_000_000
-#: A stream is not periodic if so many of so many messages came where the count was wrong, or so
-#: many were lost in between.
+#: A stream is not periodic if the count was wrong more than _WRONG_NUMBER times among this many
+#: messages, or if more than _LOST_NUMBER were lost.
 _JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
-#: A stream that was periodic for so many messages and is not now has changed its rate.
+#: A stream that was periodic for this many messages and is not now has changed its rate.
 _LASTED_NUMBER = 256
 
 
 class _Run(NamedTuple):
-    """Messages in a row that are late by a period or more."""
+    """Hold a run of messages that are late by a period or more."""
 
     since_ns: int
-    first_ns: float  # how late the first of them was
+    first_ns: float  # lateness of the first of them
     least_ns: float
 
 
 class SteadyStamps:
-    """Stamps one stream by its count and the line below its arrivals.
+    """Compute the stamps of one stream from its count and the line below its arrivals.
 
-    Stamps increase, unless the host's clock is set back, and are no later than the arrival (by
-    more than the nanoseconds that make them increase). Until the period is known (a second, 8
-    messages at least), after it has changed, and for a stream that has none, a stamp is the
-    arrival. Otherwise, once settled, it is when the message would have come with the smallest
-    delay of the last 10 s.
+    Stamps increase, unless the host's clock is set back. They are no later than the arrival,
+    except by the nanoseconds that make them increase. The stamp is the arrival itself until the
+    period is known (a second, 8 messages at least), after the period has changed, and for a stream
+    without a period. Otherwise, once settled, it is the time when the message would have come with
+    the smallest delay of the last 10 s.
 
-    When messages are lost the stamps are early by their periods until it shows: after three times
-    as long as messages are late in a row otherwise, 0.2 s at most, at once where a period has
-    over 0.15 s. They are never more than 0.25 s before the arrival. After a pause (over 0.5 s and
-    2.5 periods), and when the host's clock is set back by over 50 ms, the count begins anew at
-    the arrival, and stamps settle from there. Intervals that vary at random by less than half may
-    pass for periods for a while; the bound of 0.25 s holds for them as well.
+    When messages are lost, the stamps are early by the lost periods until the loss is detected.
+    That takes three times the longest usual run of late messages, 0.2 s at most; where a period is
+    longer than 0.15 s it is immediate. Stamps are never more than 0.25 s before the arrival. After
+    a pause (over 0.5 s and 2.5 periods), and when the host's clock is set back by over 50 ms, the
+    count begins again at the arrival, and stamps settle from there. Intervals that vary at random
+    by less than half may be taken for periods for a while; the bound of 0.25 s holds for them as
+    well.
     """
 
     def __init__(self) -> None:
-        self._arrivals_ns: list[int] = []  # to learn from
+        self._arrivals_ns: list[int] = []  # to learn the period from
         self._arrival_ns: int | None = None
         self._newest_ns = 0
         self._learn_number = _LEARN_NUMBER
@@ -80,12 +83,12 @@ class SteadyStamps:
         self._index = 0
         self._run: _Run | None = None
         self._longest_run_ns = _HELD_UP_NS / _RUN_TIMES
-        self._assumed, self._assumed_ns = 0, 0  # lost ones that were counted last, and when
+        self._assumed, self._assumed_ns = 0, 0  # losses that were assumed last, and when
         self._lasted = self._judged = self._wrong = self._missing = 0
         self._counts = {"lost": 0, "pauses": 0, "rate changes": 0, "host steps": 0}
 
     def stamp_ns(self, arrival_ns: int) -> int:
-        """The stamp of a message by its arrival, both in nanoseconds of the host's clock."""
+        """Return the stamp of a message by its arrival, both in ns of the host's clock."""
         arrival_ns = self._in_order(arrival_ns)
         stamp_ns = arrival_ns
         if self._period_ns:
@@ -98,14 +101,14 @@ class SteadyStamps:
 
     @property
     def state(self) -> str:
-        """``learning`` the period, ``uneven`` (none was found), ``settling`` or ``settled``."""
+        """Return ``learning``, ``uneven`` (no period was found), ``settling`` or ``settled``."""
         if self._period_ns:
             return self._clock.state
         return "learning" if self._learn_number < _LEARN_MOST else "uneven"
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """State, rate, how late messages are, and what befell the stream, as texts."""
+        """Return state, rate, lateness and counts of the stream's irregularities, as texts."""
         texts = {"stamps state": self.state}
         if self._period_ns:
             texts["stamps rate [Hz]"] = f"{_SECOND_NS / self._true_period_ns:.3f}"
@@ -119,7 +122,7 @@ class SteadyStamps:
         return self._period_ns * (1 + self._clock.drift)
 
     def _in_order(self, arrival_ns: int) -> int:
-        """The arrival, not before the last; begins anew after a pause or a step back."""
+        """Return the arrival, not before the last; begin again after a pause or a step back."""
         last_ns, self._arrival_ns = self._arrival_ns, arrival_ns
         if last_ns is None:
             self._newest_ns = arrival_ns - 1
@@ -136,13 +139,13 @@ class SteadyStamps:
         return self._arrival_ns
 
     def _is_long(self, silence_ns: int) -> bool:
-        """Whether a silence is out of the way, where the period is not known."""
+        """Return whether a silence is unusual, where the period is not known."""
         known = self._arrivals_ns
         usual_ns = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else silence_ns
         return silence_ns > _PAUSE_PERIODS * usual_ns
 
     def _begin(self) -> None:
-        """Count from here on, with the period known so far."""
+        """Begin the count again, with the period known so far."""
         self._period_ns = self._true_period_ns
         self._clock = AircraftClock(_CONFIG, tick_ns=1, bits=64)
         self._index = 0
@@ -152,7 +155,7 @@ class SteadyStamps:
         self._arrivals_ns.clear()
 
     def _learn(self, arrival_ns: int) -> None:
-        """Find the period by the lower hull of arrivals over their count."""
+        """Estimate the period by the lower hull of arrivals over their count."""
         known = self._arrivals_ns
         known.append(arrival_ns)
         if len(known) < self._learn_number or known[-1] - known[0] < _LEARN_NS:
@@ -170,7 +173,7 @@ class SteadyStamps:
             self._clock.stamp_ns(round(self._index * period_ns), arrival)
 
     def _count_on(self, arrival_ns: int) -> int:
-        """The stamp by the count, which is mended where messages were lost."""
+        """Return the stamp by the count, which is corrected where messages were lost."""
         period_ns = self._period_ns
         self._index += 1
         late_ns = self._clock.lateness_ns(round(self._index * period_ns), arrival_ns)
@@ -185,7 +188,7 @@ class SteadyStamps:
         return stamp_ns
 
     def _lost(self, late_ns: float, arrival_ns: int) -> int:
-        """How many were lost before a late message, once no queue explains that it is late."""
+        """Return how many messages were lost before a late one; 0 while a queue may explain it."""
         run, period_ns = self._run, self._period_ns
         if period_ns > _SLOW_NS:
             return round(late_ns / period_ns)
@@ -199,7 +202,7 @@ class SteadyStamps:
         return round(self._run.least_ns / period_ns)
 
     def _end_run(self, arrival_ns: int) -> None:
-        """Note how long the messages were late that are not now."""
+        """Record how long the run of late messages lasted that has just ended."""
         self._longest_run_ns -= self._longest_run_ns * self._period_ns / _FORGOTTEN_NS
         if self._run is not None:
             lasted_ns = arrival_ns - self._run.since_ns
@@ -216,7 +219,7 @@ class SteadyStamps:
             self._wrong += 1
 
     def _count_found(self, arrival_ns: int) -> None:
-        """Take back what was taken for lost, if that was just now: it was held up."""
+        """Undo a recent assumption of lost messages: they were only held up."""
         if self._assumed and arrival_ns - self._assumed_ns < _UNDONE_NS:
             self._index -= self._assumed
             self._counts["lost"] -= self._assumed
@@ -225,7 +228,7 @@ class SteadyStamps:
         self._wrong += 1
 
     def _judge(self) -> None:
-        """Learn again if the count is wrong too often."""
+        """Learn the period again if the count is wrong too often."""
         self._lasted += 1
         self._judged += 1
         if self._is_uneven():
@@ -245,7 +248,7 @@ class SteadyStamps:
 
 
 def _period_ns(arrivals_ns: list[int]) -> float | None:
-    """Period of messages that arrived then, of which some may be missing; None without one."""
+    """Return the period of arrivals, some of which may be missing; None if they have none."""
     points = [(float(n), float(arrival)) for n, arrival in enumerate(arrivals_ns)]
     whole = middle_slope(points)
     if len(points) >= _PARTED_NUMBER:

@@ -1,7 +1,7 @@
-"""How long a tick of the broadcast's counter is: that is told by how fast it runs.
+"""Determine the length of a tick of the broadcast's counter from the speed at which it counts.
 
-It counts milliseconds in firmware of 3.3 on; DJI's documents of older ones (M100, A3 3.1) say
-ticks of 2.5 ms. Either way its name is the same.
+It counts milliseconds in firmware from 3.3 on. DJI's documents of older ones (M100, A3 3.1) state
+ticks of 2.5 ms. The field's name is the same in both.
 """
 
 from __future__ import annotations
@@ -13,36 +13,37 @@ from tirgeo_ros.dji.clocks.running_counter import RunningCounter
 
 MILLISECOND_NS, LONG_TICK_NS = 1_000_000, 2_500_000
 _RATIO = LONG_TICK_NS / MILLISECOND_NS
-#: A look takes so long. A queue that comes or goes in it (50 ms) changes its length by a tenth.
+#: Length of a look. A queue that appears or vanishes in it (50 ms) changes its length by a tenth.
 _LOOK_NS = 500_000_000
 _TOLERANCE = 0.1
-#: Looks in a row that say the same: a line that is slow by 2.5 would fill any queue in them.
+#: Looks in a row that must agree: a line too slow by a factor of 2.5 would overflow any queue in
+#: them.
 _LOOKS = 2
 
 
 def is_long(passed_ns: float, counted_ns: float) -> bool:
-    """Whether a count that was taken for milliseconds is of ticks of 2.5 ms."""
+    """Return whether a count taken for milliseconds is in ticks of 2.5 ms."""
     return abs(passed_ns - _RATIO * counted_ns) <= _TOLERANCE * passed_ns
 
 
 class TickClock:
-    """An AircraftClock of milliseconds that becomes one of 2.5 ms where the counter shows it.
+    """Use an AircraftClock of 1 ms ticks, and change to 2.5 ms ticks where the counter shows them.
 
-    It looks until either has been seen twice in a row. Where the ticks are long, stamps of the
-    first second fall behind by 0.6 s; then they go on at their right times.
+    It looks until either length has been seen twice in a row. If the ticks are long, stamps of the
+    first second fall behind by 0.6 s; then they continue at their right times.
     """
 
     def __init__(self, make: Callable[[int], AircraftClock]) -> None:
-        """``make`` gives a clock for ticks of so many nanoseconds."""
+        """Take ``make``, which returns a clock for ticks of a given length in nanoseconds."""
         self._make = make
         self._clock = make(MILLISECOND_NS)
         self._tick_ns = MILLISECOND_NS
         self._counter = RunningCounter(MILLISECOND_NS, 32)
-        self._begun: tuple[int, int] | None = None  # of a look: arrival, count in ns
-        self._seen: list[int] = []  # ticks by the looks in a row that agree
+        self._begun: tuple[int, int] | None = None  # start of the open look: arrival, count in ns
+        self._seen: list[int] = []  # tick lengths of the newest looks, which agree
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """The time of a counter's value that came in at ``arrival_ns``, as AircraftClock's."""
+        """Return the stamp of a counter's value that arrived at ``arrival_ns``."""
         if len(self._seen) < _LOOKS:
             self._look(ticks, arrival_ns)
         return self._clock.stamp_ns(ticks, arrival_ns, extra_ns)
@@ -64,13 +65,13 @@ class TickClock:
 
     @staticmethod
     def _tick_by(passed_ns: int, counted_ns: int) -> int | None:
-        """The tick that a look shows; None where it shows neither."""
+        """Return the tick that a look shows; None where it shows neither."""
         if abs(passed_ns - counted_ns) <= _TOLERANCE * passed_ns:
             return MILLISECOND_NS
         return LONG_TICK_NS if is_long(passed_ns, counted_ns) else None
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Those of the clock, and its tick where it is not a millisecond."""
+        """Return the clock's diagnostics, and the tick where it is not a millisecond."""
         tick = {"clock tick [ms]": "2.5"} if self._tick_ns == LONG_TICK_NS else {}
         return self._clock.diagnostics | tick

@@ -1,4 +1,7 @@
-"""Asks the aircraft who it is and activates an application, without which it only broadcasts."""
+"""Ask the aircraft for its version and activate an application.
+
+Without an activated application the aircraft only broadcasts.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,13 @@ from tirgeo_ros.dji.protocol.commands import (
 )
 
 _DONE, _NEW_DEVICE = 0, 3
-#: A new device's first try lets DJI GO fetch the leave from DJI; the second one finds it.
+#: At a new device's first try DJI GO fetches the permission from DJI; the second try finds it.
 _SECOND_TRY_S = 1.0
 _UNTOLD: Firmware = (0, 0, 0, 0)
 
 
 class Activation:
-    """Of the application ``app_id``; 0 = none, then it only asks whether one is activated."""
+    """Activate the application ``app_id``; with 0 only ask whether one is activated."""
 
     def __init__(self, app_id: int) -> None:
         self._app_id = app_id
@@ -29,13 +32,13 @@ class Activation:
         self.is_done = False
 
     def forget(self) -> None:
-        """The aircraft may be another one or have been switched off."""
+        """Forget the aircraft: it may be another one or may have been switched off."""
         self.version, self.is_done = None, False
 
     def run(self) -> Dialogue[str]:
-        """Activate; "" or why it is not activated.
+        """Activate; return "" or the reason why it is not activated.
 
-        NoAnswerError if the aircraft does not answer.
+        Raises NoAnswerError if the aircraft does not answer.
         """
         request = GetVersion()
         self.version = decode_version_ack((yield from ask(request)))
@@ -63,7 +66,7 @@ class Activation:
 
     @property
     def aircraft(self) -> str:
-        """Hardware and firmware in words; "" as long as they are not known."""
+        """Return hardware and firmware in words; "" as long as they are not known."""
         if self.version is None:
             return ""
         if self.version.firmware is None:

@@ -1,7 +1,8 @@
-"""What a host and the aircraft say to each other, followed from the side.
+"""Follow the conversation between a host and the aircraft in a capture of both directions.
 
-A capture of both directions holds the requests that made the packages, which the pushes alone do
-not tell, and the answers (acks), which tell neither what they answer nor what they mean.
+Such a capture holds the requests that made the packages, which cannot be known from the pushes
+alone. It also holds the answers (acks), which contain neither the request that they answer nor
+their own meaning.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tirgeo_ros.dji.protocol.commands import (
 )
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 
-# A host waits for an answer before it asks again, so few are open; those without one are dropped.
+# A host waits for an answer before it asks again, so few are open; the oldest is dropped.
 _MAX_OPEN = 32
 
 _DONE = 0
@@ -28,21 +29,21 @@ _DONE = 0
 
 class _Open(NamedTuple):
     request: Request
-    before: PackageTable  # what was known when it was sent
+    before: PackageTable  # the packages that were known when it was sent
 
 
 class HostTraffic:
-    """Frames of both directions in; tells what each asks or answers, and keeps the table true."""
+    """Match frames of both directions to requests, and keep the package table up to date."""
 
     def __init__(self, packages: PackageTable) -> None:
         self._packages = packages
-        self._open: OrderedDict[tuple[int, int], _Open] = OrderedDict()  # by session, sequence
+        self._open: OrderedDict[tuple[int, int], _Open] = OrderedDict()  # by session and sequence
 
     def take(self, frame: Frame) -> Request | None:
-        """The request that a frame is or answers; None for pushes and what is not known.
+        """Return the request that a frame is or answers; None for pushes and unknown frames.
 
-        A request for packages changes the table as it is sent, since the answer may be missing
-        in the capture; an answer that refuses it changes the table back.
+        A request for packages changes the table as it is sent, since the answer may be missing in
+        the capture. An answer that refuses it changes the table back.
         """
         if frame.is_encrypted:
             return None
@@ -62,7 +63,7 @@ class HostTraffic:
         if same is None or same.request != request:
             self._open[number] = _Open(request, self._packages.copy())
         else:
-            self._open[number] = same  # sent once more: what was known before the first counts
+            self._open[number] = same  # a repetition: keep the table from before the first one
         if len(self._open) > _MAX_OPEN:
             self._open.popitem(last=False)
 

@@ -1,7 +1,7 @@
-"""Requests to the aircraft one after the other, each sent until it is answered or given up.
+"""Send requests to the aircraft one after the other, each until it is answered or given up.
 
-A dialogue is a generator: it yields what to ask (and gets the value of the ack, None if there is
-none) or how long to pause. So it reads from top to bottom though nothing in it waits.
+A dialogue is a generator. It yields an ``Ask`` (and receives the value of the ack, None if there
+is none) or a ``Pause``. So it reads from top to bottom although nothing in it waits.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 from tirgeo_ros.dji.link.framing import Frame, encode_frame
 from tirgeo_ros.dji.protocol.commands import Request, encode_request
 
-#: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host has 2.
+#: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
 SESSION = 2
 #: The longest request and its ack take 5 ms on the wire at 230400 baud, behind a full line.
 ANSWER_TIMEOUT_S = 0.5
@@ -26,7 +26,7 @@ class Ask(NamedTuple):
 
 
 class Pause(NamedTuple):
-    """Wait."""
+    """Pause for this time before the next step."""
 
     seconds: float
 
@@ -36,7 +36,7 @@ Dialogue = Generator[Ask | Pause, "bytes | None", T]
 
 
 class NoAnswerError(Exception):
-    """The aircraft did not answer a request, which it holds; ends a part of a dialogue."""
+    """Report a request, held as ``request``, that the aircraft did not answer."""
 
     def __init__(self, request: Request) -> None:
         super().__init__(request)
@@ -44,7 +44,7 @@ class NoAnswerError(Exception):
 
 
 def ask(request: Request) -> Dialogue[bytes]:
-    """The value of the ack. NoAnswerError if none came."""
+    """Return the value of the ack. Raises NoAnswerError if none came."""
     value = yield Ask(request)
     if value is None:
         raise NoAnswerError(request)
@@ -52,7 +52,7 @@ def ask(request: Request) -> Dialogue[bytes]:
 
 
 class Exchange:
-    """Runs a dialogue: acks in, frames to send out."""
+    """Run a dialogue: acks in, frames to send out."""
 
     def __init__(self) -> None:
         self._dialogue: Dialogue[None] | None = None
@@ -61,17 +61,17 @@ class Exchange:
         self._sequence: int | None = None
         self._tries = 0
         self._until_s = 0.0
-        self.now_s = 0.0  # of the last call, for the dialogue
+        self.now_s = 0.0  # time of the last call, for the dialogue
         self.counts = dict.fromkeys(
             ("sent", "sent again", "acks", "acks that nothing waits for", "encrypted acks"), 0
         )
 
     def begin(self, dialogue: Dialogue[None]) -> None:
-        """Run this dialogue from the next ``due`` on, instead of any other."""
+        """Run this dialogue from the next ``due`` on, and drop any other."""
         self._dialogue, self._step = dialogue, None
 
     def take(self, frame: Frame, now_s: float) -> None:
-        """Take a frame that came; acks other than the one that is waited for are counted."""
+        """Take a received frame; count acks other than the expected one."""
         self.now_s = now_s
         if not frame.is_ack:
             return
@@ -87,7 +87,7 @@ class Exchange:
         return self._tries > 0 and (frame.session, frame.sequence) == (SESSION, self._sequence)
 
     def due(self, now_s: float) -> bytes:
-        """The frame to send now; b"" if there is none."""
+        """Return the frame to send now; b"" if there is none."""
         self.now_s = now_s
         if self._dialogue is not None and self._step is None:
             self._go_on(None)
@@ -104,7 +104,7 @@ class Exchange:
         return self._frame
 
     def _go_on(self, value: bytes | None) -> None:
-        """Hand the dialogue what it waits for, up to its next step."""
+        """Send ``value`` into the dialogue and run it up to its next step."""
         if self._dialogue is None:
             return
         try:
@@ -119,8 +119,9 @@ class Exchange:
             self._prepare(self._step.request)
 
     def _prepare(self, request: Request) -> None:
-        """Number the request: each has its own number, its repetitions have the same."""
-        if self._sequence is None:  # not that of a host that ran before: it would be an old one
+        """Give the request its own sequence number; its repetitions keep it."""
+        # not that of an earlier run of the host, whose repetition it would seem
+        if self._sequence is None:
             self._sequence = int(self.now_s * 1e3)
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._frame = encode_frame(

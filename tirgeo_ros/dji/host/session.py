@@ -1,8 +1,8 @@
-"""What the host has to say to the aircraft, and when; nothing at all unless it is configured.
+"""Decide what the host asks of the aircraft, and when; nothing at all unless it is configured.
 
-Activation, broadcast rates, subscription: in this order, each until it is done. What fails is
-tried again with growing pauses and does not hold up the rest. When the aircraft falls silent, as
-when it is switched off and on, all is asked for anew.
+The order is activation, broadcast rates, subscription. What fails is tried again after growing
+pauses and does not hold up the rest. When the aircraft falls silent, for example because it is
+switched off and on, everything is asked for again.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from tirgeo_ros.dji.protocol.commands import SetRates, decode_code, encode_reque
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 
 _SUBSCRIPTION_PUSH = (0x02, 0x05)
-_LOOK_S = 0.5  # between looks at what was done
-_FIRST_PAUSE_S = 1.0  # before what failed is tried again, doubled each time
+_LOOK_S = 0.5  # between checks of what is still to be done
+_FIRST_PAUSE_S = 1.0  # before the first new try, doubled each time
 _LONGEST_PAUSE_S = 30.0
-_LONGEST_UNANSWERED_S = 5.0  # an aircraft that is switched on later is asked so soon
-#: The aircraft may say nothing for so long; doubled each time, until it has gone well for a while.
+# limit while nothing answers, since the aircraft may be switched on later
+_LONGEST_UNANSWERED_S = 5.0
+#: The aircraft may be silent for this long; doubled at each silence, and reset after
+#: _LONGEST_PATIENCE_S without one.
 _PATIENCE_S, _LONGEST_PATIENCE_S = 3.0, 60.0
 
 
 class HostState(Enum):
-    """Where the host's side stands."""
+    """List the states of the host's requests."""
 
     LISTENING = "listening"  # there is nothing to ask for
     ACTIVATING = "activating"
@@ -40,7 +42,7 @@ class HostState(Enum):
     INCOMPLETE = "incomplete"  # rates or packages were refused
 
 
-#: What can be wrong, the worst first.
+#: Names of what can be wrong, the worst first.
 _PROBLEMS = {
     "answer": HostState.NO_ANSWER,
     "activation": HostState.NOT_ACTIVATED,
@@ -50,11 +52,11 @@ _PROBLEMS = {
 
 
 class HostSession:
-    """Frames in, bytes to send out; the clock is the caller's and steady.
+    """Take received frames and return bytes to send; the caller's clock must be monotonic.
 
-    ``packages``: those to subscribe to; from then on kept to what the aircraft pushes. ``key``
-    tells only that encrypted answers can be read: requests go out plain, as DJI's own host sends
-    them. DjiError if a broadcast rate is no code.
+    ``packages`` are those to subscribe to; from then on the table is kept to what the aircraft
+    pushes. ``key`` only tells that encrypted answers can be read: requests are sent plain, as
+    DJI's own host does. Raises DjiError if a broadcast rate is no rate code.
     """
 
     def __init__(
@@ -69,7 +71,8 @@ class HostSession:
         self._subscriber = Subscriber(packages, self._exchange) if config.subscribe else None
         self._busy = HostState.ACTIVATING if asks else HostState.SETTING_RATES
         self._problems: dict[str, str] = {}
-        self._heard_s: float | None = None  # the last frame; None: not since it fell silent
+        # time of the last frame; None: none since it fell silent
+        self._heard_s: float | None = None
         self._patience_s = _PATIENCE_S
         self._failures = 0  # rounds in a row that left something undone
         self._rounds = 0
@@ -79,14 +82,14 @@ class HostSession:
 
     @property
     def state(self) -> HostState:
-        """Where it stands; what is wrong counts more than what is being done."""
+        """Return the state; a problem takes precedence over the step in progress."""
         if self._listens:
             return HostState.LISTENING
         return next((state for state, _ in self._wrong), self._busy)
 
     @property
     def message(self) -> str:
-        """One line for a person: the aircraft and what is wrong, or else where it stands."""
+        """Return a line for a person: the aircraft and the problems, or else the current step."""
         if self._listens:
             return "listening only: nothing is asked of the aircraft"
         aircraft = self._activation.aircraft if self._activation else ""
@@ -95,7 +98,7 @@ class HostSession:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """State, aircraft, packages and counts, under names that begin with ``host``."""
+        """Return state, aircraft, packages and counts, under names that begin with ``host``."""
         values = {"state": self.state.value, "rounds": str(self._rounds)}
         if self._activation and self._activation.version:
             values["aircraft"] = self._activation.aircraft
@@ -105,7 +108,7 @@ class HostSession:
         return {f"host {name}": value for name, value in values.items()}
 
     def take(self, frame: Frame, now_s: float) -> None:
-        """Take a frame that came, of any kind."""
+        """Take a received frame of any kind."""
         if self._listens:
             return
         if self._heard_s is None:  # it was switched on just now: no need to wait any longer
@@ -116,11 +119,11 @@ class HostSession:
         self._exchange.take(frame, now_s)
 
     def due(self, now_s: float) -> bytes:
-        """The frame to send now; b"" if there is none."""
+        """Return the frame to send now; b"" if there is none."""
         return self._exchange.due(now_s)
 
     def restart(self) -> None:
-        """Begin anew: the port was opened again, maybe with another aircraft behind it."""
+        """Begin again: the port was opened again, possibly with another aircraft behind it."""
         if self._listens:
             return
         self._forget()
@@ -141,7 +144,7 @@ class HostSession:
             yield from self._watch()
 
     def _round(self) -> Dialogue[None]:
-        """Ask for all that is not done; what is not answered does not hold up the rest."""
+        """Ask for everything that is not done; a missing answer does not hold up the rest."""
         self._rounds += 1
         unanswered = ""
         for part in (self._activate, self._set_rates, self._subscribe):
@@ -176,7 +179,7 @@ class HostSession:
             self._busy = HostState.SUBSCRIBING
             refusal = yield from subscriber.run()
             self._note("subscription", refusal and f"subscription: {refusal}")
-            if refusal:  # it may have been switched off and on meanwhile
+            if refusal:  # the aircraft may have been switched off and on meanwhile
                 activation.is_done = False
 
     def _watch(self) -> Dialogue[None]:
@@ -194,7 +197,7 @@ class HostSession:
                 self._patience_s = _PATIENCE_S
 
     def _falls_silent(self, now_s: float) -> bool:
-        """Whether nothing comes any more, or no package of those that were added."""
+        """Return whether all frames, or the pushes of all added packages, have stopped."""
         if self._heard_s is not None and now_s - self._heard_s > self._patience_s:
             self._patience_s = min(2 * self._patience_s, _LONGEST_PATIENCE_S)
             return True
@@ -202,14 +205,14 @@ class HostSession:
 
     @property
     def _is_open(self) -> bool:
-        """Whether something is left to ask for."""
+        """Return whether something is left to ask for."""
         activation, subscriber = self._activation, self._subscriber
         inactive = activation is not None and not activation.is_done
         return inactive or not self._rates_set or (subscriber is not None and subscriber.is_open)
 
     @property
     def _pause_s(self) -> float:
-        """Time from the end of a round to the next one."""
+        """Return the time from the end of a round to the next one, in seconds."""
         if not self._failures:
             return 0.0
         longest_s = _LONGEST_UNANSWERED_S if "answer" in self._problems else _LONGEST_PAUSE_S
@@ -217,7 +220,7 @@ class HostSession:
 
     @property
     def _wrong(self) -> list[tuple[HostState, str]]:
-        """What is wrong, the worst first."""
+        """Return the problems, the worst first."""
         told = [
             (s, self._problems[name]) for name, s in _PROBLEMS.items() if name in self._problems
         ]
@@ -239,7 +242,10 @@ class HostSession:
 
 
 def _rates(config: DjiHostConfig) -> SetRates | None:
-    """What to ask for; None for nothing. DjiError if a rate is no code."""
+    """Return the request for rates; None without any.
+
+    Raises DjiError if a rate is no rate code.
+    """
     for rate in config.broadcast_rates:
         if rate not in range(RATE_CODES):
             raise DjiError(
@@ -248,5 +254,5 @@ def _rates(config: DjiHostConfig) -> SetRates | None:
     if not config.broadcast_rates:
         return None
     request = SetRates(tuple(int(rate) for rate in config.broadcast_rates))
-    encode_request(request)  # raises for another number of them
+    encode_request(request)  # raises DjiError for a wrong number of rates
     return request

@@ -1,4 +1,4 @@
-"""Subscribes to packages: says which are refused and why, and goes on with the others."""
+"""Subscribe to packages; report which are refused and why, and continue with the others."""
 
 from __future__ import annotations
 
@@ -25,16 +25,18 @@ _UNKNOWN_TOPIC, _DENIED, _OFFLINE, _NOT_AUTHORISED = 0x22, 0x23, 0x25, 0x50
 _FINAL = frozenset({0x01, 0x02, 0x03, 0x06, 0x07, 0x20, 0x21, _UNKNOWN_TOPIC})
 _NEEDS_ACTIVATION = frozenset({_DENIED, _NOT_AUTHORISED})
 
-#: What a refused package is asked for without: topics that an M600 does not know (they were
-#: promised, or are of other aircraft), and those of RTK hardware that is not there or off.
+#: Topics that are left out when a package is refused with this code: those that an M600 does not
+#: know (they were announced, or belong to other aircraft), and those of RTK hardware that is
+#: absent or off.
 _DISPENSABLE = {
     _UNKNOWN_TOPIC: frozenset({"RTK_CONNECT_STATUS", "GIMBAL_CONTROL_MODE", "HEIGHT_FUSION"}),
     _OFFLINE: frozenset(name for name in BY_NAME if name.startswith("RTK_")),
 }
 
-#: Pushes of an added package may stay away so long, doubled each time that it is added anew.
+#: Pushes of an added package may be absent for this long, doubled each time that it is added
+#: again.
 _PATIENCE_S, _LONGEST_PATIENCE_S = 3.0, 60.0
-_PATIENCE_PUSHES = 5  # of a slow package
+_PATIENCE_PUSHES = 5  # of a slow package, in pushes
 
 
 class _Status(Enum):
@@ -51,7 +53,7 @@ class _Slot:
     status: _Status = _Status.WANTED
     refusal: int = _DONE
     reason: str = ""
-    heard_s: float = 0.0  # the last push, or when it was added
+    heard_s: float = 0.0  # time of the last push, or when it was added
     pushes: int = 0
     patience_s: float = _PATIENCE_S
 
@@ -61,7 +63,7 @@ class _Slot:
 
     @property
     def is_open(self) -> bool:
-        """Whether another try may help."""
+        """Return whether another try may help."""
         return self.status is not _Status.ADDED and self.refusal not in _FINAL
 
     def set(self, status: _Status, refusal: int = _DONE, reason: str = "") -> None:
@@ -75,34 +77,34 @@ class _Slot:
 
 
 class Subscriber:
-    """The subscription of the packages that ``table`` holds at the start.
+    """Manage the subscription of the packages that ``table`` holds at the start.
 
-    While it runs the table is kept to what the aircraft pushes: the packages that it took.
-    DjiError for a package that cannot be asked for.
+    While it runs, the table is kept to what the aircraft pushes: the packages that it accepted.
+    Raises DjiError for a package that cannot be requested.
     """
 
     def __init__(self, table: PackageTable, exchange: Exchange) -> None:
         self._table, self._exchange = table, exchange
         self._slots = {package.id: _Slot(package) for package in table}
         for package in table:
-            encode_request(package.request)  # raises now, not in flight
+            encode_request(package.request)  # raises here, at the start, and not in flight
         self._is_clean = False  # versions match and no package of another host is left
 
     def hear(self, value: bytes, now_s: float) -> None:
-        """Note a push, by its value."""
+        """Record a push, by its value."""
         slot = self._slots.get(value[0]) if value else None
         if slot is not None:
             slot.heard_s, slot.patience_s = now_s, _PATIENCE_S
             slot.pushes += 1
 
     def forget(self) -> None:
-        """All is to be asked for anew; the table stays until the aircraft is asked."""
+        """Mark everything as not asked for; the table stays until the aircraft is asked."""
         self._is_clean = False
         for slot in self._slots.values():
             slot.set(_Status.WANTED)
 
     def note_silence(self, now_s: float) -> bool:
-        """Mark the packages that were added and do not come; whether that is all of them."""
+        """Mark the added packages that do not come; return whether that is all of them."""
         added = [slot for slot in self._slots.values() if slot.is_on]
         silent = [slot for slot in added if slot.is_silent(now_s)]
         for slot in silent:
@@ -112,18 +114,18 @@ class Subscriber:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a package that another try may bring."""
+        """Return whether another try may bring a package."""
         return not self._is_clean or any(slot.is_open for slot in self._slots.values())
 
     @property
     def problems(self) -> list[str]:
-        """A line for each package that is not on as a whole."""
+        """Return a line for each package that is not fully subscribed."""
         bad = [s for s in self._slots.values() if s.status not in {_Status.ADDED, _Status.WANTED}]
         return [_joined(f"package {s.package.id} {s.status.value}", s.reason) for s in bad]
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """State and number of pushes of each package."""
+        """Return state and number of pushes of each package."""
         return {
             f"package {slot.package.id}": _joined(
                 f"{slot.status.value}, {slot.pushes} pushes", slot.reason
@@ -132,9 +134,9 @@ class Subscriber:
         }
 
     def run(self) -> Dialogue[str]:
-        """Ask for all that is open; "" or why nothing can be subscribed to.
+        """Ask for everything that is open; return "" or why nothing can be subscribed to.
 
-        NoAnswerError if the aircraft does not answer.
+        Raises NoAnswerError if the aircraft does not answer.
         """
         if not self._is_clean:
             refusal = yield from self._clean()
@@ -149,7 +151,7 @@ class Subscriber:
         return ""
 
     def _clean(self) -> Dialogue[str]:
-        """Match versions; remove what this or another host left behind."""
+        """Match versions; remove the packages that this or another host left behind."""
         match = MatchVersion()
         code = yield from self._code(match)
         if code != _DONE:
@@ -187,7 +189,7 @@ class Subscriber:
         slot.set(_Status.PARTIAL, refusal, f"without {', '.join(missing)}: {words}")
 
     def _put(self, package: Package) -> Dialogue[int]:
-        """Add it; instead of one that has its id already, which an unheard ack leaves."""
+        """Add a package; if its id exists already (its ack was lost), remove that one first."""
         request = package.request
         code = yield from self._code(request)
         if code == _EXISTS:
@@ -196,7 +198,7 @@ class Subscriber:
         return code
 
     def _code(self, request: Request) -> Dialogue[int]:
-        """The ack's code; the table follows what was done."""
+        """Return the ack's code, and update the table by what was done."""
         value = yield from ask(request)
         code = decode_code(request, value)
         if code is None:
@@ -207,7 +209,7 @@ class Subscriber:
 
 
 def _without(package: Package, names: frozenset[str]) -> Package | None:
-    """The package without these topics; None if that changes nothing or leaves nothing."""
+    """Return the package without these topics; None if that changes nothing or leaves nothing."""
     topics = tuple(topic for topic in package.topics if topic.name not in names)
     if not topics or len(topics) == len(package.topics):
         return None

@@ -1,6 +1,6 @@
-"""What the aircraft's readings mean: readings in, the core's samples out.
+"""Convert the aircraft's readings to the core's samples.
 
-Here alone is known what its flags, heights, units, repeats and reference directions stand for.
+Only this package knows the meaning of its flags, heights, units, repeats and reference directions.
 """
 
 from tirgeo_ros.dji.interpret.interpreter import Interpreter

@@ -1,8 +1,8 @@
-"""What an acceleration counts in, told by its size, and whether it is a specific force at all.
+"""Determine the unit of accelerations by their size, and whether they are specific force at all.
 
 The broadcast's acceleration is what DJI Assistant 2 is set to: raw (g) or fused, without gravity.
-Vibration is as large as gravity, so single readings tell nothing; over half a second it averages
-out, and at rest and in any flight of more than moments there remains about 1 g.
+Vibration is as large as gravity, so single readings prove nothing. Over half a second vibration
+averages out, and about 1 g remains, at rest and in any flight except for moments.
 """
 
 from __future__ import annotations
@@ -11,37 +11,37 @@ import math
 
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, Vector
 
-#: The g of DJI's accelerometer is the unit, not gravity at the place: standard gravity by
-#: definition. The 9.801 and 9.8 of DJI's wrappers are rounded, by 0.06 and 0.07 % too small.
+#: The unit g of DJI's accelerometer is standard gravity by definition, not the local gravity. The
+#: 9.801 and 9.8 of DJI's wrappers are rounded, by 0.06 and 0.07 % too small.
 G_M_S2 = 9.80665
 
-#: The first decision takes so long and so many readings, each later look so long.
+#: The first decision takes this time and this many readings, each later look takes _LATER_NS.
 _FIRST_NS, _FIRST_NUMBER = 400_000_000, 20
 _LATER_NS = 2_000_000_000
-#: A mean of fewer readings is none.
+#: Fewer readings than this give no mean.
 _LEAST_NUMBER = 5
-#: Looks in a row that it takes to overturn a decision. A fused acceleration may look like 1 g in
-#: m/s2 for the seconds in which an aircraft gains speed, not for so many.
+#: Looks in a row that overturn a decision. A fused acceleration may look like 1 g in m/s2 for the
+#: seconds in which an aircraft gains speed, but not for this many looks.
 _OVERTURN = 3
-#: Of the readings, by which the smallest and the largest are left out: wild ones.
+#: Share of the readings that is trimmed at either end, against outliers.
 _TRIMMED = 0.1
 #: Full scale of any IMU on an aircraft, in either unit.
 _LARGEST = 400.0
 #: The mean of a flight stays between half and twice gravity for seconds.
 _LEAST, _MOST = 0.5, 2.0
-#: In g, along down: more is a specific force that points down.
+#: In g, along down: a larger mean is a specific force that points down.
 _UPSIDE = 0.5
 
 
 def factor_of(unit: AccelerationUnit) -> float | None:
-    """To m/s2; None where the road does not tell."""
+    """Return the factor to m/s2; None where the source does not state the unit."""
     if unit is AccelerationUnit.G:  # by identity: hashing an Enum's member takes longer
         return G_M_S2
     return 1.0 if unit is AccelerationUnit.M_S2 else None
 
 
 class Looks:
-    """Means of vectors over a while each: of the first 0.4 s, then of 2 s."""
+    """Average vectors over a time each: first over 0.4 s, then over 2 s."""
 
     def __init__(self) -> None:
         self._begun_ns: int | None = None
@@ -50,7 +50,7 @@ class Looks:
         self._axes: tuple[list[float], list[float], list[float]] = ([], [], [])
 
     def add(self, stamp_ns: int, vector: Vector) -> Vector | None:
-        """Take a vector; the mean where its time is full, else None."""
+        """Take a vector; return the mean when its time is full, else None."""
         x, y, z = vector
         if not (abs(x) < _LARGEST and abs(y) < _LARGEST and abs(z) < _LARGEST):
             return None
@@ -68,7 +68,7 @@ class Looks:
         return self.mean()
 
     def mean(self) -> Vector | None:
-        """The mean of what there is, if it is enough for one; the next begins."""
+        """Return the mean of the vectors so far, if they are enough, and begin the next one."""
         if len(self._axes[0]) < _LEAST_NUMBER:
             return None
         x, y, z = map(_trimmed_mean, self._axes)
@@ -82,9 +82,9 @@ class Looks:
 
 
 def _trimmed_mean(values: list[float]) -> float:
-    """The mean without the smallest and the largest tenth.
+    """Return the mean without the smallest and the largest tenth.
 
-    A median would do for wild readings, but not for a vibration that comes in two values only.
+    A median would reject outliers as well, but fails for a vibration that has two values only.
     """
     out = int(_TRIMMED * len(values))
     kept = sorted(values)[out : len(values) - out]
@@ -92,10 +92,10 @@ def _trimmed_mean(values: list[float]) -> float:
 
 
 class UnitBySize:
-    """Tells the unit of readings whose road does not."""
+    """Determine the unit of readings whose source does not state it."""
 
     def __init__(self, configured: str) -> None:
-        """``configured``: auto, g or m/s2, as the parameter ``acceleration_unit``."""
+        """Take ``configured``: auto, g or m/s2, as the parameter ``acceleration_unit``."""
         self.told = configured == "auto"
         self.changes = 0
         self.factor: float | None = None  # to m/s2; 0: no specific force; None: not known yet
@@ -111,7 +111,7 @@ class UnitBySize:
             self._decide(self._looks.add(stamp_ns, acceleration))
 
     def settle(self) -> None:
-        """Decide by what there is, where nothing more comes."""
+        """Decide by the readings so far, at the end of the data."""
         if self.told and self.factor is None:
             self._decide(self._looks.mean())
 
@@ -133,7 +133,7 @@ class UnitBySize:
 
     @property
     def warning(self) -> str:
-        """What to set right, or empty."""
+        """Return what to set right, or an empty text."""
         if self.factor != 0.0:
             return ""
         return (
@@ -143,7 +143,7 @@ class UnitBySize:
 
     @property
     def text(self) -> str:
-        """The unit for people, and how it is known."""
+        """Return the unit for people, and how it is known."""
         names = {None: "not known yet", 0.0: "fused, without gravity", 1.0: "m/s2", G_M_S2: "g"}
         name = names[self.factor]
         if not self.told:
@@ -152,7 +152,7 @@ class UnitBySize:
 
 
 def _factor_by(size: float) -> float:
-    """To m/s2 from the unit in which gravity would have this size; 0 where it is not gravity."""
+    """Return the factor to m/s2 of the unit in which gravity has this size; 0 if none fits."""
     for factor in (G_M_S2, 1.0):
         if _LEAST <= size * factor / G_M_S2 <= _MOST:
             return factor
@@ -160,7 +160,7 @@ def _factor_by(size: float) -> float:
 
 
 class ForceCheck:
-    """Looks at what is given out as specific force: its size and its direction."""
+    """Check the size and the direction of the specific force that is published."""
 
     def __init__(self) -> None:
         self._looks = Looks()
@@ -168,7 +168,7 @@ class ForceCheck:
         self._mean: Vector | None = None
 
     def add(self, stamp_ns: int, force_b: Vector) -> None:
-        """Take a specific force, FRD, m/s2."""
+        """Take a specific force (b, m/s2)."""
         mean = self._looks.add(stamp_ns, force_b)
         if mean is not None:
             self._mean = mean
@@ -177,7 +177,7 @@ class ForceCheck:
 
     @property
     def warning(self) -> str:
-        """What to set right, or empty."""
+        """Return what to set right, or an empty text."""
         if self._mean is None:
             return ""
         if self._off:

@@ -1,9 +1,9 @@
-"""The direction of the two RTK antennas: by their places, and whether the flight agrees.
+"""Compute the direction of the RTK antennas' baseline, and check it against the flight.
 
 RTK yaw is the azimuth of the line from the first antenna to the second. Its angle from the nose
-follows from where the two stand; it is off by 90 or 180 deg when the kit is mounted in another way
-than the parameters say, and the autopilot's own heading, right within some degrees, shows it. It
-is said, never corrected: the autopilot's heading may be what is wrong.
+follows from the positions of the two. It is wrong by 90 or 180 deg when the kit is mounted in
+another way than the parameters say; the autopilot's own heading, right within some degrees, shows
+this. It is reported, never corrected, because the autopilot's heading may be the wrong one.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _SPAN_NS = 20_000_000_000
 _LEAST_NS = 10_000_000_000
 #: Ten seconds at 5 Hz, with some missing.
 _LEAST_NUMBER = 30
-#: More than a compass is usually off, less than a baseline mounted another way.
+#: Larger than the usual error of a compass, smaller than that of a baseline mounted another way.
 _TOLERANCE_DEG = 15.0
-#: Length of the mean of unit vectors: below it the angles are spread by over 26 deg and their
-#: mean is no mounting.
+#: Smallest length of the mean of unit vectors: below it the angles are spread by over 26 deg, and
+#: their mean is no mounting angle.
 _LEAST_AGREEMENT = 0.9
 
 
@@ -42,16 +42,19 @@ def baseline_deg(aircraft: AircraftConfig) -> float:
 
 
 class BaselineCheck:
-    """The mean of RTK yaw less the aircraft's own heading over the newest 20 s."""
+    """Average RTK yaw minus the aircraft's own heading over the newest 20 s."""
 
     def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
-        """``offset_deg``: by the antennas' places, from the nose, clockwise."""
+        """Take ``offset_deg``, the baseline's direction by the antennas' positions.
+
+        It counts clockwise from the nose.
+        """
         self._offset_deg = offset_deg
         self._attitudes = attitudes
         self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine
 
     def add(self, stamp_ns: int, yaw_rad: float) -> None:
-        """Take the azimuth of a baseline that is fixed."""
+        """Take the azimuth of a baseline (rad) whose flag is fixed."""
         q_nb = self._attitudes.near(stamp_ns)
         if q_nb is None:
             return
@@ -65,7 +68,10 @@ class BaselineCheck:
 
     @property
     def seen_deg(self) -> float | None:
-        """The baseline's direction from the nose, 0 to 360; None before ten seconds agree."""
+        """Return the baseline's direction clockwise from the nose, 0 to 360 deg.
+
+        Returns None until ten seconds of readings agree.
+        """
         seen = self._seen
         if len(seen) < _LEAST_NUMBER or seen[-1][0] - seen[0][0] < _LEAST_NS:
             return None
@@ -77,7 +83,7 @@ class BaselineCheck:
 
     @property
     def warning(self) -> str:
-        """What to set right, or empty."""
+        """Return what to set right, or an empty text."""
         seen_deg = self.seen_deg
         if seen_deg is None:
             return ""

@@ -1,4 +1,4 @@
-"""The autopilot's own attitudes: one stream of them, and the attitude at any instant."""
+"""Buffer the autopilot's attitudes as one stream, and return the attitude at any instant."""
 
 from __future__ import annotations
 
@@ -14,58 +14,60 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.dji.sources.readings import Quaternion, Vector
 
 _SPAN_S = 2.0
-#: Two attitudes further apart are no attitude between: as far as gimbal_node bridges too.
+#: No interpolation between two attitudes further apart than this, the limit of gimbal_node too.
 _LONGEST_GAP_S = 0.25
-#: An attitude is carried on by the rate for so long: five of the broadcast's steps at 100 Hz. At
-#: 10 rad/s2, as fast as a large aircraft starts to turn, the rate's change leaves 0.7 deg.
+#: An attitude is propagated by the rate for no longer than this: five steps of the broadcast at
+#: 100 Hz. At 10 rad/s2, as fast as a large aircraft starts to turn, the rate's change leaves 0.7
+#: deg.
 _CARRIED_NS = 50_000_000
-#: A better stream has fallen silent after so long, and attitudes of others are taken.
+#: A better stream counts as silent after this time; then attitudes of others are taken.
 _SILENT_NS = 100_000_000
-#: A stamp that goes back further is another clock, not another stream.
+#: A stamp that goes back further comes from another clock, not from another stream.
 _CLOCK_NS = 1_000_000_000
-#: Of a quaternion's norm from one, as the core has it.
+#: Largest difference of a quaternion's norm from one, as in the core.
 _NORM_SLACK = 0.01
 
 
 def unit_quaternion(q: Quaternion) -> Array | None:
-    """(4,) wxyz of unit norm with w >= 0; None where it is not finite or not of unit norm."""
+    """Return q as (4,) wxyz of unit norm, w >= 0; None if it is not finite or not of unit norm."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not abs(norm - 1.0) < _NORM_SLACK:  # nor is it for NaN and infinity
+    if not abs(norm - 1.0) < _NORM_SLACK:  # true for NaN and infinity as well
         return None
     scale = math.copysign(1.0 / norm, w)
     return np.array((w * scale, x * scale, y * scale, z * scale))
 
 
 def heading_of(q_nb: Array) -> float:
-    """Heading of the nose (rad), of a unit quaternion."""
+    """Return the heading of the nose (rad) from a unit quaternion (4,) wxyz."""
     w, x, y, z = q_nb.tolist()
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 class Attitudes:
-    """Attitudes of the newest seconds, from the IMU readings that drive, else from all others."""
+    """Buffer the newest attitudes: of the IMU stream in use, else of all other streams."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        """Into ``counts`` go ``attitude_unused``, what came beside a better stream."""
+        """Take ``counts``, where ``attitude_unused`` counts attitudes beside a better stream."""
         self._counts = counts
         self._history: StampedHistory[Array] = StampedHistory(_SPAN_S, _LONGEST_GAP_S)
         self._best_ns: int | None = None
 
     @property
     def newest_ns(self) -> int | None:
-        """The newest attitude's stamp."""
+        """Return the newest attitude's stamp."""
         return self._history.newest_ns
 
     def put(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take an attitude (4,) of the IMU reading that drives."""
+        """Take an attitude (4,) from the IMU stream in use."""
         self._best_ns = stamp_ns
         self._add(stamp_ns, q_nb)
 
     def offer(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take an attitude (4,) of another stream, while the better one is silent.
+        """Take an attitude (4,) of another stream; it is used while the better one is silent.
 
-        Two streams differ by milliseconds of delay: mixed, they would shake while turning.
+        Two streams differ by milliseconds of delay: mixed, they would jitter while the aircraft
+        turns.
         """
         best_ns = self._best_ns
         if best_ns is not None and -_CLOCK_NS < stamp_ns - best_ns <= _SILENT_NS:
@@ -81,14 +83,14 @@ class Attitudes:
         self._history.put(stamp_ns, q_nb)
 
     def at(self, stamp_ns: int) -> Array | Miss:
-        """The attitude (4,) at an instant between two, or why there is none."""
+        """Return the interpolated attitude (4,) at an instant, or the reason why there is none."""
         found = self._history.around(stamp_ns)
         if isinstance(found, Miss):
             return found
         return found[0] if found[2] == 0.0 else slerp(*found)
 
     def near(self, stamp_ns: int) -> Array | None:
-        """The attitude (4,) at an instant, else the newest if it is a tenth of a second away."""
+        """Return the attitude (4,) at an instant, else the newest one if within 0.1 s of it."""
         found = self.at(stamp_ns)
         if not isinstance(found, Miss):
             return found
@@ -98,7 +100,10 @@ class Attitudes:
         return self._newest(newest_ns)
 
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
-        """The newest attitude (4,) turned on by the rate (rad/s); None where it is too far."""
+        """Return the newest attitude (4,) propagated by the rate (b, rad/s).
+
+        Returns None if the newest attitude is too far from the instant.
+        """
         newest_ns = self._history.newest_ns
         if newest_ns is None or abs(stamp_ns - newest_ns) > _CARRIED_NS:
             return None

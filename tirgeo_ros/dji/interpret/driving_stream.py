@@ -1,22 +1,22 @@
-"""Which of several IMU streams of one aircraft drives."""
+"""Select which of several IMU streams of one aircraft is used."""
 
 from __future__ import annotations
 
 from tirgeo_ros.dji.sources.readings import ImuOrigin
 
-#: A stream has fallen silent after so long: five samples of the slowest (50 Hz), half of the gap
+#: A stream counts as silent after this time: five samples of the slowest (50 Hz), half of the gap
 #: that the filter bridges.
 _SILENT_NS = 100_000_000
-#: A better stream drives once it has been there for so long without such a silence.
+#: A better stream is selected once it has been there for this time without such a silence.
 _STEADY_NS = 100_000_000
-#: A stamp that goes back further is another clock: of what was there nothing holds.
+#: A stamp that goes back further comes from another clock: the earlier stamps are no longer valid.
 _CLOCK_NS = 1_000_000_000
 
 _RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
 
 
 class DrivingStream:
-    """Lets one stream through: the best that is there."""
+    """Select one stream: the best that is present."""
 
     def __init__(self) -> None:
         self.driver: ImuOrigin | None = None
@@ -26,7 +26,7 @@ class DrivingStream:
         self._better_since_ns = self._better_newest_ns = 0
 
     def drives(self, origin: ImuOrigin, stamp_ns: int) -> bool:
-        """Whether a reading of this stream is to be used."""
+        """Return whether a reading of this stream is to be used."""
         if origin is not self.driver and not self._takes_over(origin, stamp_ns):
             return False
         self._newest_ns = stamp_ns

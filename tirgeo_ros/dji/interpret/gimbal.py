@@ -1,10 +1,10 @@
-"""Gimbal readings to the camera's attitude, and with the body's of the same instant to joints.
+"""Convert gimbal readings to camera attitudes, and to joint angles with the body's attitude.
 
-DJI gives no encoder angles. The joints are computed as the whole rotation from body to camera,
-``R_nb^T R_ng``, so that they hold while the aircraft tilts; as samples they say that they are
-computed. Near the end of their chain (roll of 90 deg, the camera across the nose's right side)
-yaw and pitch turn about one axis: the three still give the rotation, yaw by itself means nothing;
-counted.
+DJI gives no encoder angles. The joints are computed from the whole rotation from body to camera,
+``R_nb^T R_ng``, at one instant, so they stay valid while the aircraft tilts. Their samples are
+marked as computed. Near the singularity of the joint chain (roll of 90 deg, the camera across the
+nose's right side) yaw and pitch turn about the same axis: the three angles still give the
+rotation, but yaw alone means nothing. Such samples are counted.
 """
 
 from __future__ import annotations
@@ -25,26 +25,27 @@ from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
-#: For so long a reading waits for the attitude after it: as far apart as two attitudes may be.
+#: A reading waits this long for the attitude after it: the longest gap between two attitudes.
 _WAIT_NS = 250_000_000
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
-#: Two streams of one gimbal mix within this; a stamp that goes back further is another clock.
+#: Stamps of two streams of one gimbal mix within this; one that goes back further is another
+#: clock.
 _CLOCK_NS = 1_000_000_000
-#: Whatever turn an angle is counted in, it is smaller.
+#: Limit of an angle's size, however many turns it has counted.
 _LARGEST_RAD = 1e3
-#: Roll beyond 84 deg: a thousandth of an angle's error is a hundredth of yaw's.
+#: Roll beyond 84 deg: an error of 0.001 in an angle becomes 0.01 in yaw.
 _SINGULAR_COSINE = 0.1
 
 GimbalSample = CameraAttitudeSample | JointSample
 
 
 class GimbalMeaning:
-    """The gimbal's readings to samples, each with the body's attitude at its own instant.
+    """Convert gimbal readings to samples, each with the body's attitude at its own instant.
 
-    A reading waits at most 0.25 s for that attitude, then goes out without joints; where yaw
-    counts from the nose it cannot go out without. Counted: ``gimbal_refused`` (not finite, or
-    no angle), ``gimbal_out_of_order``, ``gimbal_without_joints``, ``gimbal_without_heading``
-    (dropped) and ``joints_near_singularity``.
+    A reading waits at most 0.25 s for that attitude, then it is published without joints. If yaw
+    counts from the nose, the reading is dropped instead. Counted: ``gimbal_refused`` (not finite,
+    or too large for an angle), ``gimbal_out_of_order``, ``gimbal_without_joints``,
+    ``gimbal_without_heading`` (dropped) and ``joints_near_singularity``.
     """
 
     def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
@@ -60,11 +61,11 @@ class GimbalMeaning:
 
     @property
     def waits(self) -> bool:
-        """Whether a reading waits for an attitude."""
+        """Return whether a reading waits for an attitude."""
         return bool(self._waiting)
 
     def take(self, reading: GimbalReading) -> list[GimbalSample]:
-        """Take a reading; samples of those before it, if it is of another clock."""
+        """Take a reading; return samples of those before it if it comes from another clock."""
         if not all(abs(angle) < _LARGEST_RAD for angle in reading[1:]):
             self._counts["gimbal_refused"] += 1
             return []
@@ -80,9 +81,9 @@ class GimbalMeaning:
         return before
 
     def resolve(self, now_ns: int) -> list[GimbalSample]:
-        """The samples of readings whose attitude has come or will not come any more.
+        """Return the samples of readings whose attitude has come or can no longer come.
 
-        ``now_ns``: the newest stamp of any reading, its delay not taken off.
+        ``now_ns``: the newest stamp of any reading, before its delay is subtracted.
         """
         now_ns -= self._attitude_delay_ns
         found: list[GimbalSample] = []
@@ -96,7 +97,7 @@ class GimbalMeaning:
         return found
 
     def flush(self) -> list[GimbalSample]:
-        """The samples of all that wait; nothing more comes for them."""
+        """Return the samples of all waiting readings, at the end of the data."""
         found: list[GimbalSample] = []
         while self._waiting:
             reading = self._waiting.popleft()
@@ -130,14 +131,17 @@ class GimbalMeaning:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """psi_coder: the gimbal's yaw less the autopilot's of the same instant."""
+        """Return psi_coder (deg): the gimbal's yaw minus the autopilot's at the same instant."""
         if self._psi_coder is None:
             return {}
         return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}
 
 
 def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """``q_ng`` of yaw, then pitch, then roll; in scalars, as there are a hundred a second."""
+    """Return ``q_ng`` (wxyz) of yaw, then pitch, then roll (rad).
+
+    It uses scalars for speed, as there are a hundred readings a second.
+    """
     yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
     pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
     roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Readings of the ordinary GPS: its kind of fix to status, its accuracy to covariance."""
+"""Convert readings of the ordinary GPS: fix type to status, accuracy to covariance."""
 
 from __future__ import annotations
 
@@ -22,25 +22,27 @@ FIX_NAMES = {
     _FIX_GPS_DR: "GPS and dead reckoning",
     5: "time only",
 }
-#: The height of a 2D fix is an assumed one: as far off as mountains are high.
+#: The height of a 2D fix is assumed by the receiver: its error may be as large as a mountain.
 _SIGMA_2D_DOWN_M = 1000.0
-#: Of the place of a 2D fix whose accuracy is not told: what a wrong height does to it too.
+#: Horizontal sigma of a 2D fix without a stated accuracy; it includes the effect of a wrong
+#: height.
 _SIGMA_2D_M = 10.0
 
 _USUAL_SIGMA_M = GpsConfig().position_sigma_m
 
-_Sigmas = tuple[float | None, float | None, float | None]  # across, down (m), velocity (m/s)
+_Sigmas = tuple[float | None, float | None, float | None]  # horizontal, down (m), velocity (m/s)
 _NOT_TOLD: _Sigmas = (None, None, None)
 
 
 class GpsMeaning:
-    """The ordinary GPS's readings to samples.
+    """Convert the ordinary GPS's readings to samples.
 
-    3D fixes (with dead reckoning or without) are single; so are 2D ones, with a height that says
-    nothing; all others are no fix. What a reading lacks of fix and accuracy is the newest for
-    1.5 s. A road that has never told the kind of fix has none to tell: its places are single.
-    Where no accuracy is told the covariance is zero: not known, and the filter has its own. Where
-    only that across or down is told, the other is the filter's default.
+    3D fixes (with dead reckoning or without) are single. So are 2D fixes, with a sigma that makes
+    their height irrelevant. All others are no fix. If a reading lacks fix type or accuracy, the
+    newest one is used for up to 1.5 s. A source that has never sent the fix type cannot send it:
+    its positions are single. Where no accuracy is stated the covariance is zero, which means
+    unknown; the filter then uses its own. Where only the horizontal or only the vertical one is
+    stated, the other is the filter's default.
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
@@ -50,7 +52,7 @@ class GpsMeaning:
         self._sigmas: Held[_Sigmas] = Held()
 
     def take(self, reading: GpsReading) -> list[PositionSample | VelocitySample]:
-        """The samples of what is new in a reading."""
+        """Return the samples of what is new in a reading."""
         receiver, stamp_ns = self._receiver, reading.stamp_ns - self._delay_ns
         place = receiver.usable_place(reading.place)
         if receiver.is_late(stamp_ns, place):
@@ -87,7 +89,7 @@ class GpsMeaning:
         return Quality(FixStatus.SINGLE, variance, (speed or 0.0) ** 2)
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:
-        """The kind of fix in words, the age of the newest epoch, whether it is frozen."""
+        """Return the fix type in words, the age of the newest epoch, and whether it is frozen."""
         epoch_ns, fix = self._receiver.epoch_ns, self._fix.newest
         if epoch_ns is None and fix is None:
             return {}
@@ -99,5 +101,5 @@ class GpsMeaning:
 
 
 def _known(sigma: float | None) -> float | None:
-    """None for what a receiver says when it does not know: zero, NaN."""
+    """Return the sigma, limited; None for the values that mean unknown: zero, NaN, infinity."""
     return min(sigma, UNKNOWN_SIGMA_M) if sigma is not None and 0 < sigma < math.inf else None

@@ -1,4 +1,4 @@
-"""IMU readings to samples: which stream drives, in which unit, with which attitude."""
+"""Convert IMU readings to samples: select the stream, the unit and the attitude."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: A stamp that goes back further is another clock and passes; the filter judges it.
+#: A stamp that goes back further comes from another clock and passes; the filter judges it.
 _CLOCK_NS = 1_000_000_000
 
-#: Beyond this, in any unit, a number is none; what an aircraft cannot do the filter judges.
+#: Larger numbers are invalid in any unit. The filter judges what an aircraft cannot do.
 _LARGEST = 1e6
-#: Held back at most: 5 s at 100 Hz of readings that are too sparse or too wild to tell by.
+#: Most samples that are held back: 5 s at 100 Hz of readings too sparse or too wild to decide by.
 _MOST_HELD = 500
 
 _Held = tuple[int, Vector, Vector, "Array | None"]  # stamp, acceleration, rate, attitude
 
 
 class ImuMeaning:
-    """The IMU's readings to samples, and every attitude to the history.
+    """Convert IMU readings to samples, and put every attitude into the buffer.
 
-    While the unit of acceleration is not known yet, samples are held back (0.4 s, at least
-    twenty) and given out with it; without gravity they are dropped. Counted: ``imu_refused``
-    (not finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that
-    does not drive, ``imu_out_of_order`` (a stamp not later than the one before),
-    ``imu_went_back`` (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known``
-    (held back, then not to be told), ``imu_without_attitude``, ``imu_attitude_carried`` (from
-    another message's, by the rate), ``attitude_not_unit``, ``imu_handovers`` and
+    While the unit of acceleration is not known, samples are held back (0.4 s, at least twenty) and
+    released when it is. If it has no gravity they are dropped. Counted: ``imu_refused`` (not
+    finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that is not
+    selected, ``imu_out_of_order`` (a stamp not later than the one before), ``imu_went_back``
+    (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known`` (held back, but the
+    unit was never found), ``imu_without_attitude``, ``imu_attitude_carried`` (from another
+    message's, propagated by the rate), ``attitude_not_unit``, ``imu_handovers`` and
     ``acceleration_unit_changes``.
     """
 
@@ -51,17 +51,18 @@ class ImuMeaning:
         self._counts = counts
         self._streams = DrivingStream()
         self._units = {origin: UnitBySize(config.acceleration_unit) for origin in ImuOrigin}
-        self._told = AccelerationUnit.UNKNOWN  # by the stream that drives
+        self._told = AccelerationUnit.UNKNOWN  # unit of the selected stream
         self._check = ForceCheck()
         self._held: deque[_Held] = deque()
         self._held_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
 
     def take(self, reading: ImuReading) -> list[ImuSample]:
-        """The sample of a reading, and those that were held back for it; or none."""
+        """Return the sample of a reading and those held back until it; or none."""
         stamp_ns, origin, (x, y, z), unit, (p, q, r), q_nb = reading
         stamp_ns -= self._delay_ns
-        sound = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST  # nor is NaN
+        # false for NaN as well
+        sound = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST
         drives = sound and self._streams.drives(origin, stamp_ns)
         attitude = None if q_nb is None else self._attitude(q_nb)
         if attitude is not None:
@@ -89,13 +90,13 @@ class ImuMeaning:
         return self._sample(entry, factor)
 
     def take_attitude(self, reading: AttitudeReading) -> None:
-        """Take an attitude that came by itself."""
+        """Take an attitude that came in a message of its own."""
         attitude = self._attitude(reading.q_nb)
         if attitude is not None:
             self._attitudes.offer(reading.stamp_ns - self._delay_ns, attitude)
 
     def flush(self) -> list[ImuSample]:
-        """The samples that were held back, where they are enough to tell their unit."""
+        """Return the samples that were held back, if they suffice to find their unit."""
         if self._held_origin is None:
             return []
         by_size = self._units[self._held_origin]
@@ -130,7 +131,7 @@ class ImuMeaning:
             self._counts["imu_unit_not_known"] += 1
 
     def _release(self, origin: ImuOrigin, factor: float) -> list[ImuSample]:
-        """Those held back, in the unit that is known now; not those of another stream."""
+        """Return the samples held back in the unit now known; drop those of another stream."""
         if origin is not self._held_origin:
             self._forget_held(0)
         held, self._held = self._held, deque()
@@ -153,7 +154,7 @@ class ImuMeaning:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What is counted by parts of it; ``imu_held`` are held back now."""
+        """Return the counts kept by the parts; ``imu_held`` samples are held back now."""
         return {
             "imu_handovers": self._streams.handovers,
             "acceleration_unit_changes": sum(unit.changes for unit in self._units.values()),
@@ -162,7 +163,7 @@ class ImuMeaning:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """The stream that drives, and what its accelerations count in."""
+        """Return the selected stream and the unit of its accelerations."""
         driver = self._streams.driver
         if driver is None:
             return {"imu_source": "none"}
@@ -172,5 +173,5 @@ class ImuMeaning:
 
     @property
     def warnings(self) -> list[str]:
-        """What to set right about accelerations."""
+        """Return what to set right about accelerations."""
         return [*(unit.warning for unit in self._units.values()), self._check.warning]

@@ -1,4 +1,4 @@
-"""Readings of the aircraft in, the core's samples out."""
+"""Convert readings of the aircraft to the core's samples."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 
 class Interpreter:
-    """Makes samples of readings, as the parameters say; nothing is lost without a count.
+    """Convert readings to samples by the parameters; everything that is dropped is counted.
 
-    Stamps are the readings' less ``delay`` of their kind; those of a stream ascend, unless the
-    aircraft's clock goes back by a second or more, which passes for the filter to judge.
+    Stamps are the readings' minus ``delay`` of their kind. Those of a stream increase, unless the
+    aircraft's clock goes back by a second or more, which is passed on for the filter to judge.
     """
 
     def __init__(self, config: DjiConfig) -> None:
@@ -55,7 +55,7 @@ class Interpreter:
         }
 
     def take(self, reading: Reading) -> list[Sample]:
-        """The samples that a reading gives, and those before it that waited for it."""
+        """Return the samples of a reading, and of earlier ones that waited for it."""
         self._newest_ns = reading.stamp_ns
         samples: list[Sample] = self._takers[type(reading)](reading)
         if self._gimbal.waits:
@@ -63,7 +63,7 @@ class Interpreter:
         return samples
 
     def flush(self) -> list[Sample]:
-        """The samples of what waited, at the end of a recording."""
+        """Return the samples of waiting readings, at the end of a recording."""
         return [*self._imu.flush(), *self._gimbal.flush()]
 
     def _take_attitude(self, reading: AttitudeReading) -> list[Sample]:
@@ -72,14 +72,14 @@ class Interpreter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What became of readings that gave no sample, or gave one in another way than usual."""
+        """Return the counts of readings that gave no sample, or gave it in an unusual way."""
         found = Counter(self._counts)
         found.update(self._imu.counts)
         return {name: number for name, number in sorted(found.items()) if number}
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """What is believed of the aircraft now, for people."""
+        """Return the current interpretation of the aircraft's data, for people."""
         unset = math.isnan(self._undulation_m)
         found = {
             **self._imu.diagnostics,
@@ -95,7 +95,7 @@ class Interpreter:
 
     @property
     def warnings(self) -> list[str]:
-        """What a person should set right."""
+        """Return what a person should set right."""
         found = [*self._imu.warnings, self._baseline.warning]
         if self._one_antenna:
             found.append(NOT_SET)

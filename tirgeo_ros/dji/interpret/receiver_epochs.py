@@ -1,7 +1,8 @@
-"""What is new in readings of a receiver that are repeated at the rate of polling.
+"""Find what is new in readings of a receiver that are repeated at the polling rate.
 
-RTK and GPS measure five times a second whatever is asked for, and say the same in between under
-new stamps. Nothing in a reading numbers the epochs: they are told by their values.
+RTK and GPS measure five times a second whatever rate is requested, and repeat the same values in
+between under new stamps. A reading has no epoch number, so epochs are recognised by a change of
+values.
 """
 
 from __future__ import annotations
@@ -9,40 +10,40 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isclose
 
-#: Half of the receiver's 200 ms. What changes within this of an epoch's first change and has not
-#: changed with it is the rest of that epoch: its parts may come in separate messages, and one by
-#: one in the fields of a polled one.
+#: Half of the receiver's 200 ms. A part that changes within this of an epoch's first change, and
+#: has not changed with it, belongs to the same epoch: the parts may come in separate messages, or
+#: one by one in the fields of a polled message.
 _TOGETHER_NS = 100_000_000
-#: Two roads that compute a value in another order of operations differ in the last digits; a
-#: receiver's noise is far above (1e-12 rad is 6 um).
+#: Two sources that compute a value in another order of operations differ in the last digits. A
+#: receiver's noise is far above this (1e-12 rad is 6 um).
 _ROUNDING = 1e-12
 
 Value = tuple[float, ...]
 
 
 class Epochs:
-    """Compares the parts of each reading with those before; ``place`` is the leading one."""
+    """Compare the parts of each reading with those before; ``place`` is the leading part."""
 
     def __init__(self) -> None:
-        self.begun_ns: int | None = None  # when the newest epoch was first heard of
+        self.begun_ns: int | None = None  # when the newest epoch was first received
         self._number = 0
         self._values: dict[str, Value] = {}
         self._changed: set[str] = set()
-        self._given: dict[str, int] = {}  # part to the epoch in which it was news
+        self._given: dict[str, int] = {}  # part to the epoch in which it was new
         self._place_before: Value | None = None
 
     def is_late(self, stamp_ns: int, place: Value | None) -> bool:
-        """Whether a place is of the epoch before: a slower road brings it after the newest."""
+        """Return whether a place belongs to the epoch before, delayed by a slower source."""
         if place is None or self.begun_ns is None or _same(place, self._values.get("place")):
             return False
         recent = abs(stamp_ns - self.begun_ns) < _TOGETHER_NS
         return recent and _same(place, self._place_before)
 
     def news(self, stamp_ns: int, parts: Mapping[str, Value]) -> set[str]:
-        """The parts that are new: their value has changed, or their epoch.
+        """Return the parts that are new: their value has changed, or their epoch.
 
-        A value alone does not tell (a yaw in whole degrees stays the same for long): what comes
-        with or after a change of another part is of a new epoch, once.
+        The value alone is not enough (a yaw in whole degrees stays the same for long): a part that
+        comes with or after a change of another part belongs to a new epoch, and is new once.
         """
         changed = {part for part, value in parts.items() if self._differs(part, value)}
         if changed:
@@ -60,7 +61,7 @@ class Epochs:
         return not _same(value, self._values.get(part))
 
     def _count(self, stamp_ns: int, changed: set[str]) -> None:
-        """These parts go on with the epoch or begin another."""
+        """Add the changed parts to the current epoch, or begin another one."""
         together = self.begun_ns is not None and 0 <= stamp_ns - self.begun_ns < _TOGETHER_NS
         if together and not changed & self._changed:
             self._changed |= changed

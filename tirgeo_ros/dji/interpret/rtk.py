@@ -1,4 +1,4 @@
-"""RTK readings: flags to status and covariance, the antennas' direction to the nose's heading."""
+"""Convert RTK readings: flags to status and covariance, baseline azimuth to the nose's heading."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ RtkSample = PositionSample | VelocitySample | HeadingSample
 
 
 class RtkMeaning:
-    """The RTK receiver's readings to samples.
+    """Convert the RTK receiver's readings to samples.
 
-    A flag that a reading lacks is the newest one for 1.5 s, then there is no fix. Counted beside
-    what every receiver counts: ``rtk_yaw_not_fixed``, headings not given for their flag.
+    If a reading lacks a flag, the newest one is used for up to 1.5 s; after that there is no fix.
+    Counted in addition to what ``Receiver`` counts: ``rtk_yaw_not_fixed``, headings dropped
+    because of their flag.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class RtkMeaning:
         self._headings = Sequence()
 
     def take(self, reading: RtkReading) -> list[RtkSample]:
-        """The samples of what is new in a reading."""
+        """Return the samples of what is new in a reading."""
         receiver, stamp_ns = self._receiver, reading.stamp_ns - self._delay_ns
         place = receiver.usable_place(reading.place)
         if receiver.is_late(stamp_ns, place):
@@ -77,7 +78,7 @@ class RtkMeaning:
         return [HeadingSample(stamp_ns, heading_rad, self._heading_variance)]
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:
-        """Flags in words, the age of the newest epoch, whether the receiver is frozen."""
+        """Return flags in words, age of the newest epoch, and whether the receiver is frozen."""
         epoch_ns = self._receiver.epoch_ns
         found = {
             "rtk_flag": flag_text(self._position_flag.newest),

@@ -1,4 +1,4 @@
-"""What the RTK receiver's status numbers mean: NovAtel's position types."""
+"""Map the RTK receiver's status numbers (NovAtel's position types) to fix status and accuracy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.types.measurements import FixStatus
 
-#: Position and yaw have the same list.
+#: Position and yaw use the same list.
 FLAG_NAMES = {
     0: "no solution",
     1: "fixed by command",
@@ -29,23 +29,23 @@ FIXED_FLAG = 50
 
 
 class Quality(NamedTuple):
-    """How good a satellite solution is."""
+    """Hold status and variances of a satellite solution."""
 
     status: FixStatus
     position_variance: tuple[float, float, float]  # north, east, down, m2; zeros: not known
     velocity_variance: float  # of each axis, (m/s)2; zero: not known
 
 
-#: A place of which nothing is known: a number that weighs nothing and stays finite in sums.
+#: Sigma of a place of which nothing is known: no weight, but finite in sums.
 UNKNOWN_SIGMA_M = 1e5
 
 NO_FIX = Quality(FixStatus.NONE, (UNKNOWN_SIGMA_M**2,) * 3, UNKNOWN_SIGMA_M**2)
 
-#: Flags; status; horizontal and vertical sigma (m); sigma of velocity by that of a fixed one.
-#: Wrong integers of the wide lane are 0.86 m apart, their carrier noise is a few times the narrow
-#: lane's. A float solution has settled to some decimetres, code with corrections is good to a
-#: metre, without them to some. Velocities come from Doppler and need no integers: they worsen
-#: with the signals alone.
+#: Flags; status; horizontal and vertical sigma (m); velocity sigma relative to a fixed solution's.
+#: Wrong integers of the wide lane are 0.86 m apart, and their carrier noise is a few times the
+#: narrow lane's. A float solution has settled to some decimetres. Code is good to a metre with
+#: corrections, to some metres without. Velocities come from Doppler and need no integers: they get
+#: worse with the signals alone.
 _CLASSES = (
     ((48, 49), FixStatus.FLOAT, (0.2, 0.4), 1.0),
     ((32, 33, 34), FixStatus.FLOAT, (0.5, 1.0), 2.0),
@@ -55,7 +55,10 @@ _CLASSES = (
 
 
 def qualities(config: DjiRtkConfig) -> dict[int, Quality]:
-    """The flags that are a fix, with what is believed of it; no class better than the fixed."""
+    """Return the flags that are a fix, each with its quality.
+
+    No flag's sigmas are smaller than those of the fixed one.
+    """
     fixed = (config.fixed_sigma_m[0], config.fixed_sigma_m[1])
     speed = config.velocity_sigma_m_s
     found = {FIXED_FLAG: _quality(FixStatus.FIXED, fixed, speed)}
@@ -71,7 +74,7 @@ def _quality(status: FixStatus, sigma_m: tuple[float, float], sigma_m_s: float) 
 
 
 def flag_text(flag: int | None) -> str:
-    """A flag for people."""
+    """Return a flag for people."""
     if flag is None:
         return "not told"
     return f"{flag} {FLAG_NAMES.get(flag, 'unknown')}"

@@ -1,8 +1,8 @@
-"""AES-256 of the OPEN protocol: blocks of 16 bytes, each for itself (ECB).
+"""Encrypt and decrypt the OPEN protocol's AES-256: independent blocks of 16 bytes (ECB).
 
-Command set, command, value and padding are encrypted; the number of padding bytes (1 to 16) is
-told by the frame's header, in clear. What the padding holds is not laid down, so a wrong key shows
-only in commands that do not exist. ``cryptography`` is needed for this alone, and is imported
+Command set, command, value and padding are encrypted. The frame's header gives the number of
+padding bytes (1 to 16) in clear. The content of the padding is not specified, so a wrong key shows
+only in commands that do not exist. ``cryptography`` is needed for this alone, and is imported only
 when there is a key.
 """
 
@@ -23,11 +23,14 @@ _KEY = re.compile(rf"[0-9A-Fa-f]{{{2 * KEY_BYTES}}}")
 
 
 def parse_key(text: str) -> bytes | None:
-    """The 32 bytes of the parameter ``key``; None if it is empty. DjiError if it is no key."""
+    """Return the 32 bytes of the parameter ``key``; None if it is empty.
+
+    Raises DjiError if invalid.
+    """
     digits = text.strip()
     if not digits:
         return None
-    if not _KEY.fullmatch(digits):  # the message does not repeat what may be nearly a secret
+    if not _KEY.fullmatch(digits):  # the message must not repeat what may be nearly a secret
         raise DjiError(
             f"key: {2 * KEY_BYTES} hexadecimal digits are needed, the app key of DJI's developer "
             f"site; {len(digits)} characters are given, which are not that"
@@ -36,9 +39,10 @@ def parse_key(text: str) -> bytes | None:
 
 
 class Aes256:
-    """Encrypts and decrypts the data of frames with a key of 32 bytes.
+    """Encrypt and decrypt the data of frames with a key of 32 bytes.
 
-    DjiError, naming the parameter ``key``, if the key is of another size or the library is absent.
+    Raises DjiError, naming the parameter ``key``, if the key has another size or the library is
+    absent.
     """
 
     def __init__(self, key: bytes) -> None:
@@ -50,12 +54,15 @@ class Aes256:
         self._decrypt: Callable[[bytes], bytes] = cipher.decryptor().update
 
     def encrypt(self, data: bytes) -> tuple[bytes, int]:
-        """The encrypted data and how many bytes of padding are in it: a block more if it fits."""
+        """Return the encrypted data and its number of padding bytes (1 to 16)."""
         padding = BLOCK - len(data) % BLOCK
         return self._encrypt(data + bytes(padding)), padding
 
     def decrypt(self, data: bytes, padding: int) -> bytes | None:
-        """The clear data; None if its length or the padding cannot be that of encrypted data."""
+        """Return the clear data; None if it cannot be decrypted.
+
+        That is if its length or the padding cannot be that of encrypted data.
+        """
         if not data or len(data) % BLOCK or not 1 <= padding <= BLOCK:
             return None
         return self._decrypt(data)[:-padding]

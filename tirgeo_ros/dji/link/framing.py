@@ -1,12 +1,12 @@
-"""Frames of the OPEN protocol, found in a stream of bytes that may hold anything.
+"""Find and encode frames of the OPEN protocol in a stream of bytes that may hold anything.
 
 A frame, little-endian: SOF 0xAA; 10 bits of length (of the whole) and 6 of version (0); 5 of
 session, 1 for an ack, 2 reserved; 5 of padding, 3 of encryption; 3 bytes reserved; u16 sequence;
 CRC-16 of these ten bytes; then, unless it ends there, the data and a CRC-32 of all before it.
 
-A header counts if SOF, version, reserved fields, length and CRC-16 are right. Where one of these
-or the CRC-32 is not, one byte is dropped and the search begins anew behind it, so that a frame is
-found whatever stands before it, even within what a damaged or cut frame claims as its own.
+A header is valid if SOF, version, reserved fields, length and CRC-16 are right. If one of these or
+the CRC-32 is wrong, one byte is dropped and the search starts again behind it. So a frame is found
+whatever precedes it, even within the bytes that a damaged or cut frame claims.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from tirgeo_ros.dji.protocol.crc import crc16, crc32
 
 HEADER_BYTES = 12
 _CRC32_BYTES = 4
-#: Of a frame with data; 10 bits tell the length.
+#: Of a frame with data; the length field has 10 bits.
 MIN_BYTES, MAX_BYTES = HEADER_BYTES + _CRC32_BYTES, 1023
 MAX_DATA_BYTES = MAX_BYTES - MIN_BYTES
 
-#: All that is fixed in a header. The regular expression engine goes through garbage for us.
+#: Everything that is fixed in a header. The regular expression engine skips garbage fast.
 _HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
 _FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
 _CRC16, _CRC32 = Struct("<H"), Struct("<I")
@@ -35,31 +35,34 @@ PLAIN, _AES_256 = 0, 1
 
 
 class Frame(NamedTuple):
-    """A frame whose check sums are right."""
+    """Hold a frame whose check sums are right."""
 
     offset: int  # of its first byte in the stream
     length: int  # of the whole, bytes
     session: int  # 0: no ack is wanted
     is_ack: bool
-    encryption: int  # 0 plain, 1 AES-256, others unknown; what it came with
-    padding: int  # bytes of padding in what was encrypted
+    encryption: int  # as received: 0 plain, 1 AES-256, others unknown
+    padding: int  # bytes of padding in the encrypted data
     sequence: int  # an ack repeats its command's
-    data: bytes  # between header and CRC-32; without encryption and padding if the key is there
-    is_encrypted: bool  # the data still is
+    data: bytes  # between header and CRC-32; without encryption and padding if the key is known
+    is_encrypted: bool  # whether the data is still encrypted
 
     @property
     def cmd_set(self) -> int | None:
-        """Command set; None for acks (which do not name it), encrypted and shorter data."""
+        """Return the command set; None if the frame does not name it.
+
+        Acks do not name it, nor do encrypted frames and shorter data.
+        """
         return self.data[0] if self._names_command else None
 
     @property
     def cmd_id(self) -> int | None:
-        """Command in its set; None where the set is."""
+        """Return the command within its set; None where the set is None."""
         return self.data[1] if self._names_command else None
 
     @property
     def value(self) -> bytes:
-        """What follows set and command; all the data of an ack; nothing if encrypted."""
+        """Return what follows set and command; all the data of an ack; nothing if encrypted."""
         if self.is_encrypted:
             return b""
         return self.data if self.is_ack else self.data[2:]
@@ -70,18 +73,18 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Bytes in, frames out, the same ones for every cutting of the stream into pieces.
+    """Decode bytes to frames; the result does not depend on how the stream is cut into pieces.
 
     Between calls it holds at most 1022 bytes. The time is linear in the bytes: each is searched
     once for headers, and a header with a right CRC-16 costs one CRC-32 of at most 1023 bytes.
 
-    ``key``: 32 bytes, to decrypt with. DjiError as ``Aes256``.
+    ``key``: 32 bytes, to decrypt with. Raises DjiError as ``Aes256`` does.
     """
 
     def __init__(self, key: bytes | None = None) -> None:
         self._aes = None if key is None else Aes256(key)
         self._held = b""
-        self._needed = HEADER_BYTES  # as long as less is held there is nothing to do
+        self._needed = HEADER_BYTES  # with fewer bytes held there is nothing to do
         self._offset = 0  # of the first held byte in the stream
         self._framed_bytes = 0
         self._counts = dict.fromkeys(
@@ -99,12 +102,12 @@ class FrameReader:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What came, in all.
+        """Return the counts of bytes and frames since the start.
 
         ``bytes``, ``frames``; ``skipped_bytes`` that are in no frame; ``bad_headers``: all but
         CRC-16 or length right; ``bad_crc32``: header right, rest damaged; ``truncated``: the rest
         did not come; ``encrypted``: frames with AES-256, with a key or without; ``undecryptable``:
-        of these, those that the key cannot fit to; ``unknown_encryption``: with another code.
+        of these, those that cannot fit the key; ``unknown_encryption``: with another code.
         """
         return {
             "bytes": self._offset + len(self._held),
@@ -114,23 +117,23 @@ class FrameReader:
 
     @property
     def held(self) -> int:
-        """Bytes that wait for those that follow; 1022 at the most."""
+        """Return the number of bytes that wait for those that follow; 1022 at the most."""
         return len(self._held)
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Frame]:
-        """The frames that are complete with these bytes, in the order of the stream."""
+        """Return the frames that are complete with these bytes, in the order of the stream."""
         self._held += data
         if len(self._held) < self._needed:
             return []
         return self._search(at_end=False)
 
     def rescan(self) -> list[Frame]:
-        """Give up on what has not come in full, and find the frames within it; nothing is held.
+        """Stop waiting for the rest of a frame; return the frames within it. Nothing stays held.
 
-        For the end of a file, for a link that was opened anew, and for one that has been silent
-        for longer than a frame can pause (50 ms): else a cut frame would keep what came behind
-        it until so many bytes have come as its header promised. If the rest of a frame comes
-        after this, it is skipped.
+        Use this at the end of a file, for a link that was opened again, and for one that has been
+        silent for longer than a frame can pause (50 ms). Otherwise a cut frame would hold back
+        what came after it until as many bytes have come as its header promised. If the rest of a
+        frame comes after this, it is skipped.
         """
         return self._search(at_end=True)
 
@@ -151,7 +154,7 @@ class FrameReader:
         return frames
 
     def _length(self, header: bytes) -> int:
-        """What the header says; 0 if it is none."""
+        """Return the header's length field; 0 if the header is invalid."""
         length = header[1] | header[2] << 8
         if (length != HEADER_BYTES and length < MIN_BYTES) or crc16(header):
             self._counts["bad_headers"] += 1
@@ -159,7 +162,7 @@ class FrameReader:
         return length
 
     def _frame(self, at: int, length: int) -> Frame | None:
-        """The frame behind a good header if it is whole."""
+        """Return the frame of a valid header if it is whole and its CRC-32 is right."""
         whole = self._held[at : at + length]
         if len(whole) < length:
             self._counts["truncated"] += 1
@@ -187,7 +190,7 @@ class FrameReader:
         return self._decrypted(frame) if frame.encryption != PLAIN else frame
 
     def _decrypted(self, frame: Frame) -> Frame:
-        """In clear, if it can be; counted."""
+        """Return the frame decrypted, if it can be; count it."""
         known = frame.encryption == _AES_256
         self._counts["encrypted" if known else "unknown_encryption"] += 1
         if frame.length == HEADER_BYTES:
@@ -199,7 +202,7 @@ class FrameReader:
         return frame._replace(is_encrypted=True)
 
     def _tail(self, at: int) -> int:
-        """Where a header may begin of which not all has come."""
+        """Return where an incomplete header may begin."""
         found = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
         return len(self._held) if found < 0 else found
 
@@ -217,10 +220,11 @@ def encode_frame(
     is_ack: bool = False,
     key: bytes | None = None,
 ) -> bytes:
-    """The bytes of a frame; header only if there is no data; encrypted if there is a key.
+    """Return the bytes of a frame; only a header without data; encrypted with a key.
 
-    ``data``: command set, command and value, or the value of an ack. DjiError if it is too long
-    (more than 1007 bytes, 991 with a key), the session is not 0 to 31 or the sequence no u16.
+    ``data``: command set, command and value, or the value of an ack. Raises DjiError if it is too
+    long (more than 1007 bytes, 991 with a key), the session is not 0 to 31 or the sequence is no
+    u16.
     """
     if not 0 <= session <= _SESSIONS or not 0 <= sequence <= 0xFFFF:
         raise DjiError(f"no frame can have session {session} and sequence {sequence}")

@@ -1,7 +1,7 @@
-"""What to tell a person about the serial link: a word, a line and a level.
+"""Describe the serial link for a person: a condition, a message and a level.
 
-The port's own state tells whether it is open; what comes through it tells whether the cable, the
-aircraft's settings, the rate and the key are right.
+The port's own state shows whether it is open. What comes through it shows whether the cable, the
+aircraft's settings, the baud rate and the key are right.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 from tirgeo_ros.dji.link.serial_link import LinkState
 
-#: So long may nothing come; the slowest stream worth having, 5 Hz of RTK, pauses 0.2 s.
+#: Time without data before a warning; the slowest useful stream, 5 Hz of RTK, pauses 0.2 s.
 PATIENCE_S = 2.0
-_STEP_S = 0.1  # between the looks that are remembered
-#: Bytes so soon after a frame are the beginning of one that was cut, not another rate's.
+_STEP_S = 0.1  # smallest interval between the looks that are kept
+#: Bytes within this time after a frame are the beginning of a cut frame, not a wrong baud rate.
 _CUT_FRAME_S = 0.2
 
-#: Of frames that come, as many locked ones (percent) mean that the key is not the aircraft's. Of
-#: those that a wrong key opens, one in 256 looks right by chance.
+#: If at least this percentage of the frames cannot be decrypted, the key is not the aircraft's. Of
+#: those that a wrong key decrypts, one in 256 looks right by chance.
 _LOCKED_PERCENT = 90
 
 #: Rates of DJI's own samples and wrapper, the likelier one first.
@@ -27,7 +27,7 @@ USUAL_BAUDS = (921600, 230400, 115200, 1000000)
 
 
 class Level(IntEnum):
-    """How bad it is; the numbers of a DiagnosticStatus."""
+    """List the severities; the numbers are those of a DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -35,7 +35,7 @@ class Level(IntEnum):
 
 
 class LinkCondition(Enum):
-    """How the link is: the port's states where it is not open, else what comes through it."""
+    """List the link's conditions: states of a port that is not open, else of its data."""
 
     NO_DEVICE = "no_device"
     PERMISSION_DENIED = "permission_denied"
@@ -46,7 +46,7 @@ class LinkCondition(Enum):
     WAITING = "waiting"  # just opened
     SILENT = "silent"  # open, no bytes
     WRONG_BAUD = "wrong_baud"  # bytes, no frame
-    WRONG_KEY = "wrong_key"  # frames, but encrypted with another key or with one that is not given
+    WRONG_KEY = "wrong_key"  # frames, but encrypted with another key, or no key is set
     RECEIVING = "receiving"
 
 
@@ -58,13 +58,13 @@ _LEVELS = {
 
 
 class LinkReport(NamedTuple):
-    """The condition of the link."""
+    """Hold the condition of the link."""
 
     condition: LinkCondition
     level: Level
     message: str  # one line: the port and what to do
     since_s: float  # when it began, by the clock of ``look``
-    bytes_per_s: float  # of the last two seconds
+    bytes_per_s: float  # over the last two seconds
     frames_per_s: float
 
 
@@ -76,7 +76,7 @@ class _Look(NamedTuple):
 
 
 class LinkWatch:
-    """Watches the port ``port`` that is read with ``baud``, and with a key or without."""
+    """Watch the port ``port`` that is read with ``baud``, with a key or without."""
 
     def __init__(self, port: str, baud: int, *, has_key: bool = False) -> None:
         self._port, self._baud, self._has_key = port, baud, has_key
@@ -88,7 +88,7 @@ class LinkWatch:
 
     @property
     def report(self) -> LinkReport | None:
-        """The condition at the last look; None before the first."""
+        """Return the condition at the last look; None before the first."""
         return self._report
 
     def look(
@@ -100,10 +100,10 @@ class LinkWatch:
         frame_count: int,
         locked_count: int = 0,
     ) -> LinkReport | None:
-        """Take the port's state and message, and how many bytes and frames came in all.
+        """Take the port's state and message, and the total numbers of bytes and frames.
 
-        Returns the report if the condition is another than at the last look, else None.
-        ``now_s``: a steady clock's. ``locked_count``: of the frames those that no key opened.
+        Returns the report if the condition has changed since the last look, else None. ``now_s``:
+        of a monotonic clock. ``locked_count``: number of frames that were not decrypted.
         """
         if state is LinkState.OPEN:
             condition = self._listen(_Look(now_s, byte_count, frame_count, locked_count))
@@ -128,7 +128,7 @@ class LinkWatch:
 
     @property
     def _locked(self) -> bool:
-        """Whether nearly all frames of the last two seconds are locked."""
+        """Return whether nearly all frames of the last two seconds are still encrypted."""
         first, last = self._looks[0], self._last
         locked = last.locked_count - first.locked_count
         return 0 < _LOCKED_PERCENT * (last.frame_count - first.frame_count) <= 100 * locked

@@ -1,6 +1,6 @@
-"""The serial port: opened, read, and opened anew by itself after the cable was pulled.
+"""Open and read the serial port, and open it again after the cable was pulled.
 
-Nothing about the cable is raised: ``state`` is a word for it and ``message`` a line for a person.
+Errors of the cable are not raised: ``state`` names them and ``message`` is a line for a person.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from pathlib import Path
 from tirgeo_ros.dji.link.serial_port import Opener, Port, pyserial_opener
 
 #: How long to wait for more once bytes have come. At 921600 baud 3 ms bring 280 bytes, about a
-#: frame: so the port is read 300 times a second at the most and nothing comes later by more.
+#: frame. So the port is read at most 300 times a second, and the added delay is no longer than
+#: this.
 _GATHER_S = 0.003
 _READ_BYTES = 65536
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between tries to open
-_IDENTITY_PERIOD_S = 0.4  # a silent port is looked up so often
+_IDENTITY_PERIOD_S = 0.4  # how often a silent port's path is checked
 
 
 class LinkState(Enum):
-    """How the port is."""
+    """List the states of the port."""
 
     NO_DEVICE = "no_device"
     PERMISSION_DENIED = "permission_denied"
@@ -60,41 +61,41 @@ _MESSAGES = {
 
 
 class SerialLink:
-    """The port at ``port`` with ``baud``, 8 data bits, no parity, 1 stop bit.
+    """Read and write the port ``port`` with ``baud``, 8 data bits, no parity, 1 stop bit.
 
-    One thread reads; others may write and close. ``opener`` opens the port, pyserial's by
-    default. DjiError if pyserial is not installed.
+    One thread reads; others may write and close. ``opener`` opens the port, pyserial's by default.
+    Raises DjiError if pyserial is not installed.
     """
 
     def __init__(self, port: str, baud: int, opener: Opener | None = None) -> None:
         self._port, self._baud = port, baud
         self._opener = opener or pyserial_opener()
         self._handle: Port | None = None
-        self._guard = threading.Lock()  # nobody closes the handle while it is used
+        self._guard = threading.Lock()  # nobody may close the handle while it is used
         self._closed = threading.Event()
         self._poll = select.poll()
         self._state = LinkState.NO_DEVICE
         self._reason = ""
         self._pause_s = 0.0
         self._next_try_s = self._looked_up_s = time.monotonic()
-        self.openings = 0  # so often was it opened
-        self.gathered_s = 0.0  # since the first byte of the last batch, when that was read
+        self.openings = 0  # number of times that it was opened
+        self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
     @property
     def state(self) -> LinkState:
-        """How the port is now."""
+        """Return the port's current state."""
         return self._state
 
     @property
     def message(self) -> str:
-        """The state in a line for a person: port, what to do, cause."""
+        """Return the state as a line for a person: port, what to do, cause."""
         reason = f" ({self._reason})" if self._reason else ""
         return f"{self._port}: {_MESSAGES[self._state]}{reason}"
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come, in one batch; waits so long for the first byte. b"" if nothing came.
+        """Return what has come, in one batch; wait ``timeout_s`` for the first byte.
 
-        Opens the port if it is not open and time for a try.
+        Returns b"" if nothing has come. Opens the port if it is not open and the next try is due.
         """
         handle = self._handle or self._try_to_open(timeout_s)
         if handle is None:
@@ -106,7 +107,7 @@ class SerialLink:
             return b""
 
     def write(self, data: bytes) -> bool:
-        """Send; False if the port is not open or does not take it all."""
+        """Send; return False if the port is not open or does not accept all bytes."""
         with self._guard:
             if self._handle is None:
                 return False
@@ -116,7 +117,7 @@ class SerialLink:
                 return False  # the next read finds out whether the port is gone
 
     def close(self) -> None:
-        """Give the port back for good; a read that waits still returns within its time-out."""
+        """Close the port for good; a waiting read still returns within its time-out."""
         self._closed.set()
         self._drop()
 
@@ -131,14 +132,14 @@ class SerialLink:
             if self._handle is not handle:  # closed meanwhile
                 return b""
             data = os.read(number, _READ_BYTES)
-        if not data:  # something to read and nothing there: it hung up
+        if not data:  # readable, but without data: the device hung up
             raise OSError(errno.EIO, "it hung up")
         self._looked_up_s = time.monotonic()
         self.gathered_s = self._looked_up_s - ready_s
         return data
 
     def _look_up(self, number: int) -> None:
-        """Raise OSError if the silent port's path is gone or is another device's by now."""
+        """Raise OSError if the silent port's path is gone or now belongs to another device."""
         now_s = time.monotonic()
         if now_s - self._looked_up_s < _IDENTITY_PERIOD_S:
             return
@@ -162,7 +163,7 @@ class SerialLink:
         self._next_try_s = time.monotonic() + self._pause_s
         state = _state(error)
         if state is LinkState.NO_DEVICE and self._state is LinkState.LOST:
-            return  # as long as it is away the cause is told that it went with
+            return  # keep the reason why the port was lost for as long as it is away
         self._state, self._reason = state, _reason(error)
 
     def _opened(self, handle: Port) -> Port | None:

@@ -1,4 +1,4 @@
-"""How a serial port is opened: by pyserial, raw, for this program alone."""
+"""Open a serial port with pyserial: raw, and for this program alone."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from typing import Any, Protocol
 
 from tirgeo_ros.core.types.errors import DjiError
 
-#: A write waits so long for a port that does not take its bytes.
+#: A write waits this long for a port that does not accept its bytes.
 _WRITE_TIMEOUT_S = 0.05
-#: A rate that every driver takes, for a pseudo-terminal, where the rate means nothing.
+#: A rate that every driver accepts, for a pseudo-terminal, where the rate means nothing.
 _ANY_BAUD = 38400
 _PTY_MAJORS = range(136, 144)  # of Linux: Documentation/admin-guide/devices.txt
 
 
 class Port(Protocol):
-    """An open serial port, as pyserial's."""
+    """Specify an open serial port, as pyserial's."""
 
     def fileno(self) -> int:
         """Return the file descriptor to read from, which does not block."""
 
     def write(self, data: bytes, /) -> int | None:
-        """Send; OSError if the port is gone or takes nothing."""
+        """Send; raises OSError if the port is gone or accepts nothing."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
-#: Opens the port of a path with a baud rate. OSError with the cause's number, or without one if
-#: the device is no serial port; ValueError if its driver does not know the rate.
+#: Opens the port of a path with a baud rate. Raises OSError with the cause's number, or without
+#: one if the device is no serial port; ValueError if its driver does not know the rate.
 Opener = Callable[[str, int], Port]
 
 
 def pyserial_opener() -> Opener:
-    """Return what opens ports in earnest. DjiError if pyserial is not installed."""
+    """Return the function that opens real ports. Raises DjiError if pyserial is not installed."""
     try:
         from serial import Serial  # noqa: PLC0415 - only who has a cable needs it
     except ImportError as error:
@@ -66,7 +66,7 @@ def _opened(make: Callable[..., Any], path: str, baud: int) -> Port:
         if code == errno.EINVAL:
             raise ValueError(f"the driver refuses {baud} baud") from error
         raise OSError(code, reason) from error
-    # An adapter of FTDI holds bytes back for 16 ms otherwise; others do not know it.
+    # An FTDI adapter holds bytes back for 16 ms otherwise; others do not know this mode.
     with suppress(OSError, ValueError):
         port.set_low_latency_mode(True)
     return port  # type: ignore[no-any-return]

@@ -1,9 +1,10 @@
-"""The broadcast push (set 02, id 00): a mask, then the parts that it names, in three layouts.
+"""Decode and encode the broadcast push (set 02, id 00): a mask, then the parts that it names.
 
-The frame does not say which layout it has; its length does. No length fits two layouts for the
-same mask but where the parts are the same bytes with the same meaning, so a frame is read in the
-layout that fits, the newest first; what fits none is refused. That holds for the M100's other
-meaning of bits 6 to 11 as well, hence nobody has to name the aircraft.
+There are three layouts. The frame does not contain its layout, but its length identifies it. For
+the same mask, no length fits two layouts unless the parts have the same bytes and the same
+meaning. So a frame is decoded in the layout that fits, the newest first, and refused if none does.
+This holds for the M100's other meaning of bits 6 to 11 as well, hence nobody has to name the
+aircraft.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _MASK = struct.Struct("<H")
 
 
 class Layout(Enum):
-    """Which firmware packed a broadcast."""
+    """List the layouts, by the firmware that packs them."""
 
     MODERN = "a3_osdk33"  # A3, N3, M600 with a firmware of 2017 or later (3.2.41 and so on)
     LEGACY = "a3_osdk31"  # M600 with 3.2.15.62, A3 with 3.1
@@ -45,10 +46,11 @@ class Layout(Enum):
 
 
 class Broadcast(NamedTuple):
-    """One broadcast in the aircraft's own units (``broadcast_parts``); an absent part is None.
+    """Hold one broadcast in the aircraft's own units (``broadcast_parts``).
 
-    Axes: ``quaternion_wxyz`` turns body FRD into ground NED; ``acceleration_as_packed`` is in g or
-    m/s2, of the axes that DJI Assistant is set to (raw: g, FRD).
+    An absent part is None. Axes: ``quaternion_wxyz`` turns body FRD into ground NED.
+    ``acceleration_as_packed`` is in g or m/s2, in the axes that DJI Assistant is set to (raw: g,
+    FRD).
     """
 
     layout: Layout = Layout.MODERN
@@ -58,7 +60,7 @@ class Broadcast(NamedTuple):
     velocity: Velocity | None = None
     angular_rate_radps: Vector | None = None
     position: Position | None = None
-    relative_position: RelativePosition | None = None  # comes and goes with ``position``
+    relative_position: RelativePosition | None = None  # shares the bit of ``position``
     gps: Gps | None = None
     rtk: Rtk | None = None
     mag: tuple[int, int, int] | None = None
@@ -71,7 +73,7 @@ class Broadcast(NamedTuple):
 
     @property
     def mask(self) -> int:
-        """The frame's mask: a bit for each part that is there."""
+        """Return the frame's mask: a bit for each part that is present."""
         return sum(
             {1 << bit for bit, part in _LAYOUTS[self.layout] if self[part.slot] is not None}
         )
@@ -176,17 +178,17 @@ _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
 
 
 class _Plan(NamedTuple):
-    """How to read or write the frames of one mask in one layout."""
+    """Hold how to read or write the frames of one mask in one layout."""
 
     layout: Layout
     whole: struct.Struct
     parts: tuple[tuple[int, int, int, Callable[[tuple[Any, ...]], Any]], ...]  # slot, from, to
 
 
-# At most 2**16 masks in three layouts could be asked for; an aircraft sends a handful.
+# Up to 2**16 masks in three layouts could be requested; an aircraft sends a handful.
 @lru_cache(maxsize=256)
 def _plan(layout: Layout, mask: int) -> _Plan | None:
-    """None where the layout has no meaning for a bit of the mask."""
+    """Return the plan; None where the layout does not define a bit of the mask."""
     if mask & ~sum({1 << bit for bit, _ in _LAYOUTS[layout]}):
         return None
     form, at, parts = "<H", 1, []
@@ -210,13 +212,19 @@ def _fitting(mask: int, length: int) -> _Plan | None:
 
 
 def broadcast_length(layout: Layout, mask: int) -> int | None:
-    """Bytes of a broadcast's value, mask included; None where the layout lacks a bit."""
+    """Return the bytes of a broadcast's value, mask included.
+
+    Returns None where the layout lacks a bit.
+    """
     plan = _plan(layout, mask)
     return None if plan is None else plan.whole.size
 
 
 def decode_broadcast(value: bytes) -> Broadcast | None:
-    """Read a broadcast's value (what follows set and id); None where no layout has its length."""
+    """Decode a broadcast's value (what follows set and id).
+
+    Returns None where no layout has its length.
+    """
     if len(value) < _MASK.size:
         return None
     plan = _fitting(value[0] | value[1] << 8, len(value))
@@ -231,9 +239,12 @@ def decode_broadcast(value: bytes) -> Broadcast | None:
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
-    """A broadcast's value. DjiError for a part or a number that its layout cannot hold."""
+    """Encode a broadcast's value.
+
+    Raises DjiError for a part or number that the layout cannot hold.
+    """
     plan = _plan(broadcast.layout, broadcast.mask)
-    assert plan is not None  # the mask is of the layout's own bits
+    assert plan is not None  # ``mask`` contains only bits of the layout
     _refuse_strays(broadcast, plan)
     numbers: list[Any] = [broadcast.mask]
     for slot, start, stop, _ in plan.parts:
@@ -251,7 +262,7 @@ def encode_broadcast(broadcast: Broadcast) -> bytes:
 
 
 def _refuse_strays(broadcast: Broadcast, plan: _Plan) -> None:
-    """Refuse parts that the layout has no bit for: they would be lost unseen."""
+    """Refuse parts for which the layout has no bit: they would be lost silently."""
     given = {slot for slot, part in enumerate(broadcast) if slot and part is not None}
     strays = given - {slot for slot, *_ in plan.parts}
     if strays:

@@ -1,8 +1,8 @@
-"""What a broadcast or a subscription push holds, part by part, in the aircraft's own units.
+"""Define the parts of a broadcast or a subscription push, in the aircraft's own units.
 
-Every part is a plain number, a tuple or a named tuple whose fields are named as the aircraft
-packs them: the unit is in the name, the order is that of the bytes. Axes are the aircraft's (FRD,
-NED, or north-east-up where a part says so). A field that a layout lacks is None.
+Every part is a plain number, a tuple or a named tuple whose fields are named as the aircraft packs
+them: the unit is in the name, the order is that of the bytes. Axes are the aircraft's (FRD, NED,
+or north-east-up where a part says so). A field that a layout lacks is None.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 class Time(NamedTuple):
-    """The aircraft's clock at the frame, since power-up; the sync pulse's stamp."""
+    """Hold the aircraft's clock at the frame, since power-up, and the sync pulse's stamp."""
 
     time_ms: int
     time_ns: int
@@ -24,24 +24,24 @@ class Time(NamedTuple):
 
 
 class Velocity(NamedTuple):
-    """Velocity over ground: north, east, up (z is not NED's)."""
+    """Hold the velocity over ground: north, east, up (z is not NED's)."""
 
     xyz_mps: Vector
     info: int = 0
 
     @property
     def health(self) -> int:
-        """1 where GPS is used."""
+        """Return 1 where GPS is used."""
         return self.info & 1
 
     @property
     def sensor_id(self) -> int:
-        """The sensor's number; the old layouts alone have it."""
+        """Return the sensor's number; only the old layouts have it."""
         return self.info >> 1 & 0xF
 
 
 class Position(NamedTuple):
-    """The fused position; its altitude is barometric, not the ellipsoid's."""
+    """Hold the fused position; its altitude is barometric, not the ellipsoid's."""
 
     lat_rad: float
     lon_rad: float
@@ -51,7 +51,7 @@ class Position(NamedTuple):
 
 
 class RelativePosition(NamedTuple):
-    """Distances to obstacles; bits of health in the same order."""
+    """Hold distances to obstacles, and bits of health in the same order."""
 
     down_m: float
     front_m: float
@@ -63,7 +63,7 @@ class RelativePosition(NamedTuple):
 
 
 class GpsDetail(NamedTuple):
-    """What the GPS receiver tells of its solution."""
+    """Hold details of the GPS receiver's solution."""
 
     hdop: float
     pdop: float
@@ -78,7 +78,7 @@ class GpsDetail(NamedTuple):
 
 
 class Gps(NamedTuple):
-    """The ordinary GPS; longitude comes first."""
+    """Hold the ordinary GPS's data; longitude comes first."""
 
     date: int  # yyyymmdd
     time: int  # hhmmss
@@ -90,7 +90,7 @@ class Gps(NamedTuple):
 
 
 class Rtk(NamedTuple):
-    """The RTK receiver; longitude comes first."""
+    """Hold the RTK receiver's data; longitude comes first."""
 
     date: int  # yyyymmdd
     time: int  # hhmmss
@@ -104,7 +104,7 @@ class Rtk(NamedTuple):
 
 
 class Rc(NamedTuple):
-    """The remote control's sticks and switches, +-10000."""
+    """Hold the remote control's sticks and switches, +-10000."""
 
     roll: int
     pitch: int
@@ -115,7 +115,7 @@ class Rc(NamedTuple):
 
 
 class Gimbal(NamedTuple):
-    """The gimbal's angles as broadcast; the subscription has another order."""
+    """Hold the gimbal's angles as broadcast; the subscription has another order."""
 
     roll_deg: float
     pitch_deg: float
@@ -124,22 +124,22 @@ class Gimbal(NamedTuple):
 
     @property
     def pitch_limit(self) -> int:
-        """1 at the end of the axis."""
+        """Return 1 at the end of the axis."""
         return self.limits & 1
 
     @property
     def roll_limit(self) -> int:
-        """1 at the end of the axis."""
+        """Return 1 at the end of the axis."""
         return self.limits >> 1 & 1
 
     @property
     def yaw_limit(self) -> int:
-        """1 at the end of the axis."""
+        """Return 1 at the end of the axis."""
         return self.limits >> 2 & 1
 
 
 class Status(NamedTuple):
-    """State of flight (0 stopped, 1 on the ground, 2 in the air); the rest is in new layouts."""
+    """Hold the flight state (0 stopped, 1 on the ground, 2 in the air) and more in new layouts."""
 
     flight: int
     mode: int | None = None
@@ -148,7 +148,7 @@ class Status(NamedTuple):
 
 
 class Battery(NamedTuple):
-    """The battery; the old layouts have the percentage alone."""
+    """Hold the battery's data; the old layouts have the percentage alone."""
 
     capacity_mah: int | None
     voltage_mv: int | None
@@ -157,29 +157,29 @@ class Battery(NamedTuple):
 
 
 class Device(NamedTuple):
-    """Who controls the aircraft."""
+    """Hold who controls the aircraft."""
 
     control_mode: int
     bits: int
 
     @property
     def device_status(self) -> int:
-        """0 remote control, 1 app, 2 serial (4 on M300)."""
+        """Return 0 for remote control, 1 app, 2 serial (4 on M300)."""
         return self.bits & 7
 
     @property
     def flight_status(self) -> int:
-        """1 where the serial line has the control."""
+        """Return 1 where the serial line has the control."""
         return self.bits >> 3 & 1
 
     @property
     def vrc_status(self) -> int:
-        """1 where a virtual remote control is on."""
+        """Return 1 where a virtual remote control is on."""
         return self.bits >> 4 & 1
 
 
 class GpsFused(NamedTuple):
-    """The fused position as subscribed; longitude first, altitude barometric."""
+    """Hold the fused position as subscribed; longitude first, altitude barometric."""
 
     lon_rad: float
     lat_rad: float
@@ -188,7 +188,7 @@ class GpsFused(NamedTuple):
 
 
 class GpsPosition(NamedTuple):
-    """The ordinary GPS's position as subscribed: longitude and latitude in 1e-7 deg, mm MSL."""
+    """Hold the GPS position as subscribed: longitude and latitude in 1e-7 deg, mm MSL."""
 
     x_raw: int
     y_raw: int
@@ -196,7 +196,7 @@ class GpsPosition(NamedTuple):
 
 
 class RtkPosition(NamedTuple):
-    """The RTK position as subscribed."""
+    """Hold the RTK position as subscribed."""
 
     lon_deg: float
     lat_deg: float
@@ -204,7 +204,7 @@ class RtkPosition(NamedTuple):
 
 
 class GimbalAngles(NamedTuple):
-    """The gimbal's angles as subscribed: pitch first."""
+    """Hold the gimbal's angles as subscribed: pitch first."""
 
     pitch_deg: float
     roll_deg: float
@@ -212,12 +212,12 @@ class GimbalAngles(NamedTuple):
 
 
 class HardSync(NamedTuple):
-    """Attitude (FRD to NED), specific force and rate (FRD) of one tick of 2.5 ms."""
+    """Hold attitude (FRD to NED), specific force and rate (FRD) of one tick of 2.5 ms."""
 
     time2p5ms: int
-    time1ns: int  # from that tick
+    time1ns: int  # since that tick
     reset_time2p5ms: int  # ticks since the sync began
-    tag: int  # the pulse's
+    tag: int  # number of the pulse
     flag: int  # 1 at the pulse
     q_wxyz: Quaternion
     accel_g: Vector
@@ -225,7 +225,7 @@ class HardSync(NamedTuple):
 
 
 def flat(part: object) -> list[float]:
-    """The numbers of a part in the order of their bytes; what is None is left out."""
+    """Return the numbers of a part in the order of their bytes, without None."""
     if part is None:
         return []
     if isinstance(part, tuple):

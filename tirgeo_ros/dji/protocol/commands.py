@@ -1,8 +1,8 @@
-"""What a host asks of the aircraft, and its answers: bytes of frames' data, both directions.
+"""Encode and decode a host's requests and the aircraft's answers, as the data of frames.
 
-A request goes out as command set, command id and value; an answer (ack) holds the value alone and
-is told by the session and sequence of its frame. All numbers are little-endian. The host
-(``dji.host.session``) encodes requests and decodes acks, a simulated aircraft does the reverse.
+A request is sent as command set, command id and value. An answer (ack) holds the value alone and
+is matched by the session and sequence of its frame. All numbers are little-endian. The host
+(``dji.host.session``) encodes requests and decodes acks; a simulated aircraft does the reverse.
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ _HARDWARE_FIRMWARE = re.compile(
 
 
 class GetVersion(NamedTuple):
-    """00/00: who is there; the byte is arbitrary."""
+    """Ask for the version (00/00); the byte is arbitrary."""
 
     filler: int = 0
 
 
 class Activate(NamedTuple):
-    """00/01: unlock what needs an application's leave, such as the subscription."""
+    """Activate the application (00/01), which unlocks for example the subscription."""
 
     app_id: int
     firmware: Firmware
 
 
 class SetRates(NamedTuple):
-    """00/10: a rate code for each of the broadcast's 16 mask bits."""
+    """Set a rate code for each of the broadcast's 16 mask bits (00/10)."""
 
     codes: tuple[int, ...]
 
 
 class MatchVersion(NamedTuple):
-    """0B/00: the version of the subscription's topics."""
+    """Match the version of the subscription's topics (0B/00)."""
 
     version: int = SUBSCRIPTION_VERSION
 
 
 class AddPackage(NamedTuple):
-    """0B/01: push these topics back to back, so often."""
+    """Add a package (0B/01): push these topics one after the other, at this rate."""
 
     id: int  # 0 to 4
     rate_hz: int
@@ -68,11 +68,11 @@ class AddPackage(NamedTuple):
 
 
 class ResetPackages(NamedTuple):
-    """0B/02: forget all packages; the aircraft keeps those of a host that went away."""
+    """Remove all packages (0B/02); the aircraft keeps those of a host that went away."""
 
 
 class RemovePackage(NamedTuple):
-    """0B/03: forget one package."""
+    """Remove one package (0B/03)."""
 
     id: int
 
@@ -95,13 +95,12 @@ _KINDS = {opcode: kind for kind, opcode in OPCODES.items()}
 
 
 def encode_request(request: Request) -> bytes:
-    """Command set, command id and value.
+    """Encode command set, command id and value.
 
     Raises
     ------
     DjiError
         A number does not fit its field, or there are not 16 rate codes.
-
     """
     try:
         return bytes(OPCODES[type(request)]) + _encode_value(request)
@@ -130,7 +129,10 @@ def _encode_value(request: Request) -> bytes:
 
 
 def decode_request(data: bytes) -> Request | None:
-    """Return what a host's frame asks; None for another command or a value of wrong length."""
+    """Return the request in a host's frame.
+
+    Returns None for another command or a value of wrong length.
+    """
     kind = _KINDS.get((data[0], data[1])) if len(data) >= 2 else None
     try:
         return None if kind is None else _decode_value(kind, data[2:])
@@ -161,14 +163,14 @@ def _decode_add_package(value: bytes) -> AddPackage:
 
 
 class VersionAck(NamedTuple):
-    """What the aircraft says of itself."""
+    """Hold the aircraft's identity, from the ack to 00/00."""
 
     code: int  # 0 activated, ``NOT_ACTIVATED``
     serial: str
     name: str  # ends in hardware and firmware, "... PM820V3PRO-3.2.41.13"
-    hardware: str  # "" if the name does not tell
+    hardware: str  # "" if the name does not contain it
     firmware: Firmware | None
-    crc: int | None = None  # firmware before 3.2 alone
+    crc: int | None = None  # only from firmware before 3.2
 
 
 def encode_version_ack(
@@ -189,9 +191,9 @@ def encode_version_ack(
 
 
 def decode_version_ack(value: bytes) -> VersionAck | None:
-    """Return what an ack to 00/00 says; None if it is too short to hold a code.
+    """Decode an ack to 00/00; None if it is too short to hold a code.
 
-    The CRC stands before the serial number with firmware before 3.2, which the name tells.
+    In firmware before 3.2, which the name contains, a CRC precedes the serial number.
     """
     if len(value) < 2:
         return None
@@ -212,7 +214,7 @@ def _hardware_firmware(match: re.Match[bytes]) -> tuple[str, Firmware | None]:
 
 
 def _text(raw: bytes) -> str:
-    """Printable ASCII up to the first NUL."""
+    """Return the printable ASCII up to the first NUL."""
     characters = raw.partition(b"\0")[0].decode("ascii", "replace")
     return "".join(c if c.isprintable() and c.isascii() else "?" for c in characters).strip()
 

@@ -1,21 +1,21 @@
-"""The two check sums of the OPEN protocol.
+"""Compute the two check sums of the OPEN protocol.
 
-Both are reflected, start from a shift register of 0x3AA3 and end without an XOR. Over a text
-with its own check sum behind it (little-endian) each is 0.
+Both are reflected, start from a shift register of 0x3AA3 and end without an XOR. Computed over
+data that is followed by its own check sum (little-endian), each is 0.
 """
 
 from __future__ import annotations
 
 import zlib
 
-#: The shift register at the start, of both.
+#: Initial value of both shift registers.
 START = 0x3AA3
 _POLYNOMIAL_16 = 0xA001  # 0x8005 reflected
 _ALL_ONES = 0xFFFFFFFF
 
 
 def _table() -> tuple[int, ...]:
-    """What eight shifts do to each value of the low byte."""
+    """Return the effect of eight shifts on each value of the low byte."""
     entries = []
     for value in range(256):
         register = value
@@ -29,7 +29,7 @@ _TABLE_16 = _table()
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16 of a header's first ten bytes; 0 over all twelve of an intact header."""
+    """Return the CRC-16 of a header's first ten bytes; 0 over all twelve of an intact header."""
     register = START
     for byte in data:
         register = (register >> 8) ^ _TABLE_16[(register ^ byte) & 0xFF]
@@ -37,9 +37,9 @@ def crc16(data: bytes) -> int:
 
 
 def crc32(data: bytes) -> int:
-    """CRC-32 of a frame without its last four bytes; 0 over the whole of an intact frame.
+    """Return the CRC-32 of a frame without its last four bytes; 0 over the whole intact frame.
 
-    zlib's has the same polynomial, but inverts the register before the first byte and after the
-    last.
+    zlib's CRC-32 has the same polynomial, but inverts the register before the first byte and after
+    the last.
     """
     return zlib.crc32(data, START ^ _ALL_ONES) ^ _ALL_ONES

@@ -1,4 +1,4 @@
-"""A table of packages in the form of a YAML file: what a person writes who knows what was asked.
+"""Read a table of packages from a YAML tree, for a person who knows what was requested.
 
 As read from the file::
 
@@ -26,9 +26,10 @@ _MAX_RATE_HZ = 400
 
 
 def package_table(tree: object, file: str) -> PackageTable:
-    """The table that a YAML file's content means.
+    """Return the table that a YAML file's content describes.
 
-    ``file``: its name, for messages. DjiError, naming file and key, for what is none.
+    ``file``: its name, for messages. Raises DjiError, naming file and key, if the content is
+    invalid.
     """
     if not isinstance(tree, Mapping) or list(tree) != [_ROOT]:
         raise DjiError(f"{file}: no table of packages: it needs {_ROOT}: ID: TOPICS and so on")
@@ -92,7 +93,7 @@ def _topics(names: object, where: str) -> tuple[Topic, ...]:
 
 
 def _topic(name: Any, where: str) -> Topic:
-    """A topic by its name or its number."""
+    """Return a topic by its name or its number."""
     if _is_number(name) and name in BY_UID:
         return BY_UID[name]
     if isinstance(name, str) and name in BY_NAME:
@@ -107,7 +108,7 @@ def _hint(name: object, known: Any) -> str:
 
 
 def _refuse_doubles(packages: list[Package], file: str) -> None:
-    """The aircraft refuses a topic that another package holds."""
+    """Refuse a topic in two packages, since the aircraft does."""
     holder: dict[str, int] = {}
     for package in packages:
         for topic in package.topics:

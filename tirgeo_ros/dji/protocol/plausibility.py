@@ -1,7 +1,8 @@
-"""Whether a push can be what its package says: a wrong table may have the right length.
+"""Check whether a push can be what its package says: a wrong table may have the right length.
 
-A topic is doubtful where it holds what no aircraft could mean. The bounds are wide on purpose: of
-the physical world, or of what the protocol can say; what is merely bad is for others to judge.
+A topic is doubtful if it holds values that no aircraft could mean. The bounds are wide on purpose:
+those of the physical world, or of what the protocol can express. Data that is merely bad is judged
+elsewhere.
 """
 
 from __future__ import annotations
@@ -21,21 +22,21 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
 )
 from tirgeo_ros.dji.protocol.subscription import Push
 
-#: A unit quaternion of 32-bit numbers is off by 1e-7; the rest is room for the aircraft's sums.
+#: A unit quaternion of 32-bit numbers is off by 1e-7; the rest allows for the aircraft's sums.
 QUATERNION_TOLERANCE = 1e-2
 
-_MAX_SPEED_M_S = 150.0  # three times what any of DJI's aircraft flies in the strongest wind
+_MAX_SPEED_M_S = 150.0  # three times the speed of any of DJI's aircraft in the strongest wind
 _MAX_ACCELERATION_G = 32.0  # the widest range of small accelerometers
 _MAX_RATE_RAD_S = math.radians(4000)  # the widest range of small gyroscopes
 _G = 9.81
 _MAX_HEIGHT_M = 2e4
-_MAX_ANGLE_DEG = 720.0  # whatever turn an angle is counted in
+_MAX_ANGLE_DEG = 720.0  # however many turns an angle has counted
 _MAX_PERCENT = 100
 _MAX_LEVEL = 5
 
 
 def doubtful(push: Push) -> list[str]:
-    """The names of the topics that cannot be what the package says; empty for most."""
+    """Return the names of the topics that cannot be what the package says; usually none."""
     return [
         name
         for name, value in push.values.items()
@@ -52,7 +53,7 @@ def _quaternion(q_wxyz: Sequence[float]) -> bool:
 
 
 def _within(bound: float) -> Callable[[Any], bool]:
-    """Every number's size, or the one number's."""
+    """Return a check that a number, or all numbers of a tuple, are at most ``bound`` in size."""
 
     def check(value: Any) -> bool:
         numbers = value if isinstance(value, tuple) else (value,)
@@ -79,7 +80,7 @@ def _hard_sync(sync: HardSync) -> bool:
 
 
 def _on_earth(latitude_deg: float, longitude_deg: float) -> bool:
-    # A little more than the ends, for what is rounded on its way through radians.
+    # A little beyond the limits, for values that were rounded on their way through radians.
     return abs(latitude_deg) <= 90.001 and abs(longitude_deg) <= 180.001
 
 
@@ -89,7 +90,7 @@ def _gps_fused(fused: GpsFused) -> bool:
 
 
 def _gps_position(position: GpsPosition) -> bool:
-    # Which of the two is the latitude is disputed.
+    # It is disputed which of the two is the latitude.
     x, y = position.x_raw * 1e-7, position.y_raw * 1e-7
     return (_on_earth(y, x) or _on_earth(x, y)) and _height(position.z_raw * 1e-3)
 
@@ -99,7 +100,7 @@ def _rtk_position(position: RtkPosition) -> bool:
 
 
 def _date(yyyymmdd: int) -> bool:
-    """A date, or 0 before the satellites have told it."""
+    """Return whether it is a date, or 0 as before the satellites have sent one."""
     month, day = yyyymmdd // 100 % 100, yyyymmdd % 100
     return yyyymmdd == 0 or (yyyymmdd < 10**8 and 1 <= month <= 12 and 1 <= day <= 31)
 

@@ -1,8 +1,8 @@
-"""The names under which ``tirgeo dump`` prints what a frame holds, raw values and SI beside them.
+"""Name the fields that ``tirgeo dump`` prints for a frame, raw values with SI values beside them.
 
-A number that is 32 bits wide on the wire is given with the nine digits that tell it from its
-neighbours (0.1, not 0.10000000149011612); what is computed from it starts from the full value.
-NaN and infinities stay as they are: whoever writes JSON makes them null.
+A number that is 32 bits wide on the wire is given with the nine digits that distinguish it from
+its neighbours (0.1, not 0.10000000149011612). What is computed from it uses the full value. NaN
+and infinities stay as they are: the writer of JSON makes them null.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited
 
 
 def broadcast_fields(broadcast: Broadcast) -> dict[str, Any]:
-    """What a broadcast holds, a key for each part that is there."""
+    """Return the fields of a broadcast, a key for each part that is present."""
     parts = zip(Broadcast._fields[1:], broadcast[1:], strict=True)
     fields = {name: _field(part) for name, part in parts if part is not None}
     if broadcast.velocity is not None and broadcast.layout is not Layout.MODERN:
@@ -46,7 +46,7 @@ def broadcast_fields(broadcast: Broadcast) -> dict[str, Any]:
 
 
 def push_fields(push: Push) -> dict[str, Any]:
-    """What a push holds: the time of its sending, if it has one, and its topics."""
+    """Return the fields of a push: the time of its sending, if it has one, and its topics."""
     fields: dict[str, Any] = {}
     if push.time_ms is not None:
         fields["timestamp"] = {
@@ -68,7 +68,7 @@ def _vector(numbers: Sequence[float]) -> list[float]:
 
 
 def _field(part: Any) -> Any:
-    """A part by its type; numbers and vectors that mean nothing more as they are."""
+    """Return a part's fields by its type; other numbers and vectors as they are."""
     made = _FIELDS.get(type(part))
     if made is not None:
         return made(part)
@@ -101,7 +101,7 @@ def _position(position: Position) -> dict[str, Any]:
 
 
 def _named(part: Any) -> dict[str, Any]:
-    """The fields as they are called; those that the layout lacks are left out."""
+    """Return the fields under their names; those that the layout lacks are left out."""
     names = part._fields
     return _without_none(dict(zip(names, map(_field, part), strict=True)))
 
@@ -170,7 +170,7 @@ def _rtk(rtk: Rtk) -> dict[str, Any]:
 
 
 def _angles(names: Sequence[str], angles_deg: Sequence[float]) -> dict[str, Any]:
-    """Degrees, then radians."""
+    """Return the angles in degrees, then in radians."""
     pairs = list(zip(names, angles_deg, strict=True))
     degrees = {f"{name}_deg": _single(angle) for name, angle in pairs}
     return degrees | {f"{name}_rad": math.radians(angle) for name, angle in pairs}
@@ -262,7 +262,7 @@ _FIELDS: dict[type, Callable[[Any], Any]] = {
     HardSync: _hard_sync,
 }
 
-# Topics whose meaning their type alone does not tell.
+# Topics whose meaning does not follow from their type.
 _TOPICS: dict[str, Callable[[Any], Any]] = {
     "GPS_VELOCITY": _velocity_cmps,
     "RTK_VELOCITY": _velocity_cmps,

@@ -1,7 +1,7 @@
-"""The subscription: packages of topics, and the push (set 02, id 05) that carries one.
+"""Decode and encode the subscription's push (set 02, id 05), which carries a package of topics.
 
-A push names its package and nothing else: what the package holds is known from the request that
-made it (set 0B, id 01), here kept in a ``PackageTable``.
+A push contains the id of its package and not what the package holds. That is known from the
+request that made it (set 0B, id 01), kept here in a ``PackageTable``.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from tirgeo_ros.dji.protocol.broadcast_parts import flat
 from tirgeo_ros.dji.protocol.commands import AddPackage, RemovePackage, Request, ResetPackages
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, BY_UID, Topic
 
-#: What one push can carry: stamp and topics, without the package's id.
+#: Capacity of one push: stamp and topics, without the package's id.
 MAX_DATA_BYTES = 250
 
 
 class Package(NamedTuple):
-    """What one package holds, in the order of its bytes."""
+    """Hold the definition of one package, topics in the order of its bytes."""
 
     id: int
     rate_hz: int
@@ -30,7 +30,7 @@ class Package(NamedTuple):
 
     @classmethod
     def of(cls, number: int, rate_hz: int, with_timestamp: bool, names: Iterable[str]) -> Package:
-        """Make a package of topics by name. DjiError for a name that is no topic's."""
+        """Return a package of topics by name. Raises DjiError for a name that is no topic's."""
         names = tuple(names)
         if unknown := [name for name in names if name not in BY_NAME]:
             raise DjiError(f"package {number}: no topic is called {unknown[0]}")
@@ -38,18 +38,18 @@ class Package(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Bytes of its push's value."""
+        """Return the bytes of its push's value."""
         return _plan(self).whole.size
 
     @property
     def request(self) -> AddPackage:
-        """What asks the aircraft for it."""
+        """Return the request that adds it."""
         uids = tuple(topic.uid for topic in self.topics)
         return AddPackage(self.id, self.rate_hz, self.with_timestamp, uids)
 
 
 class Push(NamedTuple):
-    """One push: when it was sent (the aircraft's clock) and its topics by name."""
+    """Hold one push: when it was sent (the aircraft's clock) and its topics by name."""
 
     package: Package
     time_ms: int | None  # None without a stamp
@@ -96,24 +96,24 @@ USUAL_PACKAGES = (
 
 
 class PackageTable:
-    """What each package holds, as far as it is known. By default the usual ones."""
+    """Hold the packages that are known, by id; by default the usual ones."""
 
     def __init__(self, packages: Iterable[Package] = USUAL_PACKAGES) -> None:
         self._packages = {package.id: package for package in packages}
 
     def __iter__(self) -> Iterator[Package]:
-        """The packages that are known, by id."""
+        """Return the known packages, sorted by id."""
         return iter([self._packages[number] for number in sorted(self._packages)])
 
     def __len__(self) -> int:
         return len(self._packages)
 
     def get(self, number: int) -> Package | None:
-        """The package of that id; None if not known."""
+        """Return the package of that id; None if not known."""
         return self._packages.get(number)
 
     def add(self, package: Package) -> None:
-        """Set a package, instead of any of its id."""
+        """Set a package, replacing one of the same id."""
         self._packages[package.id] = package
 
     def remove(self, number: int) -> None:
@@ -125,11 +125,11 @@ class PackageTable:
         self._packages.clear()
 
     def copy(self) -> PackageTable:
-        """A table of the same packages."""
+        """Return a table of the same packages."""
         return PackageTable(self)
 
     def learn(self, request: Request) -> bool:
-        """Take what a host asked of the aircraft; whether it is about packages.
+        """Apply a host's request to the table; return whether it is about packages.
 
         A package with a topic of unknown length is forgotten: its pushes cannot be read.
         """
@@ -149,7 +149,7 @@ class PackageTable:
 
 
 class _Plan(NamedTuple):
-    """How to read or write the pushes of a package."""
+    """Hold how to read or write the pushes of a package."""
 
     whole: struct.Struct
     topics: tuple[tuple[str, int, int, Callable[[tuple[Any, ...]], Any]], ...]  # name, from, to
@@ -166,9 +166,9 @@ def _plan(package: Package) -> _Plan:
 
 
 def decode_push(value: bytes, table: PackageTable) -> Push | None:
-    """Read a push's value (what follows set and id).
+    """Decode a push's value (what follows set and id).
 
-    None if its package is not known or has another length.
+    Returns None if its package is not known or has another length.
     """
     package = table.get(value[0]) if value else None
     if package is None:
@@ -184,7 +184,7 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
 
 
 def encode_push(push: Push) -> bytes:
-    """A push's value. DjiError for values that its package cannot hold."""
+    """Encode a push's value. Raises DjiError for values that its package cannot hold."""
     plan = _plan(push.package)
     numbers: list[Any] = [push.package.id]
     if push.package.with_timestamp:

@@ -1,4 +1,4 @@
-"""The topics that an aircraft can be subscribed to: number, rate, bytes and meaning of each.
+"""Define the topics of the subscription: number, rate, bytes and meaning of each.
 
 Names, numbers and structures are those of DJI's Onboard SDK 3.9; the values are of
 ``dji.protocol.broadcast_parts``.
@@ -26,7 +26,10 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
 
 
 class Topic(NamedTuple):
-    """One topic; ``make`` brings its numbers into the form of ``dji.protocol.broadcast_parts``."""
+    """Hold one topic.
+
+    ``make`` converts its numbers to a type of ``dji.protocol.broadcast_parts``.
+    """
 
     name: str
     uid: int
@@ -36,12 +39,12 @@ class Topic(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Bytes in a push."""
+        """Return its bytes in a push."""
         return struct.calcsize(f"<{self.form}")
 
     @property
     def numbers(self) -> int:
-        """How many numbers these bytes are."""
+        """Return how many numbers these bytes hold."""
         return len(struct.unpack(f"<{self.form}", bytes(self.length)))
 
 
@@ -57,7 +60,7 @@ def _hard_sync(v: tuple[Any, ...]) -> HardSync:
     return HardSync._make((*v[:5], v[5:9], v[9:12], v[12:]))
 
 
-#: Every topic that can be read. Vectors are tuples, single numbers stand alone.
+#: Every topic that can be read. Vectors are tuples, single numbers are plain.
 TOPICS = (
     Topic("QUATERNION", 0xA493281F, 200, "4f", tuple),  # w, x, y, z; FRD to NED
     Topic("ACCELERATION_GROUND", 0x8696C85B, 200, "3f", tuple),  # m/s2, north-east-up
@@ -77,7 +80,7 @@ TOPICS = (
     Topic("GPS_DETAILS", 0x81FED54E, 5, "6f2I2H", GpsDetail._make),
     Topic("RTK_POSITION", 0x1DF9A6B6, 5, "2df", RtkPosition._make),
     Topic("RTK_VELOCITY", 0x763D13C3, 5, "3f", tuple),  # cm/s, NED
-    Topic("RTK_YAW", 0xF45D73FD, 5, "h", _number),  # deg, baseline of the antennas
+    Topic("RTK_YAW", 0xF45D73FD, 5, "h", _number),  # deg, azimuth of the antennas' baseline
     Topic("RTK_POSITION_INFO", 0xDA4A57B5, 5, "B", _number),
     Topic("RTK_YAW_INFO", 0xCB72B9E3, 5, "B", _number),
     Topic("COMPASS", 0xDF3D72B7, 100, "3h", tuple),

@@ -1,6 +1,6 @@
-"""An aircraft that is not there: what a flight recorded, said again in DJI's serial protocol.
+"""Simulate an aircraft: send a recorded flight again in DJI's serial protocol.
 
-The reverse of the way from bytes to samples (``dji.link.framing``,
+This is the reverse of the way from bytes to samples (``dji.link.framing``,
 ``dji.sources.serial_readings``, ``dji.interpret``), for tests of that way and for a demonstration
 without hardware.
 """

@@ -1,4 +1,4 @@
-"""The aircraft itself: samples of a flight in, frames at their times out, the host answered."""
+"""Simulate the aircraft: samples of a flight in, timed frames out, host requests answered."""
 
 from __future__ import annotations
 
@@ -33,35 +33,35 @@ from tirgeo_ros.dji.simulator.satellites import Satellites
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 _BROADCAST, _PUSH = b"\x02\x00", b"\x02\x05"
-#: Hz of the codes 0 to 7; 5 means the rate as it is and is never one.
+#: Hz of the codes 0 to 7. Code 5 keeps the present rate, so it is never stored.
 _CODE_HZ = (0, 1, 10, 50, 100, 0, 200, 400)
-#: The gimbal is read between its samples, so frames are made when those of so long are known.
+#: The gimbal is interpolated between its samples, so a frame is made this long after its time.
 _AHEAD_S = 0.25
 _AHEAD_NS = round(_AHEAD_S * 1e9)
-#: A sample of the IMU may be so much early, or half of its step, and still be the one that is due.
+#: A sample of the IMU may be early by this much, or by half of its step, and still be due.
 _EARLY_NS = 2_500_000
-#: Further apart, nothing is put between two samples of the IMU.
+#: Nothing is interpolated between two IMU samples that are further apart than this.
 _LONGEST_STEP_NS = 100_000_000
-#: A stamp that goes back by more is another flight, for which it is switched on anew.
+#: A stamp that goes back by more belongs to another flight: the aircraft is switched on again.
 _RESTART_NS = 1_000_000_000
 _SECOND_NS = 1_000_000_000
 
 
 class Outgoing(NamedTuple):
-    """A frame, and when it leaves the aircraft, in the time of the samples' arrival."""
+    """Hold a frame and the time when it leaves the aircraft, in the samples' arrival time."""
 
     time_ns: int
     data: bytes
 
 
 class Aircraft:
-    """Says what a flight recorded as an A3 or M600 would.
+    """Send a recorded flight as an A3 or M600 would.
 
-    Samples are taken in the order of their arrival. At each of the IMU there is a broadcast with
-    the parts that are due; what the receivers said stands in it again and again until they say
-    something new. Packages are pushed at their own rates, with inertial values on the line
-    between two samples. Frames come out later than the samples that they are made of, by a
-    quarter of a second of the flight, with their true times.
+    Samples are taken in the order of their arrival. Each IMU sample gives a broadcast with the
+    parts that are due; it repeats the receivers' newest data until they have new data. Packages
+    are pushed at their own rates, with inertial values interpolated between two samples. Frames
+    are returned a quarter of a second of the flight later than the samples that they are made of,
+    with their true times.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Aircraft:
         activation: Sequence[int] = (0,),
         places: AircraftConfig | None = None,
     ) -> None:
-        """``activation``: as for CommandDesk; ``places``: where its antennas stand."""
+        """Take ``activation`` as CommandDesk does, and ``places``, the antennas' positions."""
         self._config = config = config or SimulatedAircraftConfig()
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
@@ -88,21 +88,21 @@ class Aircraft:
             max_gap_s=_AHEAD_S,
         )
         self._first_ns: int | None = None
-        self._imu: ImuSample | None = None  # the newest that was told
+        self._imu: ImuSample | None = None  # the newest one that was sent
         self._told_ns = 0
-        self._slots: dict[int, int] = {}  # bit of the mask -> period that it was last told in
+        self._slots: dict[int, int] = {}  # bit of the mask -> period in which it was last sent
 
     @property
     def counts(self) -> dict[str, int]:
-        """``broadcasts`` and ``pushes`` made; samples left out: ``invalid``, ``imu_not_later``."""
+        """Return counts: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``."""
         return dict(self._counts)
 
     def answer(self, data: bytes) -> bytes:
-        """What the aircraft writes back to what the host wrote."""
+        """Return what the aircraft writes back to the host's bytes."""
         return self.desk.answer(data)
 
     def take(self, arrival_ns: int, sample: Sample) -> list[Outgoing]:
-        """Take a sample; the frames that are known by now, in the order of their times."""
+        """Take a sample; return the frames that are ready, in the order of their times."""
         if isinstance(sample, JointSample | CameraAttitudeSample):
             if not self._gimbal.take(sample):
                 self._counts["invalid"] += 1
@@ -113,7 +113,7 @@ class Aircraft:
         return self._until(arrival_ns - _AHEAD_NS)
 
     def flush(self) -> list[Outgoing]:
-        """The frames that wait for later samples, at the end of a flight."""
+        """Return the frames that wait for later samples, at the end of a flight."""
         return self._until(self._waiting[-1][0]) if self._waiting else []
 
     def _until(self, arrival_ns: int) -> list[Outgoing]:
@@ -132,7 +132,7 @@ class Aircraft:
         return frames
 
     def _tell(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
-        """The frames of one sample of the IMU and of the time before it."""
+        """Return the frames of one IMU sample and of the time before it."""
         before = self._imu
         if before is not None and imu.stamp_ns <= before.stamp_ns:
             if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
@@ -149,7 +149,7 @@ class Aircraft:
         return [self._in_order(frame) for frame in frames]
 
     def _in_order(self, frame: Outgoing) -> Outgoing:
-        """The link keeps the order of what is written to it."""
+        """Return the frame, not earlier than the one before: the link keeps the order."""
         self._told_ns = max(self._told_ns, frame.time_ns)
         return Outgoing(self._told_ns, frame.data)
 
@@ -220,20 +220,20 @@ class Aircraft:
 
 
 def frames_of(aircraft: Aircraft, samples: Iterable[tuple[int, Sample]]) -> Iterator[Outgoing]:
-    """All frames of a flight, from its samples behind the times of their arrival."""
+    """Yield all frames of a flight from its samples, each with its arrival time."""
     for arrival_ns, sample in samples:
         yield from aircraft.take(arrival_ns, sample)
     yield from aircraft.flush()
 
 
 def _is_sound(sample: NavigationInput) -> bool:
-    """A receiver without a solution may say anything for its place."""
+    """Return whether a sample is usable; a receiver without a solution may send any position."""
     lost = isinstance(sample, PositionSample) and sample.status is FixStatus.NONE
     return lost or not fault_of(sample)
 
 
 def _grid(first_ns: int, after_ns: int, until_ns: int, rate_hz: int) -> Iterator[int]:
-    """The times of a rate, counted from ``first_ns``, that lie in (after, until]."""
+    """Yield the times of a rate, counted from ``first_ns``, that lie in (after, until]."""
     number = (after_ns - first_ns) * rate_hz // _SECOND_NS
     while (stamp_ns := first_ns + -(-number * _SECOND_NS // rate_hz)) <= until_ns:
         if stamp_ns > after_ns:

@@ -1,4 +1,4 @@
-"""What the aircraft does when the host asks: version, activation, rates, packages."""
+"""Answer the host's requests as the aircraft does: version, activation, rates, packages."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _LEGACY_NAME = "SDK-v1.0 BETA PM820V3PRO-3.2.15.62"
 _SERIAL = "0670XXXXXXXXXX"
 _KEEP_RATE, _HIGHEST_RATE = 5, 7
 _ANY_HZ = 400  # of a topic whose highest rate is not documented
-#: Rate codes as such an aircraft is usually set up: attitude, force and rate as often as they are
-#: measured, 50 Hz of what is flown by, 10 Hz of the rest; neither device nor compass.
+#: Usual rate codes of such an aircraft: attitude, force and rate as often as they are measured, 50
+#: Hz for what is used to fly, 10 Hz for the rest; neither device nor compass.
 USUAL_RATES = (7, 7, 7, 3, 7, 3, 3, 3, 2, 3, 3, 3, 2, 2, 0, 0)
-#: Beside packages, which hold the same up to 400 times a second: both would not fit 921600 baud.
+#: Rates beside packages, which hold the same data at up to 400 Hz: both would not fit 921600 baud.
 RATES_BESIDE_PACKAGES = (4, 4, 4, 3, 4, *USUAL_RATES[5:])
 #: Codes of the subscription's answers.
 _LENGTH, _VERSION, _ID, _EXISTS, _UNKNOWN, _RATE, _TOO_LARGE = range(1, 8)
@@ -43,10 +43,10 @@ _EMPTY, _UID, _DENIED, _TOPIC_TAKEN = 0x20, 0x22, 0x23, 0x24
 
 
 class CommandDesk:
-    """Reads the host's frames, answers them, and keeps what they set.
+    """Read the host's frames, answer them, and keep the settings.
 
-    ``activation``: the codes that activations are answered with in turn, the last one again and
-    again; 0 lets the host in.
+    ``activation``: the codes that answer successive activations, the last one repeatedly; 0 is
+    success.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class CommandDesk:
         self._answered: tuple[tuple[int, int, bytes], bytes] | None = None
 
     def answer(self, data: bytes) -> bytes:
-        """The acks to what the host wrote, in any pieces."""
+        """Return the acks to the host's bytes, cut in any way."""
         return b"".join(map(self._answer, self._reader.feed(data)))
 
     def _answer(self, frame: Frame) -> bytes:
@@ -73,7 +73,7 @@ class CommandDesk:
         asked = (frame.session, frame.sequence, frame.data)
         if self._answered is None or self._answered[0] != asked:
             self._answered = (asked, self._ack(frame))
-        return self._answered[1]  # the host asks again where the ack was lost
+        return self._answered[1]  # a repeated request, whose ack was lost, gets the same ack
 
     def _ack(self, frame: Frame) -> bytes:
         value = self._done(frame.data)
@@ -128,7 +128,7 @@ class CommandDesk:
         return 0
 
     def _fault(self, request: AddPackage) -> int:
-        """Why a package cannot be had, 0 if it can."""
+        """Return the code of why a package is refused, 0 if it is accepted."""
         known = {topic.uid for topic in TOPICS if topic.name in TOLD_TOPICS}
         topics = tuple(BY_UID[uid] for uid in request.uids if uid in known)
         taken = {topic.uid for package in self.packages for topic in package.topics}

@@ -1,4 +1,4 @@
-"""The camera's attitude as the flight controller would give it at an instant."""
+"""Compute the camera's attitude that the flight controller would give at an instant."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tirgeo_ros.dji.protocol.broadcast_parts import Gimbal
 
 
 class GimbalAngles:
-    """What the flight recorded of its gimbal, between its samples.
+    """Interpolate the recorded gimbal attitudes.
 
-    ``joints``: the aircraft's attitude with the encoders' angles, so that encoder angles survive
-    a protocol that has none; where there are none, and else, the recorded attitude. Nothing is
-    extrapolated.
+    ``joints``: combine the aircraft's attitude with the encoders' angles, so that encoder angles
+    survive a protocol that has none. Without them, or if it is false, use the recorded attitude.
+    Nothing is extrapolated.
     """
 
     def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
@@ -29,7 +29,7 @@ class GimbalAngles:
         self._reported: StampedHistory[Array] = StampedHistory(max_gap_s=max_gap_s)  # q_ng
 
     def take(self, sample: JointSample | CameraAttitudeSample) -> bool:
-        """Take a sample, also one of the future; whether it makes sense."""
+        """Take a sample, which may be of the future; return whether it is valid."""
         if isinstance(sample, CameraAttitudeSample):
             sound = usable_attitude(sample.q_ng)
             if sound:
@@ -41,7 +41,10 @@ class GimbalAngles:
         return sound
 
     def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:
-        """The angles at an instant, ``q_nb`` (4,) the aircraft's own attitude; None without."""
+        """Return the camera's angles at an instant, None if they are not known.
+
+        ``q_nb`` (4,) is the aircraft's own attitude, None if it is not known.
+        """
         q_ng = self._attitude(stamp_ns, q_nb)
         if q_ng is None:
             return None

@@ -1,6 +1,6 @@
-"""A serial port that is not there: a pseudo-terminal whose other end a program holds.
+"""Simulate a serial port: a pseudo-terminal whose other end this program holds.
 
-Linux's: the master is told whether somebody has the port open, and sees the speed it was set to.
+On Linux the master can see whether somebody has the port open, and the speed that it was set to.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _READ_BYTES = 65536
 
 @final
 class PseudoTerminal:
-    """A port at ``path`` (a symbolic link), with its far end here. A context manager.
+    """Make a port at ``path`` (a symbolic link) and hold its far end. A context manager.
 
-    What is written goes to whoever has the port open, as far as there is room: nothing here
-    waits for a reader. With a ``baud``, a reader who set another speed gets noise, as from a wire.
-    DjiError where the port cannot be made.
+    What is written goes to whoever has the port open, as far as there is room: nothing here waits
+    for a reader. With a ``baud``, a reader who set another speed gets noise, as from a wire.
+    Raises DjiError where the port cannot be made.
     """
 
     def __init__(self, path: str | os.PathLike[str], baud: int | None = None) -> None:
@@ -38,20 +38,20 @@ class PseudoTerminal:
 
     @property
     def is_plugged(self) -> bool:
-        """Whether the port is there."""
+        """Return whether the port exists."""
         return self._master is not None
 
     @property
     def is_open(self) -> bool:
-        """Whether somebody has the port open."""
+        """Return whether somebody has the port open."""
         if self._master is None:
             return False
         poll = select.poll()
         poll.register(self._master, 0)
-        return not poll.poll(0)  # else: hung up
+        return not poll.poll(0)  # otherwise it is hung up
 
     def write(self, data: bytes) -> int:
-        """Send; the number of bytes that the port took. The others are counted in ``dropped``."""
+        """Send; return the number of bytes that the port took. ``dropped`` counts the others."""
         taken = 0
         if self._master is not None and self.is_open:
             if self._speed is not None and termios.tcgetattr(self._master)[4] != self._speed:
@@ -62,7 +62,7 @@ class PseudoTerminal:
         return taken
 
     def read(self) -> bytes:
-        """What the one who has the port open wrote; b"" where nothing is there."""
+        """Return what the program that has the port open wrote; b"" if there is nothing."""
         if self._master is None:
             return b""
         try:
@@ -71,13 +71,13 @@ class PseudoTerminal:
             return b""
 
     def pull(self) -> None:
-        """Pull the cable: who has the port open is hung up, and the port is gone."""
+        """Pull the cable: hang up the program that has the port open, and remove the port."""
         if self._hang_up():
             with suppress(FileNotFoundError):
                 self.path.unlink()
 
     def plug(self) -> None:
-        """Plug the cable in again: a new port under the same path."""
+        """Plug the cable in again: make a new port under the same path."""
         if self._master is not None:
             return
         try:
@@ -86,7 +86,7 @@ class PseudoTerminal:
             os.set_blocking(self._master, False)
             name = os.ttyname(slave)
             os.close(slave)
-            if self.path.is_symlink():  # of a run that was killed
+            if self.path.is_symlink():  # left by a run that was killed
                 self.path.unlink()
             self.path.symlink_to(name)
         except OSError as error:
@@ -96,7 +96,7 @@ class PseudoTerminal:
             ) from None
 
     def close(self) -> None:
-        """Take the port away for good."""
+        """Remove the port for good."""
         self.pull()
 
     def _hang_up(self) -> bool:
@@ -113,7 +113,7 @@ class PseudoTerminal:
 
 
 def _speed_of(baud: int) -> int:
-    """The system's number of a speed; DjiError for one that it has not."""
+    """Return the system's number of a speed. Raises DjiError for one that it does not have."""
     speed = getattr(termios, f"B{baud}", None)
     if not isinstance(speed, int):
         raise DjiError(f"{baud} is no speed of a serial port")

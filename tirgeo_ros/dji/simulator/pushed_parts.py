@@ -1,4 +1,4 @@
-"""What the aircraft knows at an instant, as parts of a broadcast and as topics of a push."""
+"""Build the parts of a broadcast and the topics of a push from the aircraft's state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
 )
 from tirgeo_ros.dji.simulator.satellites import Satellites
 
-#: What no flight records: in the air, position mode; sticks at rest; a battery that lasts.
+#: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
 _STATUS = Status(2, 6, 0, 0)
 _RC = Rc(0, 0, 0, 0, 8000, -4545)
 _BATTERY = Battery(5700, 24_600, -28_000, 80)
@@ -41,28 +41,28 @@ _GIMBAL_WELL = 0x7801  # mounted; escs, drone data
 
 
 class AircraftTime(NamedTuple):
-    """The aircraft's clock, since power-up."""
+    """Hold a time of the aircraft's clock, since power-up."""
 
     total_ns: int
 
     @property
     def ms(self) -> int:
-        """As 32 bits, which wrap after 49.7 days."""
+        """Return it in ms as 32 bits, which wrap after 49.7 days."""
         return self.total_ns // 1_000_000 & 0xFFFFFFFF
 
     @property
     def rest_ns(self) -> int:
-        """Since that millisecond."""
+        """Return the nanoseconds since that millisecond."""
         return self.total_ns % 1_000_000
 
     @property
     def ticks(self) -> int:
-        """Of 2.5 ms, as 32 bits."""
+        """Return it in ticks of 2.5 ms, as 32 bits."""
         return self.total_ns // LONG_TICK_NS & 0xFFFFFFFF
 
 
 class Instant(NamedTuple):
-    """The aircraft at one instant."""
+    """Hold the aircraft's state at one instant."""
 
     time: AircraftTime
     since_start: AircraftTime  # since it was switched on here
@@ -72,12 +72,12 @@ class Instant(NamedTuple):
 
     @property
     def now_ns(self) -> int:
-        """The flight's time."""
+        """Return the flight's time."""
         return self.imu.stamp_ns
 
 
 def between(before: ImuSample, after: ImuSample, stamp_ns: int) -> ImuSample:
-    """The inertial values on the line between two samples."""
+    """Interpolate the inertial values linearly between two samples."""
     if stamp_ns == after.stamp_ns:
         return after
     fraction = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
@@ -91,7 +91,7 @@ def between(before: ImuSample, after: ImuSample, stamp_ns: int) -> ImuSample:
 
 
 def broadcast_of(instant: Instant, layout: Layout, wanted: Callable[[int], bool]) -> Broadcast:
-    """The broadcast of an instant; ``wanted`` says of each bit of the mask whether it is due."""
+    """Return the broadcast of an instant; ``wanted`` tells whether a bit of the mask is due."""
     modern = layout is Layout.MODERN
     found = {
         name: make(instant)
@@ -104,7 +104,7 @@ def broadcast_of(instant: Instant, layout: Layout, wanted: Callable[[int], bool]
 
 
 def _old(part: Any) -> Any:
-    """A part as the old layout has it."""
+    """Return a part in the form of the old layout."""
     if isinstance(part, Time):
         return Time(part.time_ms, part.time_ns, None, None, part.sync_flag)
     if isinstance(part, Status):
@@ -115,7 +115,7 @@ def _old(part: Any) -> Any:
 
 
 def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | None:
-    """The values of a package's topics; None where one of them is not known yet."""
+    """Return the values of a package's topics; None where one of them is not known yet."""
     found = {name: _TOPICS[name](instant) for name in names}
     return None if any(value is None for value in found.values()) else found
 
@@ -273,5 +273,5 @@ _TOPICS: Mapping[str, Callable[[Instant], Any]] = {
     "GPS_SIGNAL_LEVEL": _always(_LEVEL_FIVE),
 }
 
-#: What the aircraft can be subscribed to; firmware 3.2.41 lacks some of what others have.
+#: Topics that can be subscribed to; firmware 3.2.41 lacks some that others have.
 TOLD_TOPICS = frozenset(_TOPICS)

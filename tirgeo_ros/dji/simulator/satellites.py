@@ -1,4 +1,4 @@
-"""The aircraft's two satellite receivers, as it tells of them between their epochs."""
+"""Simulate the aircraft's two satellite receivers, whose data is repeated between their epochs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, Position, Rt
 SatelliteSample = PositionSample | VelocitySample | HeadingSample
 S = TypeVar("S", bound=SatelliteSample)
 
-#: NovAtel's numbers, which DJI gives: narrow-lane integer, narrow-lane float, single point, none.
+#: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 POSITION_FLAGS: Mapping[FixStatus, int] = {
     FixStatus.FIXED: 50,
     FixStatus.FLOAT: 34,
@@ -33,15 +33,15 @@ _YAW_FIXED = 50
 _FIX_3D = 3.0
 #: A receiver that has been silent for longer has no solution.
 _SILENT_NS = 1_000_000_000
-#: The dates in the aircraft's messages are those of its maker's time zone.
+#: The dates in the aircraft's messages are in its maker's time zone.
 _GMT8 = timezone(timedelta(hours=8))
-#: What no flight records and nobody here reads.
+#: Values that no flight records and nobody here reads.
 _HDOP, _PDOP, _USED_GPS, _USED_GLONASS = 90.0, 150.0, 9, 5
 _GOOD_HEALTH = 5
 
 
 class Satellites:
-    """The newest of what each receiver said, in the units of the aircraft's messages."""
+    """Hold the newest data of each receiver, and return it in the units of the messages."""
 
     def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
         self._undulation_m = config.geoid_undulation_m
@@ -53,7 +53,7 @@ class Satellites:
         self._first_height_m: float | None = None
 
     def take(self, sample: SatelliteSample) -> None:
-        """A receiver's new epoch."""
+        """Take a receiver's new epoch."""
         if isinstance(sample, HeadingSample):
             self._heading = sample
         elif isinstance(sample, VelocitySample):
@@ -63,7 +63,7 @@ class Satellites:
             self._positions[sample.source] = sample
 
     def rtk(self, now_ns: int) -> Rtk:
-        """The RTK receiver; flags of no solution, and zeros, where it is silent."""
+        """Return the RTK data; flags of no solution, and zeros, where the receiver is silent."""
         position = _recent(self._positions.get(Source.RTK_POSITION), now_ns)
         heading = _recent(self._heading, now_ns)
         lon_deg, lat_deg, height_m = self._degrees(position)
@@ -79,7 +79,7 @@ class Satellites:
         )
 
     def gps(self, now_ns: int) -> Gps:
-        """The ordinary receiver; no fix, and zeros, where it is silent."""
+        """Return the ordinary receiver's data; no fix, and zeros, where it is silent."""
         position = _recent(self._positions.get(Source.GPS_POSITION), now_ns)
         velocity = _recent(self._velocities.get(Source.GPS_VELOCITY), now_ns)
         lon_deg, lat_deg, height_m = self._degrees(position)
@@ -93,7 +93,7 @@ class Satellites:
         )
 
     def position(self, now_ns: int) -> Position:
-        """The fused position: here the receiver's, with heights above the sea and the start."""
+        """Return the fused position: the receiver's, heights above the sea and the start."""
         sources = (Source.RTK_POSITION, Source.GPS_POSITION)
         found = [_recent(self._positions.get(source), now_ns) for source in sources]
         best = next((sample for sample in found if sample is not None), None)
@@ -105,7 +105,7 @@ class Satellites:
         return Position(best.latitude_rad, best.longitude_rad, height_m, above_m, _GOOD_HEALTH)
 
     def velocity(self, now_ns: int) -> Velocity:
-        """The fused velocity: here the receiver's, north, east, up."""
+        """Return the fused velocity: the receiver's, north, east, up (m/s)."""
         sources = (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
         found = [_recent(self._velocities.get(source), now_ns) for source in sources]
         best = next((sample for sample in found if sample is not None), None)
@@ -115,7 +115,7 @@ class Satellites:
         return Velocity((north, east, -down), 1)
 
     def _degrees(self, position: PositionSample | None) -> tuple[float, float, float]:
-        """Longitude, latitude, height above the sea."""
+        """Return longitude (deg), latitude (deg) and height above the sea (m)."""
         if position is None or position.status is FixStatus.NONE:
             return 0.0, 0.0, 0.0
         lon_deg = math.degrees(position.longitude_rad)
@@ -126,10 +126,11 @@ class Satellites:
         )
 
     def _baseline_yaw_deg(self, heading: HeadingSample) -> int:
-        """Where the second antenna is, from the first, in whole degrees of -180 to 179.
+        """Return the azimuth from the first antenna to the second in whole degrees, -180 to 179.
 
-        A flight whose headings were made of whole degrees with the same two places gives these
-        back; with others they are rounded a second time, by the same amount each time.
+        If the flight's headings were made of whole degrees with the same antenna positions, this
+        returns those degrees. With other positions they are rounded a second time, by the same
+        amount each time.
         """
         yaw_deg = round(math.degrees(heading.heading_rad) + self._baseline_deg)
         return (yaw_deg + 180) % 360 - 180
@@ -159,7 +160,7 @@ def _recent(sample: S | None, now_ns: int) -> S | None:
 
 
 def _cm_s(velocity: VelocitySample | None) -> Vector:
-    """NED in cm/s."""
+    """Return the velocity as NED in cm/s."""
     if velocity is None:
         return 0.0, 0.0, 0.0
     north, east, down = (100 * velocity.velocity_n).tolist()
@@ -167,9 +168,9 @@ def _cm_s(velocity: VelocitySample | None) -> Vector:
 
 
 def _sigmas(covariance_n: Array | None) -> tuple[float, float]:
-    """Standard deviations: of a horizontal axis, root mean square of the two, and of the vertical.
+    """Return the horizontal sigma (rms of the two axes) and the vertical sigma.
 
-    Zero where the flight does not tell.
+    Zero where the flight has no covariance.
     """
     if covariance_n is None:
         return 0.0, 0.0
@@ -178,7 +179,7 @@ def _sigmas(covariance_n: Array | None) -> tuple[float, float]:
 
 
 def _date_and_time(stamp_ns: int) -> tuple[int, int]:
-    """As the numbers yyyymmdd and hhmmss."""
+    """Return date and time as the numbers yyyymmdd and hhmmss."""
     at = datetime.fromtimestamp(stamp_ns // 1_000_000_000, _GMT8)
     date = at.year * 10_000 + at.month * 100 + at.day
     return date, at.hour * 10_000 + at.minute * 100 + at.second

@@ -1,1 +1,1 @@
-"""Read what the aircraft says over each way: serial link, psdk_ros2, ROS 1 bags."""
+"""Read the aircraft's data from each source: serial link, psdk_ros2, ROS 1 bags."""

@@ -1,9 +1,9 @@
-"""What psdk_ros2 (M300, M350) sends, as readings or parts of them: plain numbers in.
+"""Convert what psdk_ros2 (M300, M350) sends to readings or parts of them: plain numbers in.
 
-Some of its topics are not what their type or frame says; the names here tell the axes that come
-in. Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
-(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more). Nothing is
-judged: what is not finite goes on as it is.
+Some of its topics are not what their type or frame says; the names here state the axes of the
+input. Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``,
+``acceleration_*`` (``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say
+more). Nothing is judged: values that are not finite are passed on.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: What psdk_ros2 multiplies the aircraft's g with. It is taken off again: how much a g is, is said
-#: once for all roads (the standard's is 0.07 % more).
+#: psdk_ros2 multiplies the aircraft's g by this factor. It is removed here: the value of g is
+#: defined once for all sources (standard gravity is 0.07 % more).
 _PSDK_GRAVITY = 9.8
-#: What psdk_ros2 takes for the angle from east to north: 0.012 deg too much.
+#: The right angle that psdk_ros2 uses between east and north: 0.012 deg too large.
 _PSDK_QUARTER_TURN = 1.571
-#: The pi of single precision that psdk_ros2 makes degrees with: 0.16 m of latitude at 52 deg.
+#: The single-precision pi with which psdk_ros2 makes degrees: 0.16 m of latitude at 52 deg.
 _PSDK_PI: float = struct.unpack("<f", struct.pack("<f", math.pi))[0]
-#: The fused height is called ellipsoidal in one document, barometric in another, and is found to
-#: be more than 100 m off: it is handed on as one that is hardly known.
+#: One document calls the fused height ellipsoidal, another barometric, and it was found to be more
+#: than 100 m off. So it gets a large sigma.
 _FUSED_HEIGHT_SIGMA_M = 200.0
 
 
 def attitude(stamp_ns: int, q_wxyz: Quaternion) -> AttitudeReading:
-    """``attitude``: FLU to ENU."""
+    """Convert ``attitude``: FLU to ENU."""
     return AttitudeReading(stamp_ns, quat_turned_both(*q_wxyz))
 
 
 def imu(stamp_ns: int, q_wxyz: Quaternion, rate_flu: Vector, force_flu: Vector) -> ImuReading:
-    """``imu``: attitude FLU to ENU, rate (rad/s), and specific force of 9.8 to the g."""
+    """Convert ``imu``: attitude FLU to ENU, rate (rad/s), specific force, 9.8 m/s2 to the g."""
     p, q, r = rate_flu
     x, y, z = (force / _PSDK_GRAVITY for force in force_flu)
     q_nb = quat_turned_both(*q_wxyz)
@@ -52,9 +52,9 @@ def imu(stamp_ns: int, q_wxyz: Quaternion, rate_flu: Vector, force_flu: Vector) 
 
 
 def gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
-    """``gimbal_angles``: roll to the right, pitch down, yaw from east against the clock.
+    """Convert ``gimbal_angles``: roll to the right, pitch down, yaw anticlockwise from east (rad).
 
-    Absolute, although its frame is the gimbal's base.
+    They are absolute, although their frame is the gimbal's base.
     """
     x, y, z = angles_rad
     yaw = (_PSDK_QUARTER_TURN - z + math.pi) % math.tau - math.pi
@@ -62,13 +62,13 @@ def gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
 
 
 def place(degrees_and_height: Vector) -> Place:
-    """``gps_position``, ``rtk_position``: latitude, longitude (deg), height above the sea (m)."""
+    """Convert ``gps_position``, ``rtk_position``: latitude, longitude (deg), height MSL (m)."""
     latitude, longitude, height_msl_m = degrees_and_height
     return Place(math.radians(latitude), math.radians(longitude), height_msl_m)
 
 
 def fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
-    """``gps_position_fused``: degrees made with another pi, and a height of no certain kind."""
+    """Convert ``gps_position_fused``: degrees made with another pi, and an uncertain height."""
     latitude, longitude, height = degrees_and_height
     to_rad = _PSDK_PI / 180
     where = Place(latitude * to_rad, longitude * to_rad, height)
@@ -76,7 +76,7 @@ def fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
 
 
 def velocity_enu(velocity_m_s: Vector) -> Vector:
-    """``velocity_ground_fused``, which is what its frame says; NED.
+    """Convert ``velocity_ground_fused``, which is ENU as its frame says, to NED.
 
     ``gps_velocity`` and ``rtk_velocity`` are NED already, whatever their frames say.
     """
@@ -85,12 +85,12 @@ def velocity_enu(velocity_m_s: Vector) -> Vector:
 
 
 def baseline_yaw_deg(yaw: int) -> int:
-    """``rtk_yaw``: an int16 that comes as uint16."""
+    """Convert ``rtk_yaw``: an int16 that comes as uint16."""
     return yaw - 0x10000 if yaw >= 0x8000 else yaw
 
 
 def gps_details(stamp_ns: int, fix: float, accuracies: Vector) -> GpsReading:
-    """``gps_details``: horizontal, vertical (mm) and speed's accuracy (cm/s)."""
+    """Convert ``gps_details``: horizontal and vertical (mm) and speed accuracy (cm/s)."""
     horizontal_mm, vertical_mm, speed_cm_s = accuracies
     return GpsReading(
         stamp_ns,

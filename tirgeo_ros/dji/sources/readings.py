@@ -1,8 +1,8 @@
-"""What the aircraft said, before it is made sense of: one record for every road in.
+"""Define the aircraft's readings before their interpretation: one record for all sources.
 
-A road (the serial link, a capture, the topics of psdk_ros2, a bag of dji_sdk) brings axes, units
-and order of the fields into the form given here. What needs knowledge of the aircraft is left:
-flags, heights above sea level, the antennas' direction, repeats (``dji.interpret``). Vectors are
+A source (the serial link, a capture, the topics of psdk_ros2, a bag of dji_sdk) converts axes,
+units and order of the fields to the form given here. What needs knowledge of the aircraft is left
+to ``dji.interpret``: flags, heights above sea level, the antennas' direction, repeats. Vectors are
 tuples, since there are hundreds a second.
 """
 
@@ -16,7 +16,7 @@ Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 class AccelerationUnit(Enum):
-    """What an acceleration counts in, as far as its road tells."""
+    """List the units of an acceleration, as far as its source states them."""
 
     G = "g"
     M_S2 = "m/s2"
@@ -24,7 +24,7 @@ class AccelerationUnit(Enum):
 
 
 class ImuOrigin(Enum):
-    """Which of the aircraft's streams an IMU reading comes from; the better ones come first."""
+    """List the aircraft's streams of IMU readings; the better ones come first."""
 
     HARD_SYNC = "hard_sync"
     SUBSCRIPTION = "subscription"
@@ -33,7 +33,7 @@ class ImuOrigin(Enum):
 
 
 class ImuReading(NamedTuple):
-    """Specific force and rate of one instant, with the attitude of the same message if any."""
+    """Hold specific force and rate of one instant, and the attitude of the message if any."""
 
     stamp_ns: int
     origin: ImuOrigin
@@ -44,14 +44,14 @@ class ImuReading(NamedTuple):
 
 
 class AttitudeReading(NamedTuple):
-    """The aircraft's attitude."""
+    """Hold the aircraft's attitude."""
 
     stamp_ns: int
     q_nb: Quaternion  # FRD to NED
 
 
 class Place(NamedTuple):
-    """Where an antenna is."""
+    """Hold the position of an antenna."""
 
     latitude_rad: float
     longitude_rad: float
@@ -59,7 +59,7 @@ class Place(NamedTuple):
 
 
 class GpsReading(NamedTuple):
-    """What the ordinary GPS says; the parts that a message has."""
+    """Hold data of the ordinary GPS; the parts that a message has."""
 
     stamp_ns: int
     place: Place | None = None
@@ -71,18 +71,18 @@ class GpsReading(NamedTuple):
 
 
 class RtkReading(NamedTuple):
-    """What the RTK receiver says of one epoch; the parts that a message has."""
+    """Hold data of the RTK receiver of one epoch; the parts that a message has."""
 
     stamp_ns: int
     place: Place | None = None
     position_flag: int | None = None  # NovAtel's numbers; 50 = narrow-lane integer
     velocity_n: Vector | None = None  # NED, m/s
-    yaw_deg: int | None = None  # azimuth of the antennas' baseline, any turn
+    yaw_deg: int | None = None  # deg, azimuth of the antennas' baseline, in any turn
     yaw_flag: int | None = None
 
 
 class GimbalReading(NamedTuple):
-    """The gimbal's angles: yaw, then pitch, then roll, from level axes."""
+    """Hold the gimbal's angles: yaw, then pitch, then roll, from level axes."""
 
     stamp_ns: int
     roll_rad: float  # right side down

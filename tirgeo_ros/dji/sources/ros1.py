@@ -1,12 +1,12 @@
-"""The topics of DJI's ROS 1 wrapper as a road: messages of a bag in, readings out.
+"""Read the topics of DJI's ROS 1 wrapper: messages of a bag in, readings out.
 
-Time. A reading has its message's stamp: when the wrapper got it, or with ``align_time`` the
-aircraft's clock as the wrapper placed it. A message without a header, or with a stamp of 0 (the
-gimbal's in the first versions), has the time when it was recorded, which is later by some
-milliseconds; RTK's yaw and flags, which have none, go with the position that was recorded at the
-same time and have its stamp. An IMU that is stamped in bursts (the serial port's, at 400 Hz) gets
-the stamps of its steady rate below them. How old a value was when the aircraft sent it is a
-parameter (``rtk.delay_s``, ``delay``) and taken off where the readings get their meaning.
+Time. A reading has its message's stamp: the time when the wrapper received it or, with
+``align_time``, the aircraft's clock as the wrapper placed it. A message without a header, or with
+a stamp of 0 (the gimbal's in the first versions), gets the time when it was recorded, which is
+later by some milliseconds. RTK's yaw and flags, which have no header, belong to the position that
+was recorded at the same time and get its stamp. An IMU that is stamped in bursts (the serial
+port's, at 400 Hz) gets the stamps of its steady rate below them. The age of a value when the
+aircraft sent it is a parameter (``rtk.delay_s``, ``delay``), which the interpretation subtracts.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from tirgeo_ros.dji.sources.readings import ImuReading, Reading, RtkReading
 from tirgeo_ros.dji.sources.ros1_rtk_epochs import RtkEpochs
 from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags, StampSurvey
 
-#: The names that the wrapper's node goes by.
+#: The possible names of the wrapper's node.
 WRAPPERS = ("dji_sdk", "dji_osdk_ros")
 
-#: A stamp this far from the time of the record is of no clock that anything else is of.
+#: A stamp this far from the time of the record belongs to an unrelated clock.
 _ASTRAY_NS = 5_000_000_000
-#: What the wrapper multiplies g with. With broadcast it does so even where the aircraft is set to
-#: send m/s2; a specific force of more than 5 g that lasts shows that.
+#: The wrapper multiplies g by this factor. With broadcast it does so even if the aircraft is set
+#: to send m/s2; a specific force that stays above 5 g shows that.
 _WRAPPER_GRAVITY, _TWICE_M_S2 = 9.801, 50.0
-#: A stream has bursts if half of its steps are off by half; whole milliseconds at 400 Hz are off
-#: by a fifth, and lost messages are few.
+#: A stream has bursts if half of its steps are off by half. Stamps in whole milliseconds at 400 Hz
+#: are off by a fifth, and lost messages are few.
 _BURST_SHARE, _BURST_NUMBER = 0.5, 20
 
 _READERS: dict[tuple[str, str], Callable[[Any, int], Reading]] = {
@@ -67,7 +67,7 @@ FEEDS: dict[str, tuple[str, ...]] = {
     "A3_GPS": ("gps/fix", "gps/vel"),
     "A3_RTK": ("rtk/fix", "rtk/vel", "rtk/heading"),
 }
-#: What an import is poor without: any of these topics will do.
+#: What an import should have: at least one topic of each group.
 NEEDED: tuple[tuple[str, ...], ...] = (
     ("imu", "acceleration"),
     ("rtk_position", "A3_RTK"),
@@ -79,28 +79,32 @@ _BAROMETRIC = {"gps_position", "global_position"}
 
 
 class Arrived(NamedTuple):
-    """A reading and when its message was recorded."""
+    """Hold a reading and the time when its message was recorded."""
 
     arrival_ns: int
     reading: Reading
 
 
 def types_of(name: str) -> tuple[str, ...]:
-    """The types that a topic may have, by its name in the wrapper; none if it is not read."""
+    """Return the types that a topic may have, by its name in the wrapper.
+
+    The tuple is empty if the topic is not read.
+    """
     return _TYPES.get(name, ())
 
 
 def used(names: Collection[str]) -> set[str]:
-    """Those of a bag's topics that are read: not the fused position beside the receiver's own.
+    """Return those of a bag's topics that are read.
 
-    The newer wrapper's ``velocity`` is the only one that it has; it has no ``A3_GPS``.
+    If the receiver's own position is present, the fused one is not read. The newer wrapper's
+    ``velocity`` is the only one that it has; it has no ``A3_GPS``.
     """
     known = {name for name in names if name in _TYPES}
     return known - _FUSED if _RECEIVER in known else known
 
 
 def notes_of(name: str) -> list[str]:
-    """What the values of a topic are that a person may take for something else."""
+    """Return notes for people on values of a topic that are easily misunderstood."""
     if name not in _BAROMETRIC:
         return []
     sigma_m = f"{ros1_messages.FUSED_HEIGHT_SIGMA_M:g} m"
@@ -109,15 +113,15 @@ def notes_of(name: str) -> list[str]:
 
 
 class Ros1Setup(NamedTuple):
-    """What has to be known of a bag before its messages are read."""
+    """Hold what has to be known of a bag before its messages are read."""
 
-    shift_ns: int = 0  # the recorder's clock less that of the stamps
-    gravity: float = 1.0  # by which accelerations of ``imu`` are too large
+    shift_ns: int = 0  # the recorder's clock minus that of the stamps
+    gravity: float = 1.0  # factor by which accelerations of ``imu`` are too large
     bursts: bool = False  # ``imu`` is stamped in bursts
 
 
 class Ros1Survey:
-    """Looks at the first messages of a bag, in any number."""
+    """Find a bag's ``Ros1Setup`` from its first messages, however many."""
 
     def __init__(self) -> None:
         self._stamps = StampSurvey()
@@ -126,11 +130,11 @@ class Ros1Survey:
 
     @property
     def is_full(self) -> bool:
-        """Whether it has seen enough."""
+        """Return whether it has seen enough."""
         return self._stamps.is_full
 
     def add(self, name: str, message: Any, record_ns: int) -> None:
-        """Look at a message of one of the wrapper's topics."""
+        """Take a message of one of the wrapper's topics."""
         self._stamps.add(_header_ns(message), record_ns)
         if name == "imu":
             self._imu_ns.append(_header_ns(message))
@@ -139,7 +143,7 @@ class Ros1Survey:
 
     @property
     def setup(self) -> Ros1Setup:
-        """What was found."""
+        """Return what was found."""
         sizes = [size for size in self._forces_m_s2 if math.isfinite(size)]
         twice = bool(sizes) and median(sizes) > _TWICE_M_S2
         gravity = _WRAPPER_GRAVITY if twice else 1.0
@@ -147,7 +151,7 @@ class Ros1Survey:
 
     @property
     def _has_bursts(self) -> bool:
-        """Whether the IMU's steps are far from their mean; of aligned stamps they are whole ms."""
+        """Return whether the IMU's steps are far from their mean; aligned stamps have whole ms."""
         steps_ns = [after - before for before, after in pairwise(self._imu_ns)]
         if len(steps_ns) < _BURST_NUMBER:
             return False
@@ -157,7 +161,7 @@ class Ros1Survey:
 
 
 class Ros1Road:
-    """Takes the wrapper's messages in the order in which they were recorded."""
+    """Convert the wrapper's messages to readings, in the order in which they were recorded."""
 
     def __init__(self, setup: Ros1Setup = Ros1Setup()) -> None:  # noqa: B008  immutable
         self._setup = setup
@@ -167,14 +171,14 @@ class Ros1Road:
         self._steady = SteadyStamps() if setup.bursts else None
 
     def arrival_ns(self, record_ns: int) -> int:
-        """When a message was recorded, by the clock of the stamps."""
+        """Return when a message was recorded, by the clock of the stamps."""
         return record_ns - self._setup.shift_ns
 
     def take(self, name: str, typename: str, message: Any, record_ns: int) -> list[Arrived]:
-        """The readings that a message gives, and those that waited for it.
+        """Return the readings that a message gives, and those that waited for it.
 
-        ``name`` is the topic's without the wrapper's. Raises MessageError for a message that
-        makes no sense: count it and go on.
+        ``name`` is the topic's without the wrapper's. Raises MessageError for an invalid message:
+        count it and continue.
         """
         arrival_ns = self.arrival_ns(record_ns)
         try:
@@ -191,12 +195,12 @@ class Ros1Road:
         return found
 
     def flush(self) -> list[Arrived]:
-        """The readings that waited, at the end of a bag."""
+        """Return the readings that waited, at the end of a bag."""
         return [Arrived(*epoch) for epoch in self._epochs.flush()]
 
     @property
     def warnings(self) -> list[str]:
-        """What of the bag a person should know."""
+        """Return what a person should know of the bag."""
         found = []
         if self._setup.shift_ns:
             found.append(
@@ -237,7 +241,7 @@ class Ros1Road:
 
 
 def _header_ns(message: Any) -> int:
-    """A message's stamp; 0 for none."""
+    """Return a message's stamp; 0 for none."""
     header = getattr(message, "header", None)
     if header is None:
         return 0

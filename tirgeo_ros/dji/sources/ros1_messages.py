@@ -1,14 +1,14 @@
-"""The messages of DJI's ROS 1 wrapper (since 3.3, and 4 under another prefix) as readings.
+"""Convert messages of DJI's ROS 1 wrapper (since 3.3, and 4 under another prefix) to readings.
 
 Not all of them are what their type or frame says: RTK's velocity is north, east, down; the order
-of the gimbal's angles depends on how the wrapper is set up; heights are above the sea, or by a
-barometer. Not read: ``acceleration_ground_fused``, ``angular_velocity_fused`` (of a frame that is
-not sure; ``imu`` has both raw), ``local_position`` (of a sphere), ``height_above_takeoff`` (of a
+of the gimbal's angles depends on how the wrapper is set up; heights are above the sea, or
+barometric. Not read: ``acceleration_ground_fused``, ``angular_velocity_fused`` (in an uncertain
+frame; ``imu`` has both raw), ``local_position`` (on a sphere), ``height_above_takeoff`` (from a
 sonar), ``gps_health`` (0 until a home point is set), ``trigger_time`` (stamp and time reversed),
 ``rtk_connection_status`` (the flags say more).
 
 A message is any object with the fields of its definition. Every function takes it and the stamp
-that its reading is to have, and raises MessageError for values that make no sense.
+that its reading is to have, and raises MessageError for invalid values.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: What is believed of the fused position's height, which comes without an accuracy: it is a
-#: barometer's, and has been found more than 100 m off.
+#: Sigma of the fused position's height, which comes without an accuracy: it is barometric, and was
+#: found to be more than 100 m off.
 FUSED_HEIGHT_SIGMA_M = 100.0
 
-_ABSENT = -1.0  # first entry of a covariance whose value is not there (sensor_msgs/Imu)
+_ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _LENGTH_TOLERANCE = 0.01  # of a unit quaternion; rounding alone makes 1e-7
-_NO_PLACE_DEG = 1e-6  # nearer to 0, 0 a place is a receiver's word for none
+_NO_PLACE_DEG = 1e-6  # a place nearer to 0, 0 means no place
 _LARGEST_ANGLE_DEG = 720.0  # a gimbal's angle is within a turn; more is another unit or no angle
 _GROUND_FRAME = "ground_ENU"
 
 
 def imu(message: Any, stamp_ns: int) -> ImuReading:
-    """``imu``: specific force (m/s2) and rate in FLU, attitude FLU to ENU.
+    """Convert ``imu``: specific force (m/s2) and rate (rad/s) in FLU, attitude FLU to ENU.
 
-    An attitude that is none is handed on, to be counted where readings get their meaning: the
-    rest of the message may be good.
+    An invalid attitude is passed on, to be counted by the interpretation: the rest of the message
+    may be good.
     """
     force = vector(message.linear_acceleration)
     rate = vector(message.angular_velocity)
@@ -64,55 +64,58 @@ def imu(message: Any, stamp_ns: int) -> ImuReading:
 
 
 def attitude(message: Any, stamp_ns: int) -> AttitudeReading:
-    """``attitude``: FLU to ENU."""
+    """Convert ``attitude``: FLU to ENU."""
     q = message.quaternion
     return AttitudeReading(stamp_ns, quat_turned_both(*unit(q.w, q.x, q.y, q.z)))
 
 
 def velocity(message: Any, stamp_ns: int) -> GpsReading:
-    """``velocity``: the fused one, east, north, up."""
+    """Convert ``velocity``: the fused one, east, north, up."""
     east, north, up = vector(message.vector)
     return GpsReading(stamp_ns, velocity_n=(north, east, -up))
 
 
 def gps_position(message: Any, stamp_ns: int) -> GpsReading:
-    """``gps_position``: the fused one. Its status is never set, so none is told."""
+    """Convert ``gps_position``: the fused one.
+
+    Its status is never set, so the fix stays unknown.
+    """
     where = place_deg(message.latitude, message.longitude, message.altitude)
     return fused_position(where, stamp_ns)
 
 
 def fused_position(where: Place, stamp_ns: int) -> GpsReading:
-    """A position whose height is hardly known."""
+    """Return a reading of a position whose height is very uncertain."""
     return GpsReading(stamp_ns, where, vertical_sigma_m=FUSED_HEIGHT_SIGMA_M)
 
 
 def rtk_position(message: Any, stamp_ns: int) -> RtkReading:
-    """``rtk_position``: its altitude is above the sea."""
+    """Convert ``rtk_position``: its altitude is above the sea."""
     return RtkReading(stamp_ns, place_deg(message.latitude, message.longitude, message.altitude))
 
 
 def rtk_velocity(message: Any, stamp_ns: int) -> RtkReading:
-    """``rtk_velocity``: north, east, down."""
+    """Convert ``rtk_velocity``: north, east, down."""
     return RtkReading(stamp_ns, velocity_n=vector(message.vector))
 
 
 def rtk_yaw(message: Any, stamp_ns: int) -> RtkReading:
-    """``rtk_yaw``: whole degrees of the antennas' baseline."""
+    """Convert ``rtk_yaw``: whole degrees of the antennas' baseline."""
     return RtkReading(stamp_ns, yaw_deg=int(message.data))
 
 
 def rtk_info_position(message: Any, stamp_ns: int) -> RtkReading:
-    """``rtk_info_position``: the flag."""
+    """Convert ``rtk_info_position``: the flag."""
     return RtkReading(stamp_ns, position_flag=int(message.data))
 
 
 def rtk_info_yaw(message: Any, stamp_ns: int) -> RtkReading:
-    """``rtk_info_yaw``: the flag."""
+    """Convert ``rtk_info_yaw``: the flag."""
     return RtkReading(stamp_ns, yaw_flag=int(message.data))
 
 
 def gimbal_angle(message: Any, stamp_ns: int) -> GimbalReading:
-    """``gimbal_angle``: degrees in level axes.
+    """Convert ``gimbal_angle``: degrees in level axes.
 
     With subscription, which leaves the frame empty: pitch, roll, yaw. With broadcast, which calls
     it ground_ENU: roll, pitch, yaw.
@@ -144,7 +147,7 @@ TOPICS: dict[str, tuple[str, Callable[[Any, int], Reading]]] = {
 
 
 def gimbal_deg(stamp_ns: int, *, roll: float, pitch: float, yaw: float) -> GimbalReading:
-    """The gimbal's angles in degrees."""
+    """Return a reading of the gimbal's angles in degrees."""
     angles = finite(roll, pitch, yaw)
     if max(map(abs, angles)) > _LARGEST_ANGLE_DEG:
         raise MessageError(f"no angles of a gimbal: {roll:g}, {pitch:g}, {yaw:g} deg")
@@ -152,7 +155,7 @@ def gimbal_deg(stamp_ns: int, *, roll: float, pitch: float, yaw: float) -> Gimba
 
 
 def place_deg(latitude_deg: float, longitude_deg: float, height_m: float) -> Place:
-    """A place on the earth."""
+    """Return a place on the earth."""
     latitude, longitude, height = finite(latitude_deg, longitude_deg, height_m)
     if abs(latitude) > 90 or abs(longitude) > 180:
         raise MessageError(f"no place on the earth: {latitude:g}, {longitude:g} deg")
@@ -162,19 +165,19 @@ def place_deg(latitude_deg: float, longitude_deg: float, height_m: float) -> Pla
 
 
 def vector(xyz: Any) -> Vector:
-    """``geometry_msgs/Vector3``, finite."""
+    """Convert a ``geometry_msgs/Vector3``; its numbers must be finite."""
     return finite(xyz.x, xyz.y, xyz.z)
 
 
 def finite(x: float, y: float, z: float) -> Vector:
-    """Three numbers. MessageError where one of them is none."""
+    """Return the three numbers. Raises MessageError if one of them is not finite."""
     if not math.isfinite(x + y + z):
         raise MessageError(f"not finite: {x:g}, {y:g}, {z:g}")
     return float(x), float(y), float(z)
 
 
 def unit(w: float, x: float, y: float, z: float) -> Quaternion:
-    """A quaternion of length 1. MessageError for any other."""
+    """Return a quaternion of length 1. Raises MessageError for any other."""
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if not abs(length - 1) <= _LENGTH_TOLERANCE:
         raise MessageError(f"no attitude: a quaternion of length {length:g}")

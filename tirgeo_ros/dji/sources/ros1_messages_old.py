@@ -1,10 +1,10 @@
-"""The messages of the wrapper of the years before REP 103 (3.1.9, 3.2) as readings: NED and FRD.
+"""Convert messages of the wrapper from before REP 103 (3.1.9, 3.2) to readings: NED and FRD.
 
-They are of its own types. ``A3_RTK`` and ``A3_GPS`` have no header and come with each packet of
-the aircraft, whether it has news of them or not. ``A3_RTK`` tells yaw from south by the comment in
-its definition, from north by DJI's later documents: the direction of the antennas is a parameter
-that is checked against the attitude in either case. Other definitions of the same types, of
-versions in between, lack fields that are read here; their messages are refused.
+They have types of their own. ``A3_RTK`` and ``A3_GPS`` have no header and come with each packet of
+the aircraft, whether it has new values or not. The yaw of ``A3_RTK`` counts from south by the
+comment in its definition, from north by DJI's later documents; in either case the direction of the
+antennas is a parameter that is checked against the attitude. Other definitions of the same types,
+of versions in between, lack fields that are read here; their messages are refused.
 """
 
 from __future__ import annotations
@@ -33,40 +33,40 @@ from tirgeo_ros.dji.sources.ros1_messages import (
     unit,
 )
 
-#: Accelerations and attitudes of one packet come within so many of each other.
+#: Acceleration and attitude of one packet come within this many messages of each other.
 _WAITING = 20
 
 
 def attitude_quaternion(message: Any, stamp_ns: int) -> AttitudeReading:
-    """``attitude_quaternion``: FRD to NED."""
+    """Convert ``attitude_quaternion``: FRD to NED."""
     return AttitudeReading(stamp_ns, unit(message.q0, message.q1, message.q2, message.q3))
 
 
 def global_position(message: Any, stamp_ns: int) -> GpsReading:
-    """``global_position``: degrees; fused, the height a barometer's."""
+    """Convert ``global_position``: degrees; fused, with barometric height."""
     where = place_deg(message.latitude, message.longitude, message.altitude)
     return fused_position(where, stamp_ns)
 
 
 def velocity(message: Any, stamp_ns: int) -> GpsReading:
-    """``velocity``: north, east, down."""
+    """Convert ``velocity``: north, east, down."""
     return GpsReading(stamp_ns, velocity_n=finite(message.vx, message.vy, message.vz))
 
 
 def gimbal(message: Any, stamp_ns: int) -> GimbalReading:
-    """``gimbal``: degrees in level axes."""
+    """Convert ``gimbal``: degrees in level axes."""
     return gimbal_deg(stamp_ns, roll=message.roll, pitch=message.pitch, yaw=message.yaw)
 
 
 def a3_gps(message: Any, stamp_ns: int) -> GpsReading:
-    """``A3_GPS``: 1e-7 deg, mm above the sea, cm/s north, east, down."""
+    """Convert ``A3_GPS``: 1e-7 deg, mm above the sea, cm/s north, east, down."""
     height_m = message.height_above_sea * 1e-3
     where = place_deg(message.latitude * 1e-7, message.longitude * 1e-7, height_m)
     return GpsReading(stamp_ns, where, _velocity(message))
 
 
 def a3_rtk(message: Any, stamp_ns: int) -> RtkReading:
-    """``A3_RTK``: deg, m above the sea, cm/s north, east, down, whole degrees."""
+    """Convert ``A3_RTK``: deg, m above the sea, cm/s north, east, down, whole degrees."""
     return RtkReading(
         stamp_ns,
         place_deg(message.latitude_RTK, message.longitude_RTK, message.height_above_sea_RTK),
@@ -98,9 +98,9 @@ ACCELERATION = ("acceleration", "dji_sdk/msg/Acceleration")
 
 
 class OlderImu:
-    """Puts together acceleration and rate of one packet, which come on two topics.
+    """Combine acceleration and rate of one packet, which come on two topics.
 
-    Both have the same stamp. The acceleration counts in what DJI Assistant 2 is set to.
+    Both have the same stamp. The acceleration is in the unit that DJI Assistant 2 is set to.
     """
 
     def __init__(self) -> None:

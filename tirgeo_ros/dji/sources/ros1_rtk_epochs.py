@@ -1,8 +1,7 @@
-"""What DJI's ROS 1 wrapper says of one RTK epoch on five topics, put together again.
+"""Combine the five topics on which DJI's ROS 1 wrapper publishes one RTK epoch.
 
 The wrapper publishes position, velocity, yaw and the two flags one after another when a packet
-comes in. Yaw and flags have no header: what tells of which epoch they are is when they were
-recorded.
+comes in. Yaw and flags have no header: only the time when they were recorded shows their epoch.
 """
 
 from __future__ import annotations
@@ -11,22 +10,23 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.dji.sources.readings import RtkReading
 
-#: Half of RTK's 200 ms: what comes later is nearer to the epoch after.
+#: Half of RTK's 200 ms: what comes later is nearer to the next epoch.
 _HALF_EPOCH_NS = 100_000_000
 
 
 class Epoch(NamedTuple):
-    """An epoch and when the last of its messages came."""
+    """Hold an epoch and the time when the last of its messages came."""
 
     arrival_ns: int
     reading: RtkReading
 
 
 class RtkEpochs:
-    """Collects parts in the order of their arrival; an epoch ends where the next begins.
+    """Collect parts in the order of their arrival; an epoch ends where the next begins.
 
-    That is with a part that it has already, or one more than half an epoch after its first. Its
-    stamp is that of the position, else of the velocity, which have headers, else its first part's.
+    The next begins with a part that the epoch has already, or one more than half an epoch after
+    its first. The stamp is that of the position, else of the velocity, which have headers, else of
+    the first part.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class RtkEpochs:
         self._stamped_by = ""
 
     def take(self, part: RtkReading, arrival_ns: int) -> list[Epoch]:
-        """Take what one message says; the epoch that it ends."""
+        """Take the content of one message; return the epoch that it ends."""
         given = {name: value for name, value in part._asdict().items() if value is not None}
         stamp_ns = given.pop("stamp_ns")
         done = self.due(arrival_ns)
@@ -52,12 +52,12 @@ class RtkEpochs:
         return done
 
     def due(self, now_ns: int) -> list[Epoch]:
-        """The epoch, if nothing more of it can come."""
+        """Return the epoch, if nothing more of it can come."""
         over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
         return self.flush() if over else []
 
     def flush(self) -> list[Epoch]:
-        """The epoch as far as it has come."""
+        """Return the epoch as far as it has come."""
         parts, self._parts = self._parts, {}
         if not parts or self._stamp_ns is None:
             return []

@@ -1,19 +1,20 @@
-"""What the stamps in a ROS 1 bag are worth: how far they stand behind the recorder's clock.
+"""Estimate the delays of the stamps in a ROS 1 bag against the recorder's clock.
 
-The wrapper stamps a message when it has it, or with ``align_time`` by the aircraft's clock, whose
-offset it finds at the start and then keeps: the two clocks drift apart. The gimbal's angles are
-stamped on having them in either case. How late a message is recorded at best shows the difference.
+The wrapper stamps a message when it receives it or, with ``align_time``, by the aircraft's clock.
+It finds that clock's offset at the start and then keeps it, so the two clocks drift apart. The
+gimbal's angles are stamped on reception in either case. The smallest lag between stamp and record
+shows the difference.
 """
 
 from __future__ import annotations
 
 from statistics import median
 
-#: The smallest lag is looked for in stretches of so long.
+#: Length of the stretches in which the smallest lag is found.
 _STRETCH_NS = 10_000_000_000
-#: More than the recorder's own delays, and a degree of a gimbal or an aircraft that turns.
+#: More than the recorder's own delays; also a degree of a gimbal or an aircraft that turns.
 _NOTABLE_NS = 20_000_000
-#: Lags by which one tells whether stamps are of another clock than the recorder's.
+#: Number of lags that decides whether stamps are of another clock than the recorder's.
 _SURVEYED = 400
 #: No recorder is that late: the stamps are of another clock.
 _OTHER_CLOCK_NS = 1_000_000_000
@@ -21,46 +22,46 @@ _FOR_EVER_NS = 1 << 62
 
 
 class StampSurvey:
-    """Looks at a bag's first stamps."""
+    """Find the shift of a bag's stamps from its first messages."""
 
     def __init__(self) -> None:
         self._lags_ns: list[int] = []
 
     @property
     def is_full(self) -> bool:
-        """Whether it has seen enough."""
+        """Return whether it has seen enough."""
         return len(self._lags_ns) >= _SURVEYED
 
     def add(self, stamp_ns: int, record_ns: int) -> None:
-        """Take a message's stamp and when it was recorded."""
+        """Take a message's stamp and the time when it was recorded."""
         if stamp_ns:
             self._lags_ns.append(record_ns - stamp_ns)
 
     @property
     def shift_ns(self) -> int:
-        """Time of the recorder less time of the stamps; 0 where both are of one clock.
+        """Return the recorder's time minus the stamps' time; 0 if both are of one clock.
 
-        It is another one in a bag that was recorded again while an older one was played.
+        The clocks differ in a bag that was recorded again while an older one was played.
         """
         lag_ns = round(median(self._lags_ns)) if self._lags_ns else 0
         return lag_ns if abs(lag_ns) > _OTHER_CLOCK_NS else 0
 
 
 class StampLags:
-    """Follows the smallest lag of each topic over a flight."""
+    """Track the smallest lag of each topic over a flight."""
 
     def __init__(self) -> None:
         self._lines: dict[str, _Line] = {}
 
     def add(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
-        """Take a message's stamp and when it was recorded."""
+        """Take a message's stamp and the time when it was recorded."""
         line = self._lines.get(topic)
         if line is None:
             line = self._lines[topic] = _Line(arrival_ns)
         line.add(arrival_ns - stamp_ns, arrival_ns)
 
     def warnings(self, imu: str, gimbal: str) -> list[str]:
-        """What does not go together, of these two topics."""
+        """Return the inconsistencies between the stamps of these two topics."""
         found, inertial, turning = [], self._lines.get(imu), self._lines.get(gimbal)
         if inertial is not None and abs(inertial.drift_ns) > _NOTABLE_NS:
             found.append(
@@ -79,7 +80,7 @@ class StampLags:
 
 
 class _Line:
-    """The smallest lag of one topic: in all, in the first stretch and in the newest whole one."""
+    """Track the smallest lag of a topic: in all, in the first and in the newest whole stretch."""
 
     def __init__(self, begun_ns: int) -> None:
         self._begun_ns = begun_ns
@@ -103,5 +104,5 @@ class _Line:
 
     @property
     def drift_ns(self) -> int:
-        """By how much the lag has grown; 0 in short flights."""
+        """Return by how much the lag has grown; 0 in short flights."""
         return 0 if self._first_ns is None else self._newest_ns - self._first_ns

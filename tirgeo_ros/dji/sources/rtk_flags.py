@@ -1,8 +1,9 @@
-"""Values of RTK and their flags that come in messages of their own, put together again.
+"""Match values of RTK with their flags, which come in messages of their own.
 
 DJI's wrappers for ROS send the flag of a position or a yaw without a header, milliseconds before
-or after the values that it belongs to: nothing says which. A value that does not wait for its flag
-gets that of the epoch before, and where the fix is just lost it passes for fixed.
+or after the values that it belongs to; nothing in it shows which comes first. A value that does
+not wait for its flag would get that of the epoch before, and would pass for fixed where the fix
+has just been lost.
 """
 
 from __future__ import annotations
@@ -27,35 +28,35 @@ class _Flag:
 
 
 class EpochFlags:
-    """Gives each value the flag of its own epoch, by the order of their arrival.
+    """Give each value the flag of its own epoch, by the order of their arrival.
 
-    Of each topic the value that waits longest takes the flag that waits longest, so that bursts
-    come out right as well. Neither waits for longer than ``HOLD_NS``: a value then goes without a
-    flag, a flag that served none without a value, and whoever takes them judges by the newest. All
-    times are of one clock; where it goes back, what waits is let go.
+    For each topic the value that waits longest gets the flag that waits longest, so bursts are
+    matched correctly as well. Neither waits for longer than ``HOLD_NS``. A value is then released
+    without a flag, an unused flag without a value, and the receiver of both uses the newest. All
+    times are of one clock; where it goes back, what waits is released.
     """
 
     def __init__(self, name: Literal["position_flag", "yaw_flag"]) -> None:
-        """``name`` is the flag's in RtkReading."""
+        """Take ``name``, the flag's field in RtkReading."""
         self._name = name
         self._values: dict[str, Waiting] = {}  # by topic
         self._flags: deque[_Flag] = deque()
         self.alone: Counter[str] = Counter()  # values of each topic whose own flag did not come
 
     def value(self, topic: str, reading: RtkReading, arrival_ns: int) -> list[RtkReading]:
-        """A value came; what is complete now, or has waited long enough."""
+        """Take a value; return what is complete now, or has waited long enough."""
         done = self.due(arrival_ns)
         self._values.setdefault(topic, deque()).append((arrival_ns, reading))
         return done + self._paired(topic)
 
     def flag(self, flag: int, arrival_ns: int) -> list[RtkReading]:
-        """A flag came; what is complete now, or has waited long enough."""
+        """Take a flag; return what is complete now, or has waited long enough."""
         done = self.due(arrival_ns)
         self._flags.append(_Flag(arrival_ns, self._with(RtkReading(arrival_ns), flag)))
         return done + [reading for topic in self._values for reading in self._paired(topic)]
 
     def due(self, now_ns: int) -> list[RtkReading]:
-        """What has waited long enough; to be called every now and then."""
+        """Return what has waited long enough; to be called every now and then."""
         done = []
         while self._flags and _is_over(self._flags[0].arrival_ns, now_ns):
             flag = self._flags.popleft()

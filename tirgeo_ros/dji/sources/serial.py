@@ -1,7 +1,7 @@
-"""The serial link as a whole, without the port: bytes in, readings out, and what to send.
+"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out.
 
-What was read goes through framing, telemetry and the host's side; the port itself is
-``dji.link.serial_link``'s, so that a capture and a test go the same way.
+The bytes go through framing, telemetry and the host's session. The port itself belongs to
+``dji.link.serial_link``, so that a capture and a test take the same path.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _BITS_A_BYTE = 10  # with start and stop
 
 
 class SerialRoad:
-    """What came over the link, as readings; ``due`` is what the host has to say."""
+    """Convert the link's bytes to readings; ``due`` returns what the host has to send."""
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
-        """Raise DjiError for a key that is none."""
+        """Build the parsers; raise DjiError for an invalid key."""
         key = parse_key(config.key)
         self._frames = FrameReader(key)
         self._broadcast = TickClock(lambda tick_ns: AircraftClock(config.clock, tick_ns))
@@ -41,13 +41,14 @@ class SerialRoad:
     def take(
         self, data: bytes, arrival_ns: int, now_s: float, gathered_ns: int = 0
     ) -> list[Reading]:
-        """What these bytes say that were read at ``arrival_ns``; ``now_s`` is a steady clock's.
+        """Return the readings of these bytes, which were read at ``arrival_ns``.
 
-        The first of them was there ``gathered_ns`` before. The line brings those behind it no
-        faster than its rate: by that each frame has a time of its own, at which it was whole.
+        ``now_s`` is a monotonic clock's. The first of the bytes was there ``gathered_ns`` before.
+        Those behind it come no faster than the line's rate, which gives each frame its own time of
+        completion.
 
-        To be called without bytes as well, now and then: a frame whose rest does not come is
-        given up after a pause.
+        Call it without bytes as well, now and then: a frame whose rest does not come is given up
+        after a pause.
         """
         if data:
             self._heard_s = now_s
@@ -64,7 +65,7 @@ class SerialRoad:
         return self._read(frames, arrivals, now_s)
 
     def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
-        """The port was opened anew: what was cut is given up, the host begins again."""
+        """Handle a port that was opened again: drop a cut frame, restart the host's session."""
         self._heard_s = None
         frames = self._frames.rescan()
         readings = self._read(frames, [arrival_ns] * len(frames), now_s)
@@ -80,32 +81,32 @@ class SerialRoad:
         return readings
 
     def due(self, now_s: float) -> bytes:
-        """What is to be sent now; nothing where the node only listens."""
+        """Return what is to be sent now; nothing where the node only listens."""
         return self._host.due(now_s)
 
     @property
     def bytes(self) -> int:
-        """How many bytes came in all."""
+        """Return how many bytes came in all."""
         return self._frames.counts["bytes"]
 
     @property
     def frames(self) -> int:
-        """How many frames came in all."""
+        """Return how many frames came in all."""
         return self._frames.counts["frames"]
 
     @property
     def locked(self) -> int:
-        """How many of the frames were encrypted, and not opened by the key or by none."""
+        """Return how many frames were encrypted and not, or not rightly, decrypted."""
         return self._locked
 
     @property
     def host_message(self) -> str:
-        """What the host's side says to a person."""
+        """Return the host session's message for a person."""
         return self._host.message
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Counts of frames, clocks that run, and the host's side."""
+        """Return counts of frames, clocks that run, and the host session's state."""
         found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
         found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         clocks: dict[str, AircraftClock | TickClock] = {
@@ -119,6 +120,9 @@ class SerialRoad:
 
 
 def _is_locked(frame: Frame) -> bool:
-    """Whether a frame's data is unread, or makes no sense: what an aircraft sends is pushed."""
+    """Return whether a frame's data is encrypted, or makes no sense after decryption.
+
+    Decrypted data makes sense if it is a push: that is what an aircraft sends.
+    """
     opened = frame.encryption != PLAIN and not frame.is_ack
     return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)

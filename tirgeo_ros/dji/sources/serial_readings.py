@@ -1,8 +1,8 @@
-"""From the frames of the serial link to readings, each at its own time.
+"""Convert frames of the serial link to readings, each with its own time.
 
-Broadcast (set 02, id 00) and subscription (02, 05) are read; from a capture that holds both
-directions, what the packages hold as well. What the aircraft packs in other units, axes and orders
-is brought into those of ``dji.sources.readings`` here.
+Broadcast (set 02, id 00) and subscription (02, 05) are read; from a capture of both directions,
+the content of the packages as well. The aircraft's units, axes and field orders are converted here
+to those of ``dji.sources.readings``.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class StampSource(Protocol):
     """Give stamps for a counter of the aircraft: live ones or those of captures."""
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """The time of a counter's value that came in at ``arrival_ns``."""
+        """Return the stamp of a counter's value that came in at ``arrival_ns``."""
 
 
 class Clocks(NamedTuple):
-    """A clock for each counter of the aircraft: they may start and step apart."""
+    """Hold a clock for each counter of the aircraft: they may start and step separately."""
 
     broadcast: StampSource  # ms
     subscription: StampSource  # ms
@@ -53,30 +53,31 @@ class Clocks(NamedTuple):
 
 
 class Telemetry:
-    """Frames in, readings out; what cannot be read is counted."""
+    """Convert frames to readings; count what cannot be read."""
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
         self._clocks = clocks
         self._packages = packages
         self._traffic = HostTraffic(packages)
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
-        self._known: Place | None = None  # where the aircraft is, by what has no doubtful order
+        # the aircraft's position, from fields whose order is certain
+        self._known: Place | None = None
         self._counts: Counter[str] = Counter()
 
     @property
     def counts(self) -> dict[str, int]:
-        """What came, in all.
+        """Return the counts since the start.
 
         ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts whose
-        length fits no layout; ``unknown_package``: pushes that their package, as far as it is
-        known, cannot be; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-        ``implausible``: pushes with values that cannot be, which are left out;
-        ``axes_swapped``: GPS_POSITION with the latitude first.
+        length fits no layout; ``unknown_package``: pushes that do not fit their package, as far as
+        it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
+        ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
+        GPS_POSITION with the latitude first.
         """
         return dict(self._counts)
 
     def read(self, frame: Frame, arrival_ns: int) -> list[Reading]:
-        """The readings of a frame that came in at ``arrival_ns``, in the order of their use."""
+        """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
             return self._read_broadcast(frame.value, arrival_ns)
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
@@ -120,7 +121,7 @@ class Telemetry:
             return []
         self._counts["subscription"] += 1
         stamp_ns = self._sent_ns(push, arrival_ns)
-        values = self._believed(push)
+        values = self._plausible_values(push)
         readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
         readings += _inertial(
             stamp_ns,
@@ -135,13 +136,16 @@ class Telemetry:
             readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
         return readings
 
-    def _believed(self, push: Push) -> dict[str, Any]:
-        """What can be true of a push; of a package that is not as known much cannot."""
-        doubts = doubtful(push)
-        if not doubts:
+    def _plausible_values(self, push: Push) -> dict[str, Any]:
+        """Return the plausible values of a push.
+
+        A wrong package table makes many of them implausible.
+        """
+        implausible = doubtful(push)
+        if not implausible:
             return push.values
         self._counts["implausible"] += 1
-        return {name: value for name, value in push.values.items() if name not in doubts}
+        return {name: value for name, value in push.values.items() if name not in implausible}
 
     def _sent_ns(self, push: Push, arrival_ns: int) -> int:
         if push.time_ms is not None:
@@ -152,7 +156,7 @@ class Telemetry:
     def _hard_sync(self, tick: HardSync | None, arrival_ns: int) -> list[Reading]:
         if tick is None:
             return []
-        # Not by the push's own time, which is cut to milliseconds.
+        # Not by the push's own time, which is truncated to milliseconds.
         stamp_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
         given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
         return _inertial(stamp_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
@@ -176,7 +180,10 @@ class Telemetry:
         return readings
 
     def _gps_place(self, raw: GpsPosition) -> Place:
-        """GPS_POSITION, longitude first; the documents disagree, so other positions decide."""
+        """Return GPS_POSITION, longitude first unless other positions show the reverse order.
+
+        The documents disagree on the order.
+        """
         longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._is_swapped(latitude, longitude):
             self._counts["axes_swapped"] += 1
@@ -194,7 +201,7 @@ class Telemetry:
 def _inertial(
     stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, parts: tuple[Any, ...]
 ) -> list[Reading]:
-    """``parts``: acceleration, rate, attitude; what of them can be used together."""
+    """Return the readings that ``parts`` (acceleration, rate, attitude) make together."""
     acceleration, rate, q_nb = parts
     if acceleration is not None and rate is not None:
         return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q_nb)]
@@ -214,7 +221,7 @@ def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
 def _quality(
     detail: GpsDetail | None,
 ) -> tuple[int | None, float | None, float | None, float | None]:
-    """Fix, and sigmas in m, m and m/s."""
+    """Return fix, and sigmas in m, m and m/s."""
     if detail is None:
         return None, None, None, None
     fix = int(detail.fix) if math.isfinite(detail.fix) else 0

@@ -1,4 +1,4 @@
-"""Bags: MCAP files of profile ``ros2`` with ``ros2msg`` schemas and CDR messages."""
+"""Read and write bags: MCAP files of profile ``ros2``, ``ros2msg`` schemas, CDR messages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ENCODING = ("cdr", "ros2msg")
 
 
 class BagMessage(NamedTuple):
-    """A message as it stands in a bag."""
+    """Hold a message as it is in a bag."""
 
     topic: str
     typename: str
@@ -42,11 +42,11 @@ class BagMessage(NamedTuple):
 
 
 class BagReader:
-    """Reads a bag, also a cut or damaged one as far as it goes.
+    """Read a bag; a cut or damaged one as far as possible.
 
     Raises BagError if the file is absent, not MCAP, of another profile, or without messages.
-    ``damage`` says after an iteration what was lost. Memory stays flat in whole files: one chunk
-    and those that overlap it in time are held.
+    ``damage`` describes after an iteration what was lost. Memory is constant in whole files: one
+    chunk and those that overlap it in time are held.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -59,9 +59,9 @@ class BagReader:
             raise BagError(f"{self.path}: no message can be read; {self.damage or 'it has none'}")
 
     def topics(self) -> dict[str, str]:
-        """Every topic of which the bag has messages, with the name of its type.
+        """Return every topic of which the bag has messages, with the name of its type.
 
-        One that was advertised to a recorder and stayed silent is none.
+        A topic that was advertised to a recorder and had no message is left out.
         """
         found: dict[str, str] = {}
         for key, channel in self._contents.channels.items():
@@ -73,18 +73,21 @@ class BagReader:
 
     @property
     def count(self) -> int | None:
-        """Messages in the bag, None where the bag does not say."""
+        """Return the number of messages in the bag, None if the bag does not contain it."""
         return self._contents.count
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Log times of the first and of the last message."""
+        """Return the log times of the first and of the last message."""
         segments = self._contents.segments
         return min(s.start_ns for s in segments), max(s.end_ns for s in segments)
 
     @property
     def damage(self) -> str | None:
-        """What could not be read, in one line; complete after an iteration over all topics."""
+        """Return in one line what could not be read, None if nothing was lost.
+
+        The line is complete after an iteration over all topics.
+        """
         losses = [what for _, what in sorted(self._contents.losses.items())]
         if not losses:
             return None
@@ -94,7 +97,7 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Messages in order of log time, of these topics, from a log time on.
+        """Return the messages of these topics in order of log time, from a log time on.
 
         Raises BagError if one of these topics is not CDR with a ``ros2msg`` schema.
         """
@@ -133,7 +136,7 @@ class BagReader:
                 yield log, segment.offset, number, message
 
     def _checked_types(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
-        """Channel to topic and type, of the topics that are wanted."""
+        """Return channel to topic and type, for the wanted topics."""
         found = {}
         for number, channel in self._contents.channels.items():
             if topics is not None and channel.topic not in topics:
@@ -161,7 +164,7 @@ class BagReader:
 
 @final
 class BagWriter:
-    """Writes a bag; a context manager.
+    """Write a bag; a context manager.
 
     The file appears under its name when the context ends without an error; on an error nothing is
     left behind. The same calls give the same bytes. Raises BagError if it cannot be written.
@@ -177,7 +180,7 @@ class BagWriter:
         self._writer: Writer
 
     def __enter__(self) -> BagWriter:
-        """Open a temporary file beside the bag to be."""
+        """Open a temporary file beside the future bag."""
         check_place(self.path, BagError)
         with self._errors():
             self._file = self._part.open("wb")
@@ -218,7 +221,7 @@ class BagWriter:
         return self._schemas[typename]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish the file and give it its name, or remove it if there was an error."""
+        """Finish the file and rename it, or remove it after an error."""
         try:
             with self._errors(), self._file:
                 if kind is None:

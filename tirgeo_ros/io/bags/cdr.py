@@ -1,4 +1,4 @@
-"""Message classes, definitions and CDR of ROS 2 Jazzy without ROS, through rosbags."""
+"""Encode and decode CDR of ROS 2 Jazzy without ROS, through rosbags; give type definitions."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 
-# What the decoders raise for bytes that are no such message.
+# Raised by the decoders for bytes that are no such message.
 _UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
-# Fast CDR reckons up to 7 bytes too many for each empty list and sends them, whatever is in them.
+# Fast CDR computes up to 7 bytes too many for each empty list, and sends them with any content.
 _MOST_SURPLUS = 64
 
 
 @cache
 def _store() -> Typestore:
-    """One store for the process: it takes a quarter of a second to make and is only read."""
+    """Return the store, one for the process: it takes 0.25 s to make and is only read."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -36,9 +36,9 @@ def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, i
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """The stamp of a message that begins with a header, without decoding the rest of it.
+    """Return the stamp (ns) of a message that begins with a header, without decoding the rest.
 
-    Raises MessageError where its bytes end before it.
+    Raises MessageError if the bytes end before it.
     """
     try:
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
@@ -48,20 +48,23 @@ def header_stamp_ns(data: bytes) -> int:
 
 
 class Cdr:
-    """Serialises and deserialises messages by type name (``sensor_msgs/msg/Imu``).
+    """Serialise and deserialise messages by type name (``sensor_msgs/msg/Imu``).
 
-    The store's own ways allow no bytes behind a message, and copy and look up more.
+    The store's own methods allow no bytes behind a message, and copy and look up more.
     """
 
     def __init__(self) -> None:
         self._store = _store()
 
     def types(self, typename: str) -> type:
-        """The message class. Raises BagError for a type that is not in common_interfaces."""
+        """Return the message class.
+
+        Raises BagError for a type that is not in common_interfaces.
+        """
         return self._definition(typename).cls
 
     def serialize(self, message: Any, typename: str) -> bytes:
-        """A message as CDR, little endian, with its encapsulation header."""
+        """Return a message as CDR, little endian, with its encapsulation header."""
         definition = self._definition(typename)
         size = definition.getsize_cdr(0, message, self._store)
         data = bytearray(4 + size)
@@ -70,7 +73,7 @@ class Cdr:
         return bytes(data)
 
     def deserialize(self, data: bytes, typename: str, topic: str = "") -> Any:
-        """The message in CDR bytes. Raises MessageError naming ``topic`` where there is none."""
+        """Decode CDR bytes. Raises MessageError naming ``topic`` if they are no such message."""
         definition = self._definition(typename)
         try:
             message, end = _decoder(definition, data)(data[4:], 0, definition.cls, self._store)
@@ -86,7 +89,7 @@ class Cdr:
         return message
 
     def from_ros1(self, data: bytes, typename: str, topic: str = "") -> bytes:
-        """A message as ROS 1 sends it to CDR. Raises MessageError where it is no such message.
+        """Convert a message of ROS 1 to CDR. Raises MessageError if it is no such message.
 
         The fields are those of ROS 2, without the ``seq`` of ROS 1's headers.
         """
@@ -99,7 +102,7 @@ class Cdr:
             ) from None
 
     def definition(self, typename: str) -> str:
-        """The text of the definition with all that it is made of, as an MCAP schema holds it."""
+        """Return the text of the definition with all parts, as an MCAP schema holds it."""
         self.types(typename)
         return self._store.generate_msgdef(typename, ros_version=2)[0]
 

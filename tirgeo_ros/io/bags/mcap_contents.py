@@ -1,7 +1,7 @@
-"""Where the messages of an MCAP file are, also of one that is cut off or damaged.
+"""Find the messages of an MCAP file, also of one that is cut off or damaged.
 
-A whole file says it in its summary. Any other is walked from its first record: what stands there
-is found, what is broken is stepped over and noted.
+A whole file lists them in its summary. Any other is walked from its first record: valid records
+are used, broken ones are skipped and noted.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _CHUNK_TIMES = struct.Struct("<QQ")
 _FOOTER_SIZE = _RECORD.size + 20
 _COMPRESSION_AT = _RECORD.size + 28  # of the compression's name in a chunk
-_LOOSE_SIZE = 1 << 20  # messages outside chunks are taken together up to this size
-_PRIVATE = 0x80  # opcodes from here on belong to applications and are stepped over
+_LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
+_PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
 
-# What the parsers raise for bytes that are no such record.
+# Raised by the parsers for bytes that are no such record.
 _BROKEN = (
     McapError,
     RuntimeError,
@@ -49,7 +49,7 @@ RawMessage = tuple[int, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A range of a file that holds messages: a chunk, or loose messages."""
+    """Hold a range of a file that contains messages: a chunk, or loose messages."""
 
     start_ns: int  # log time of the first message
     end_ns: int
@@ -60,7 +60,7 @@ class Segment:
 
 @dataclass(slots=True)
 class Contents:
-    """Segments, channels and schemas of a file, and what is wrong with it."""
+    """Hold segments, channels and schemas of a file, and its faults."""
 
     segments: list[Segment] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Contents:
     losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
 
     def add(self, opcode: int, body: bytes) -> None:
-        """Take in a schema or a channel."""
+        """Add a schema or a channel."""
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(body)))
             self.schemas.setdefault(schema.id, schema)
@@ -80,7 +80,7 @@ class Contents:
 
 
 def header_of(data: mmap) -> Header | None:
-    """The file's header; None where it is broken."""
+    """Return the file's header; None if it is broken."""
     try:
         opcode, length = _RECORD.unpack_from(data, len(MAGIC))
         begin = len(MAGIC) + _RECORD.size
@@ -92,7 +92,7 @@ def header_of(data: mmap) -> Header | None:
 
 
 def contents_of(data: mmap) -> Contents:
-    """What a file that begins with the magic holds."""
+    """Return the contents of a file that begins with the magic."""
     try:
         found = _summary(data)
     except _BROKEN as error:
@@ -103,7 +103,7 @@ def contents_of(data: mmap) -> Contents:
 
 
 def _summary(data: mmap) -> Contents | None:
-    """The contents by the summary; None where a sound file has no index."""
+    """Return the contents by the summary; None if an intact file has no index."""
     footer = _footer(data)
     if not footer.summary_start:
         return None
@@ -148,7 +148,7 @@ def _indexed(index: ChunkIndex) -> Segment:
 
 
 def _walked(data: mmap) -> Contents:
-    """The contents by every record from the first one on."""
+    """Return the contents by walking all records from the first one on."""
     found = Contents(count=0)
     for offset, length in _ranges(data, found):
         number, first_ns, last_ns = 0, sys.maxsize, 0
@@ -162,7 +162,10 @@ def _walked(data: mmap) -> Contents:
 
 
 def _ranges(data: mmap, found: Contents) -> Iterator[tuple[int, int]]:
-    """Ranges of whole records, one with each chunk; broken places go to ``found.losses``."""
+    """Yield ranges of whole records, one with each chunk.
+
+    Broken places are added to ``found.losses``.
+    """
     at = start = len(MAGIC)
     while at < len(data):
         opcode, end = _record_at(data, at)
@@ -185,7 +188,7 @@ def _ranges(data: mmap, found: Contents) -> Iterator[tuple[int, int]]:
 
 
 def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
-    """Opcode (None: there is no such record) and end of the record at an offset."""
+    """Return opcode (None: no valid record) and end of the record at an offset."""
     if at + _RECORD.size > len(data):
         return None, len(data)
     opcode, length = _RECORD.unpack_from(data, at)
@@ -194,7 +197,7 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
 
 
 def _next_chunk(data: mmap, at: int) -> int | None:
-    """Offset of the next record that has all the marks of a compressed chunk."""
+    """Return the offset of the next record that has all marks of a compressed chunk, else None."""
     found = []
     for name in (b"zstd", b"lz4"):
         marker = struct.pack("<I", len(name)) + name
@@ -215,7 +218,7 @@ def _is_chunk(data: mmap, at: int, marker_size: int) -> bool:
 
 
 def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Iterator[RawMessage]:
-    """The messages in a range of records; what is broken goes to ``found.losses``."""
+    """Yield the messages in a range of records; add broken places to ``found.losses``."""
     part = part_of_file(data, offset, length)
     at = 0
     while at < len(part):
@@ -233,7 +236,7 @@ def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Itera
 
 
 def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
-    """The records in a chunk; of one that is cut off those up to the cut, of a broken one none."""
+    """Return the records in a chunk; of one cut off those up to the cut, of a broken one none."""
     cut = len(body) < size
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
@@ -249,7 +252,7 @@ def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
 
 
 def _messages(records: bytes, offset: int, found: Contents) -> Iterator[RawMessage]:
-    """Messages among records; schemas and channels are taken in on the way."""
+    """Yield the messages among records; add schemas and channels on the way."""
     at, end = 0, len(records)
     while at + _RECORD.size <= end:
         opcode, length = _RECORD.unpack_from(records, at)

@@ -1,7 +1,7 @@
-"""ROS 1 bags, read without ROS; the messages' types and bytes through rosbags.
+"""Read ROS 1 bags without ROS; the messages are decoded through rosbags.
 
-The reader of rosbags itself takes whole bags alone. Of a flight that ended in a crash or with an
-empty battery there is a bag without an index, so the file is walked here (``ros1_contents``).
+The reader of rosbags accepts only complete bags. A flight that ended in a crash or with an empty
+battery leaves a bag without an index, so the file is walked here (``ros1_contents``).
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from tirgeo_ros.io.bags.ros1_records import MAGIC
 from tirgeo_ros.io.bags.time_order import Placed, in_time_order
 from tirgeo_ros.io.files.mapped_file import mapped
 
-# What the decoders raise for bytes that are no such message.
+# Raised by the decoders for bytes that are no such message.
 _UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
-#: What the types' generator raises for a definition that is none.
+#: Raised by the types' generator for an invalid definition.
 _UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 
 
 class Ros1Message(NamedTuple):
-    """A message as it stands in a bag."""
+    """Hold a message as it is in a bag."""
 
     topic: str
     typename: str  # sensor_msgs/msg/Imu
-    record_ns: int  # when the recorder had it
+    record_ns: int  # when the recorder received it
     connection: int
     data: bytes
 
 
 class Ros1Bag:
-    """Reads a bag, also a cut, damaged or unfinished one as far as it goes.
+    """Read a bag; a cut, damaged or unfinished one as far as possible.
 
     Raises BagError if the file is absent, not a ROS 1 bag of version 2.0, encrypted, or without
-    messages. ``damage`` says after an iteration what was lost. Memory: one chunk and those that
-    overlap it in time.
+    messages. ``damage`` describes after an iteration what was lost. Memory: one chunk and those
+    that overlap it in time.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -61,7 +61,7 @@ class Ros1Bag:
             raise BagError(f"{self.path}: no message can be read; {self.damage or 'it has none'}")
 
     def topics(self) -> dict[str, tuple[str, ...]]:
-        """Every topic in the bag with the names of its types, of which there should be one."""
+        """Return every topic in the bag with the names of its types (there should be one)."""
         found: dict[str, set[str]] = {}
         for connection in self._contents.connections.values():
             found.setdefault(connection.topic, set()).add(connection.typename)
@@ -69,13 +69,16 @@ class Ros1Bag:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Record times of the first and of the last message."""
+        """Return the record times of the first and of the last message."""
         chunks = self._contents.chunks
         return min(c.start_ns or 0 for c in chunks), max(c.end_ns or 0 for c in chunks)
 
     @property
     def damage(self) -> str | None:
-        """What could not be read, in one line; complete after an iteration over all topics."""
+        """Return in one line what could not be read, None if nothing was lost.
+
+        The line is complete after an iteration over all topics.
+        """
         losses = [what for _, what in sorted(self._contents.losses.items())]
         if self._unknown:
             losses.append(f"{self._unknown.total()} messages are of topics that nothing names")
@@ -85,7 +88,7 @@ class Ros1Bag:
         return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
-        """Messages in order of the times when they were recorded, of these topics."""
+        """Return the messages of these topics in order of the times when they were recorded."""
         self._read = 0
         self._unknown.clear()
         with mapped(self.path) as data:
@@ -96,7 +99,7 @@ class Ros1Bag:
     def _loaded(
         self, data: mmap, chunk: Chunk, topics: Collection[str] | None
     ) -> Iterator[Placed[Ros1Message]]:
-        """The messages of a chunk."""
+        """Yield the messages of a chunk."""
         for number, raw in enumerate(self._contents.messages(data, chunk)):
             connection = self._contents.connections.get(raw.connection)
             if connection is None:
@@ -108,9 +111,9 @@ class Ros1Bag:
                 yield raw.record_ns, chunk.offset, number, message
 
     def decoded(self, message: Ros1Message) -> Any:
-        """The message with the fields of its definition in the bag; times have sec, nanosec.
+        """Decode the message by its definition in the bag; times have sec, nanosec.
 
-        Raises MessageError where its bytes are no such message, or its type is not defined.
+        Raises MessageError if its bytes are no such message, or its type is not defined.
         """
         store = self._store(self._contents.connections[message.connection])
         try:
@@ -131,9 +134,10 @@ class Ros1Bag:
 
 
 def _store_of(connection: Connection) -> Typestore | str:
-    """The types that a connection's definition makes; text if it makes none.
+    """Return the types of a connection's definition; a text if it is invalid.
 
-    A store for each: two wrappers in one bag may mean different things by one name.
+    Each connection has its own store: two wrappers in one bag may use one name for different
+    types.
     """
     store = get_typestore(Stores.EMPTY)
     try:

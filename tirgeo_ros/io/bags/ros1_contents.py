@@ -1,9 +1,8 @@
-"""Where the messages of a ROS 1 bag are, also of one that was cut off or never closed.
+"""Find the messages of a ROS 1 bag, also of one that was cut off or never closed.
 
-Messages and descriptions of connections stand in chunks; behind each chunk and at the end of the
-file stands an index, which a recorder that was killed did not write. The records are therefore
-walked whether there is an index or not: what stands there is found, what is broken is stepped
-over and noted.
+Chunks contain messages and descriptions of connections. An index follows each chunk, and another
+is at the end of the file; a recorder that was killed did not write it. The records are therefore
+walked whether there is an index or not: valid ones are used, broken ones are skipped and noted.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ from tirgeo_ros.io.files.mapped_file import part_of_file
 
 
 class Connection(NamedTuple):
-    """Who sends on a topic, and as what."""
+    """Hold the topic and type of a connection."""
 
     topic: str
-    typename: str  # as ROS 2 has it: sensor_msgs/msg/Imu
-    definition: str  # the text of the type's definition, with all that it is made of
+    typename: str  # as in ROS 2: sensor_msgs/msg/Imu
+    definition: str  # the text of the type's definition, with all parts
 
 
 class RawMessage(NamedTuple):
-    """A message in a chunk."""
+    """Hold a message of a chunk."""
 
     record_ns: int
     connection: int
@@ -48,7 +47,7 @@ class RawMessage(NamedTuple):
 
 @dataclass(slots=True)
 class Chunk:
-    """A part of a file that holds messages."""
+    """Hold a part of a file that contains messages."""
 
     offset: int  # of its data in the file
     length: int
@@ -57,24 +56,24 @@ class Chunk:
     start_ns: int | None = None  # record time of the first message, where known
     end_ns: int | None = None
     connections: set[int] = field(default_factory=set)
-    indexed: int = 0  # messages that its index tells of
+    indexed: int = 0  # number of messages in its index
 
     def reach(self, start_ns: int, end_ns: int) -> None:
-        """Take in the times of messages."""
+        """Extend the time span to these times of messages."""
         self.start_ns = start_ns if self.start_ns is None else min(self.start_ns, start_ns)
         self.end_ns = end_ns if self.end_ns is None else max(self.end_ns, end_ns)
 
 
 @dataclass(slots=True)
 class Contents:
-    """Chunks in the order of their times and connections of a file, and what is wrong with it."""
+    """Hold a file's chunks in the order of their times, its connections, and its faults."""
 
     chunks: list[Chunk] = field(default_factory=list)
     connections: dict[int, Connection] = field(default_factory=dict)
     losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
 
     def messages(self, data: mmap, chunk: Chunk) -> Iterator[RawMessage]:
-        """The messages in a chunk; connections that are described in it are taken in."""
+        """Yield the messages in a chunk; add the connections that are described in it."""
         inside = self._unpacked(data, chunk)
         number = 0
         for record in records(inside, 0, len(inside)):
@@ -90,10 +89,10 @@ class Contents:
             self.lose(chunk, "is damaged")
 
     def connect(self, data: Bytes, record: Record) -> None:
-        """Take in the description of a connection."""
+        """Add the description of a connection."""
         described = fields_of(data[record.offset : record.end])
         if not described or b"type" not in described:
-            return  # its messages are then of no known topic, which is noted
+            return  # its messages then have no known topic, which is noted
         package, _, name = described[b"type"].decode(errors="replace").rpartition("/")
         topic = record.text(b"topic")
         parts = (part for part in topic.split("/") if part)
@@ -112,12 +111,12 @@ class Contents:
         return found
 
     def lose(self, chunk: Chunk, what: str) -> None:
-        """Note what is wrong with a chunk."""
+        """Record what is wrong with a chunk."""
         self.losses.setdefault(chunk.offset, f"the chunk at byte {chunk.offset} {what}")
 
 
 def contents_of(data: mmap, name: str) -> Contents:
-    """What a file that begins with the magic holds.
+    """Return the contents of a file that begins with the magic.
 
     Raises BagError naming ``name`` if it is encrypted.
     """
@@ -132,7 +131,7 @@ def contents_of(data: mmap, name: str) -> Contents:
         else:
             _TAKE.get(record.op, _nothing)(found, data, record)
             if found.chunks and found.chunks[-1].size is None:
-                break  # to the end of the file: what looks like records in it is packed
+                break  # up to the end of the file: what looks like records in it is packed data
             if record.cut and record.op != Op.CHUNK:
                 found.losses[record.start] = f"the record at byte {record.start} is cut off"
     if not indexed:
@@ -159,7 +158,7 @@ def _add_chunk(found: Contents, data: mmap, record: Record) -> None:
 
 
 def _add_times(found: Contents, data: mmap, record: Record) -> None:
-    """Take in an index of the chunk before it: seconds, nanoseconds, place of each message."""
+    """Add the index of the chunk before it: seconds, nanoseconds, offset of each message."""
     whole = (record.end - record.offset) // 12 * 12
     entries = np.frombuffer(data[record.offset : record.offset + whole], "<u4").reshape(-1, 3)
     if found.chunks and len(entries):
@@ -170,7 +169,7 @@ def _add_times(found: Contents, data: mmap, record: Record) -> None:
 
 
 def _add_loose(found: Contents, _data: mmap, record: Record) -> None:
-    """A message outside chunks: in one that was not closed when the recording ended."""
+    """Add a message outside chunks: it is in one that was not closed when the recording ended."""
     length = record.end - record.start
     found.chunks.append(Chunk(record.start, length, "none", length))
 
@@ -180,7 +179,7 @@ def _connect(found: Contents, data: mmap, record: Record) -> None:
 
 
 def _nothing(_found: Contents, _data: mmap, _record: Record) -> None:
-    """What the walk has no need of."""
+    """Ignore a record that the walk does not need."""
 
 
 _TAKE = {
@@ -192,7 +191,7 @@ _TAKE = {
 
 
 def _complete(found: Contents, data: mmap) -> None:
-    """Read the chunks that no index tells of, and sort all by time."""
+    """Read the chunks without an index, and sort all by time."""
     for chunk in found.chunks:
         if chunk.start_ns is None or not chunk.connections <= found.connections.keys():
             for message in found.messages(data, chunk):

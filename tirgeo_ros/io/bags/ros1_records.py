@@ -1,7 +1,7 @@
-"""The records of a ROS 1 bag (version 2.0), one after another, broken ones stepped over.
+"""Read the records of a ROS 1 bag (version 2.0) one after another, and skip broken ones.
 
-A record is a header of ``name=value`` fields and data, each behind its length. Source of the
-layout: the ROS wiki, Bags/Format/2.0.
+A record is a header of ``name=value`` fields, then data, each preceded by its length. Source of
+the layout: the ROS wiki, Bags/Format/2.0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
-_LONGEST_HEADER = 4096  # a topic's name is the longest part of any
+_LONGEST_HEADER = 4096  # a topic's name is the longest part of any header
 _OP = re.compile(rb"op=[\x02-\x07]")
 _BEFORE_OP = 300  # the fields before it in a header are shorter
 
@@ -25,7 +25,7 @@ Bytes = bytes | mmap
 
 
 class Op(IntEnum):
-    """The kinds of records."""
+    """List the kinds of records."""
 
     MESSAGE = 2
     BAG = 3
@@ -47,39 +47,39 @@ _FIELDS: dict[int, dict[bytes, int | None]] = {
 
 
 class Record(NamedTuple):
-    """A record and where it stands."""
+    """Hold a record and its position."""
 
     op: Op
     fields: dict[bytes, bytes]
     start: int
     offset: int  # of the data
     end: int
-    cut: bool = False  # the data should go on behind the end
+    cut: bool = False  # whether the data should continue behind the end
 
     def number(self, name: bytes) -> int:
-        """A field of four bytes."""
+        """Return a field of four bytes."""
         return int(_U32.unpack(self.fields[name])[0])
 
     def text(self, name: bytes) -> str:
-        """A field of text."""
+        """Return a field of text."""
         return self.fields[name].decode(errors="replace")
 
     @property
     def time_ns(self) -> int:
-        """When a message was recorded."""
+        """Return when a message was recorded, in nanoseconds."""
         seconds, nanoseconds = _TIME.unpack(self.fields[b"time"])
         return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 class Lost(NamedTuple):
-    """Bytes that are no record."""
+    """Hold a range of bytes that are no record."""
 
     start: int
     end: int
 
 
 def records(data: Bytes, start: int, end: int) -> Iterator[Record | Lost]:
-    """The records from a byte on; of one that is cut off, what there is up to the next chunk."""
+    """Yield the records from a byte on; a record that is cut off ends at the next chunk."""
     while start < end:
         record = record_at(data, start, end)
         if record is None:
@@ -93,7 +93,7 @@ def records(data: Bytes, start: int, end: int) -> Iterator[Record | Lost]:
 
 
 def record_at(data: Bytes, start: int, end: int) -> Record | None:
-    """The record that begins at a byte; None where none does."""
+    """Return the record that begins at a byte; None if none does."""
     if start + 8 > end:
         return None
     (size,) = _U32.unpack_from(data, start)
@@ -113,7 +113,7 @@ def record_at(data: Bytes, start: int, end: int) -> Record | None:
 
 
 def next_record(data: Bytes, start: int, end: int, op: Op | None = None) -> int:
-    """Where the next record, of a kind, begins; the end where there is none."""
+    """Return the offset of the next record, of kind ``op`` if given; the end if there is none."""
     for found in _OP.finditer(data, start, end):
         if op is not None and data[found.end() - 1] != op:
             continue
@@ -124,7 +124,7 @@ def next_record(data: Bytes, start: int, end: int, op: Op | None = None) -> int:
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes] | None:
-    """The fields of a header; None where it is none."""
+    """Return the fields of a header; None if it is invalid."""
     fields, at, end = {}, 0, len(header)
     while at < end:
         if at + 4 > end:

@@ -1,4 +1,4 @@
-"""Messages of a bag's parts in order of time, with a bound on those that wait for their turn."""
+"""Sort the messages of a bag's parts by time, with a bound on those that wait."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import Protocol, TypeVar
 
 from tirgeo_ros.core.types.errors import BagError
 
-#: The most that may wait. Parts of a recording overlap by a second or so.
+#: The most bytes that may wait. Parts of a recording overlap by a second or so.
 MOST_BYTES = 384 << 20
-_BESIDE_BYTES = 600  # what a message takes beside its data
+_BESIDE_BYTES = 600  # memory of a message in addition to its data
 
 
 class Message(Protocol):
-    """A message of a bag."""
+    """Specify a message of a bag."""
 
     @property
     def data(self) -> bytes:
-        """As it stands in the bag."""
+        """Return its bytes as they are in the bag."""
 
 
 M = TypeVar("M", bound=Message)
-#: A message behind what it is ordered by: time, then its place in the file.
+#: A message preceded by its sort keys: time, then its place in the file.
 Placed = tuple[int, int, int, M]
 
 
 def in_time_order(parts: Iterable[tuple[int, Iterable[Placed[M]]]], name: object) -> Iterator[M]:
     """Yield the messages of parts, which come in the order of their first times (ns).
 
-    Raises BagError, naming ``name``, where too many overlap.
+    Raises BagError, naming ``name``, if too many overlap.
     """
     waiting: list[Placed[M]] = []
     for start_ns, loaded in parts:

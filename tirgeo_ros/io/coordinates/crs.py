@@ -1,4 +1,4 @@
-"""Coordinate reference systems: from a map's own to longitudes and latitudes in WGS84."""
+"""Transform points of a map from its coordinate reference system to WGS84."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ _REMEDY = (
     "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "
     "in the style sheet"
 )
-#: What to tell of positions whose datum nothing says.
+#: Remark for positions whose datum is not stated.
 ASSUMED = (
     "taken for WGS84, which is right to 2 m for a datum of today, and 100 m off or more for an "
     "old one"
 )
 _WGS84_AXIS_M = 6378137.0
-#: A shift less exact than this is told. EPSG gives 1 m to most of the datums of plates (ETRS89
-#: and the like), which services for RTK work in too, and 2 or 3 m to some (NAD83(2011), GDA2020).
+#: A datum shift that is less exact than this is reported. EPSG gives 1 m to most datums of
+#: tectonic plates (ETRS89 and the like), in which RTK services work too, and 2 or 3 m to some
+#: (NAD83(2011), GDA2020).
 _EXACT_M = 1.0
 _PLATE_M = 3.0
 _ROUNDING_DEG = 1e-9  # a tenth of a millimetre
@@ -32,14 +33,14 @@ _NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.
 
 
 def known(name: str) -> bool:
-    """Whether a name is that of a system on the Earth's surface."""
+    """Return whether a name is that of a system on the Earth's surface."""
     return _system(name) is not None
 
 
 def checked_system(name: str, where: str) -> pyproj.CRS:
-    """The system of a code, a WKT or a PROJ text.
+    """Return the system of a code, a WKT or a PROJ text.
 
-    Raises MapError if it is unknown, or is none of the Earth's surface.
+    Raises MapError if it is unknown, or is not on the Earth's surface.
     """
     system = _system(name)
     if system is not None:
@@ -72,12 +73,13 @@ def _short(name: str) -> str:
 
 
 def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ...]]:
-    """Points (N, 3) x, y, z as longitude, latitude (deg), ellipsoidal height (m); and remarks.
+    """Convert points (N, 3) x, y, z to longitude, latitude (deg), ellipsoidal height (m).
 
-    x comes before y whatever the system's own order. Heights of a compound system are those of
-    another zero, so they become nan; heights of a plain one are the ellipsoid's, as they are.
+    Returns the points (N, 3) and remarks. x comes before y whatever the system's own order.
+    Heights of a compound system have another zero, so they become nan. Heights of a plain system
+    are ellipsoidal and stay as they are.
 
-    Raises MapError for an unknown system, and for one whose datum PROJ cannot bring to WGS84.
+    Raises MapError for an unknown system, and for one whose datum PROJ cannot transform to WGS84.
     """
     system = checked_system(name, where)
     laid = np.array(points, float)
@@ -107,10 +109,13 @@ def _transformer(system: pyproj.CRS, where: str) -> pyproj.Transformer:
 def _shift_remarks(
     transformer: pyproj.Transformer, system: pyproj.CRS, where: str
 ) -> tuple[str, ...]:
-    """What the step between the datums lacks; it is that of the last point transformed."""
+    """Return remarks on the accuracy of the datum shift.
+
+    The shift is the one that PROJ used for the last point transformed.
+    """
     try:
         step = transformer.get_last_used_operation()
-    except ProjError:  # there is one way alone, which changes no number
+    except ProjError:  # there is only one operation, which changes no number
         step = transformer
     if "Ballpark" in step.description:
         return _ballpark_remarks(system, where)
@@ -121,7 +126,7 @@ def _shift_remarks(
 
 
 def _of_a_plate(system: pyproj.CRS) -> bool:
-    """Whether the datum is a known one of WGS84's size: made to agree with it."""
+    """Return whether the datum is a known one of WGS84's size, so made to agree with it."""
     datum = system.datum
     if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
         return False
@@ -129,7 +134,7 @@ def _of_a_plate(system: pyproj.CRS) -> bool:
 
 
 def _is_datum(name: str) -> bool:
-    """Whether PROJ knows a datum of this name, or one that goes by it."""
+    """Return whether PROJ knows a datum of this name or alias."""
     try:
         Datum.from_name(name)
     except CRSError:
@@ -143,9 +148,9 @@ def _as_large(system: pyproj.CRS) -> bool:
 
 
 def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
-    """Without a known way, a datum as large as WGS84's is taken for it.
+    """Return remarks where no datum shift is known: a datum as large as WGS84's is taken for it.
 
-    Another is hundreds of metres off.
+    Raises MapError for another one, which is hundreds of metres off.
     """
     if not _as_large(system):
         raise MapError(
@@ -161,20 +166,20 @@ def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
 
 
 def in_range(points: Array) -> BoolArray:
-    """Which points (N, 3) are a longitude and a latitude in degrees."""
+    """Return for each point (N, 3) whether it is a longitude and a latitude in degrees."""
     right: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
     return right
 
 
 def range_fault(x: float, y: float, *, all_are: bool) -> str:
-    """What is wrong with a vertex that is none; and what to do where all are such."""
+    """Return what is wrong with an invalid vertex, and the remedy if all are invalid."""
     swapped = " (are the two swapped?)" if abs(x) <= 90 < abs(y) <= 180 else ""
     remedy = f"; {_REMEDY}" if all_are else ""
     return f"({x:.6g}, {y:.6g}) is not a longitude and a latitude{swapped}{remedy}"
 
 
 def once_around(longitudes: Array) -> Array:
-    """Longitudes (deg) between -180 and 180; what is beyond by rounding is on the edge."""
+    """Return longitudes (deg) wrapped to -180 to 180; rounding errors beyond are clipped."""
     beyond = np.abs(longitudes) > 180
     rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
     around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)

@@ -1,4 +1,4 @@
-"""Planes of metres that pictures of the ground are laid in: UTM, or any projected system."""
+"""Define planes in metres for pictures of the ground: UTM, or any projected system."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 
 
 class Plane:
-    """A projected system; without a name the UTM zone of some places (n, 2), degrees.
+    """Convert between degrees and a projected system.
 
-    Raises MapError for a name that is unknown or no projected system in metres.
+    Without a name the system is the UTM zone of some points (n, 2), longitude and latitude in
+    degrees. Raises MapError for a name that is unknown or no projected system in metres.
     """
 
     def __init__(self, name: str | None, degrees: Array) -> None:
@@ -22,17 +23,17 @@ class Plane:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Return the system's name for people."""
         authority = self.system.to_authority()
         code = f" ({':'.join(authority)})" if authority else ""
         return f"{self.system.name}{code}"
 
     def metres(self, degrees: Array) -> Array:
-        """(n, 2) x, y of longitudes and latitudes (n, 2)."""
+        """Return x, y (n, 2) in metres of longitudes and latitudes (n, 2) in degrees."""
         return np.stack(self._way.transform(*degrees.T), axis=1)
 
     def degrees(self, metres: Array) -> Array:
-        """(n, 2) longitudes and latitudes of x, y (n, 2)."""
+        """Return longitudes and latitudes (n, 2) in degrees of x, y (n, 2) in metres."""
         x, y = metres.T
         return np.stack(self._way.transform(x, y, direction="INVERSE"), axis=1)
 
@@ -45,7 +46,7 @@ def _named(name: str) -> pyproj.CRS:
 
 
 def _utm(degrees: Array) -> pyproj.CRS:
-    """The zone of the middle, also beyond the 84th parallel, where UTM proper ends."""
+    """Return the UTM zone of the median, also beyond latitude 84 deg, where UTM proper ends."""
     longitude, latitude = np.median(degrees, axis=0)
     zone = int((longitude + 180) // 6) % 60 + 1
     return pyproj.CRS.from_epsg((32600 if latitude >= 0 else 32700) + zone)

@@ -1,4 +1,4 @@
-"""Elevation models from GeoTIFF and whatever else rasterio reads, as they are."""
+"""Load elevation models from GeoTIFF and whatever else rasterio reads, without resampling."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
 from tirgeo_ros.io.files.whole_files import PathLike
 
-#: Of what GDAL has unpacked: each pixel is read once. Else it would keep 5 % of all memory.
+#: Cache of what GDAL has unpacked: each pixel is read once. By default it is 5 % of all memory.
 _CACHE_MB = 64
-#: Metres in a unit of height, by the names that files give it.
+#: Metres in a unit of height, by the names that files use.
 _UNITS_M = {
     "m": 1.0,
     "metre": 1.0,
@@ -44,14 +44,14 @@ _UNITS_M = {
 
 
 def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = False) -> Terrain:
-    """The elevation model of a raster file, in any coordinate system, whole.
+    """Load the whole elevation model of a raster file, in any coordinate system.
 
     ``dem`` is a file, or several with commas: tiles of one grid, of which the first that has a
-    height gives it. ``undulation_m`` is the height of the files' zero above the ellipsoid; it is
-    added. No data and masked pixels become nan. A file's heights are those of its pixels' middles,
-    whether it calls them areas or points. ``notes`` of the result says what a person should know:
-    more than one band, heights in feet, a vertical datum that is no ellipsoid's. ``network``:
-    what a file names elsewhere may be fetched.
+    height at a node is used there. ``undulation_m`` is the height of the files' zero above the
+    ellipsoid; it is added. No data and masked pixels become nan. A file's heights are those of its
+    pixel centres, whether it calls them areas or points. ``notes`` of the result contains what a
+    person should know: more than one band, heights in feet, a vertical datum that is not an
+    ellipsoid's. ``network``: places on the network that a file names may be fetched.
 
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
     read, has no coordinate system of the Earth, or is too large.
@@ -92,9 +92,9 @@ def _readable(rasterio: Any, path: str) -> Iterator[None]:
 
 
 def ground_of(config: OverlayConfig) -> Ground | None:
-    """The ground under the map, as the parameters say; None where neither of them does.
+    """Return the ground under the map by the parameters; None if neither of them is set.
 
-    ``ground_height_m`` stands before ``dem``. Raises ElevationError as ``load_terrain``.
+    ``ground_height_m`` takes precedence over ``dem``. Raises ElevationError as ``load_terrain``.
     """
     if math.isfinite(config.ground_height_m):
         return config.ground_height_m
@@ -113,7 +113,7 @@ def _rasterio(path: PathLike) -> Any:
 
 
 def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple[str, str]]]:
-    """An open file as a tile, and what to tell of it: (file, note)."""
+    """Return an open file as a tile, and notes on it as (file, note)."""
     if source.crs is None or source.transform.is_identity:
         raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
     a, b, c, d, e, f = (float(x) for x in tuple(source.transform)[:6])
@@ -129,7 +129,7 @@ def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple
 
 
 def _joined(notes: list[tuple[str, str]]) -> tuple[str, ...]:
-    """A line for each note, however many files it is of."""
+    """Return one line for each note, however many files it applies to."""
     owners: dict[str, list[str]] = {}
     for path, note in notes:
         owners.setdefault(note, []).append(path)
@@ -168,9 +168,10 @@ def _system(name: str, source: Any) -> pyproj.CRS:
 
 
 def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:
-    """The way from latitude and longitude to the file's pixels, counted from the first's middle.
+    """Return the function from latitude and longitude (rad) to the file's column and row.
 
-    rasterio's transform is that of the pixels' corners, of files of points too.
+    They count from the centre of the first pixel. rasterio's transform is that of pixel corners,
+    for files of points too.
     """
     flat = pyproj.Transformer.from_crs("EPSG:4326", system.to_2d(), always_xy=True)
     to_pixel = ~transform
@@ -189,7 +190,7 @@ def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> Grid
 def _unwrapped(
     system: pyproj.CRS, transform: Any, shape: tuple[int, ...]
 ) -> Callable[[Array], Array]:
-    """What brings a longitude to the turn that the file counts in: 0 to 360, or over 180."""
+    """Return the function that wraps a longitude to the file's range: 0 to 360, or beyond 180."""
     if not system.is_geographic:
         return lambda x: x
     unit = system.axis_info[0].unit_conversion_factor  # radians in a unit
@@ -204,7 +205,7 @@ def _bands_note(source: Any) -> str:
 
 
 def _unit(source: Any) -> tuple[float, str]:
-    """Metres in a unit of the file's heights, and what to tell of it."""
+    """Return the metres in a unit of the file's heights, and a note on it."""
     name = (source.units[0] or "").strip()
     unit_m = _UNITS_M.get(name.lower())
     if unit_m is None and name:
@@ -215,7 +216,7 @@ def _unit(source: Any) -> tuple[float, str]:
 
 
 def _datum_note(system: pyproj.CRS, undulation_m: float) -> str:
-    """A word where the file says that its heights are no ellipsoid's and nobody corrects them."""
+    """Return a note if the file's heights are not ellipsoidal and nothing corrects them."""
     vertical = [part for part in system.sub_crs_list if part.is_vertical]
     if not vertical or undulation_m:
         return ""

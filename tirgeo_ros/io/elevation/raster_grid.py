@@ -1,4 +1,4 @@
-"""The heights of raster files as one grid: of a single file, or of tiles side by side."""
+"""Read the heights of raster files as one grid: of a single file, or of adjacent tiles."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.errors import ElevationError
 
-#: More nodes than this are kept in a file that is mapped, and read where they are asked for: as
-#: float32 a quarter of a gigabyte.
+#: A grid with more nodes is kept in a mapped file, and read where it is accessed: as float32 a
+#: quarter of a gigabyte.
 MOST_IN_MEMORY = 64_000_000
-#: More are refused: they would take more than some seconds to read, and to look through.
+#: A larger grid is refused: it would take more than some seconds to read and to search.
 _MOST_BYTES = 600_000_000
-_AT_ONCE = 12_000_000  # nodes read from a file
-#: Of a pixel: by so much tiles may be beside each other's grid. The surface moves as far.
+_AT_ONCE = 12_000_000  # nodes read from a file at once
+#: Largest offset in pixels between the grids of two tiles. The surface moves by as much.
 _OFF_PIXELS = 0.01
 
 Heights = npt.NDArray[np.floating]
-#: Turns the errors of reading a named file into those of this package.
+#: Converts errors on reading a named file into those of this package.
 Guard = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """An open file, and how its numbers become metres above the ellipsoid."""
+    """Hold an open file and the conversion of its numbers to metres above the ellipsoid."""
 
     name: str
     source: Any  # of rasterio
@@ -45,11 +45,10 @@ class _Placed(NamedTuple):
 
 
 def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
-    """Heights (rows, columns) of tiles on one grid, nan where none has one; and its transform.
+    """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
 
-    Where tiles overlap, the first that has a height gives it. Raises ElevationError, naming
-    the tile, for one of another system or another grid than the first one's, and where there is
-    no room.
+    Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
+    tile, for one of another system or another grid than the first one's, and if there is no room.
     """
     corners = [_corner(tile, tiles[0]) for tile in tiles]
     left, top = (min(each) for each in zip(*corners, strict=True))
@@ -72,7 +71,7 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
 
 
 def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
-    """Column and row of a tile's first pixel on the first one's grid."""
+    """Return column and row of a tile's first pixel on the first one's grid."""
     source = tile.source
     if source.crs != first.source.crs:
         raise ElevationError(
@@ -94,7 +93,7 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
 
 
 def _turn(source: Any, columns: float) -> float:
-    """Of so many columns those that are whole turns of the Earth, where tiles meet at 180 deg."""
+    """Return the part of ``columns`` that is whole turns of the Earth, for tiles at 180 deg."""
     a, b = (float(x) for x in tuple(source.transform)[:2])
     if not source.crs.is_geographic or b:
         return 0.0
@@ -111,25 +110,25 @@ def _from(to: tuple[float, float], start: tuple[float, float]) -> tuple[float, f
 
 
 def _moved(transform: Any, columns: int, rows: int) -> Any:
-    """The transform of a grid that begins so many columns and rows further on."""
+    """Return the transform of a grid that begins this many columns and rows further on."""
     a, b, _, d, e, _ = tuple(transform)[:6]
     west, north = _applied(transform, (columns, rows))
     return type(transform)(a, b, west, d, e, north)
 
 
 def _dtype(tile: Tile) -> type[np.floating]:
-    """As wide as the file's; float32 is known to 0.5 mm on a high mountain."""
+    """Return a type as wide as the file's; float32 resolves 0.5 mm on a high mountain."""
     return np.float64 if tile.source.dtypes[0] == "float64" else np.float32
 
 
 def _strips(
     placed: Sequence[_Placed], shape: tuple[int, int], dtype: npt.DTypeLike, guard: Guard
 ) -> Iterator[Heights]:
-    """The grid from its first row to its last, some rows at once."""
+    """Yield the grid from its first row to its last, some rows at a time."""
     rows, columns = shape
     step = max(_AT_ONCE // columns, 1)
     block = placed[0].tile.source.block_shapes[0][0]
-    step = max(step // block * block, min(block, step))  # no block is cut if it may be whole
+    step = max(step // block * block, min(block, step))  # do not cut a block if it fits
     for begin in range(0, rows, step):
         strip = np.full((min(step, rows - begin), columns), np.nan, dtype)
         for each in reversed(placed):
@@ -139,7 +138,7 @@ def _strips(
 
 
 def _paste(placed: _Placed, strip: Heights, begin: int) -> None:
-    """A tile's heights into a strip of the grid from row ``begin`` on, but for its gaps."""
+    """Copy a tile's finite heights into a strip of the grid that begins at row ``begin``."""
     source = placed.tile.source
     first = max(begin - placed.row, 0)
     last = min(begin + len(strip) - placed.row, source.height)
@@ -154,7 +153,7 @@ def _paste(placed: _Placed, strip: Heights, begin: int) -> None:
 def _kept(
     strips: Iterator[Heights], shape: tuple[int, int], dtype: npt.DTypeLike, name: str
 ) -> Heights:
-    """Strips as one array, in memory or in a file without a name that goes with it."""
+    """Return strips as one array, in memory or in an unnamed file that is deleted with it."""
     if shape[0] * shape[1] <= MOST_IN_MEMORY:
         heights = np.empty(shape, dtype)
         row = 0
@@ -165,7 +164,8 @@ def _kept(
     size = shape[0] * shape[1] * np.dtype(dtype).itemsize
     with tempfile.TemporaryFile(prefix="tirgeo-dem-") as file:
         try:
-            os.posix_fallocate(file.fileno(), 0, size)  # said now rather than in the middle
+            # fails now if there is no room, not half-way
+            os.posix_fallocate(file.fileno(), 0, size)
             for strip in strips:
                 file.write(strip.data)
         except OSError as error:
@@ -179,7 +179,7 @@ def _kept(
 
 
 def _heights(tile: Tile, band: Any) -> Heights:
-    """Numbers of a file in metres above the ellipsoid; nan where there is no height."""
+    """Convert numbers of a file to metres above the ellipsoid; nan where there is no height."""
     heights: Heights = np.ma.filled(band.astype(_dtype(tile), copy=False), np.nan)
     if (tile.scale, tile.offset_m) != (1.0, 0.0):
         heights = (heights * tile.scale + tile.offset_m).astype(heights.dtype, copy=False)

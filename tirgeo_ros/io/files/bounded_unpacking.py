@@ -1,7 +1,7 @@
-"""Chunks of bags unpacked: no further than they say, and never beyond a bound.
+"""Unpack chunks of bags: no more than they declare, and never beyond a bound.
 
-A kilobyte can say truthfully that it holds gigabytes. Recorders close a chunk at about a megabyte;
-it is larger where a single message is, and a 4K picture of 16 bits and three colours has 50 MB.
+A kilobyte can hold gigabytes when unpacked. Recorders close a chunk at about a megabyte. It is
+larger where a single message is: a 4K picture of 16 bits and three colours has 50 MB.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
-#: The most that a packed chunk may hold.
+#: The largest unpacked size of a packed chunk.
 MOST_BYTES = 64 << 20
-_PIECE = 1 << 16  # of a cut or damaged chunk all is read but the last so many bytes
+_PIECE = 1 << 16  # of a cut or damaged chunk all is read but at most this many last bytes
 _BROKEN = (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError, MemoryError)
 
 
 class Unpacked(NamedTuple):
-    """What was in a chunk, and what is wrong with it ("" = nothing): ``is cut off or damaged``."""
+    """Hold the data of a chunk and its fault ("" = none), such as ``is cut off or damaged``."""
 
     data: bytes
     fault: str
@@ -30,8 +30,8 @@ class Unpacked(NamedTuple):
 def unpacked(packed: bytes, compression: str, size: int | None) -> Unpacked:
     """Return a chunk's data as far as it can be unpacked.
 
-    ``compression`` is ``zstd``, ``lz4``, ``bz2``, or ``none`` or nothing; ``size`` is what the
-    chunk says it holds (None: it does not say, for it was never closed).
+    ``compression`` is ``zstd``, ``lz4``, ``bz2``, ``none`` or empty; ``size`` is the unpacked size
+    that the chunk declares (None if it does not, because it was never closed).
     """
     if compression in {"", "none"}:
         return Unpacked(packed, "")
@@ -52,9 +52,9 @@ def unpacked(packed: bytes, compression: str, size: int | None) -> Unpacked:
 
 
 def _by_zstd(packed: bytes, most: int) -> Iterator[bytes]:
-    """At most so many bytes, in pieces; in one (a third of the time) where the frame fits."""
+    """Yield at most ``most`` bytes, in one piece (a third of the time) if the frame fits."""
     if zstandard.frame_content_size(packed) in range(most):
-        with contextlib.suppress(zstandard.ZstdError):  # damaged: its beginning comes in pieces
+        with contextlib.suppress(zstandard.ZstdError):  # damaged: its beginning is read in pieces
             yield zstandard.ZstdDecompressor().decompress(packed)
             return
     reader = zstandard.ZstdDecompressor().stream_reader(packed)

@@ -1,8 +1,8 @@
-"""Children in this very Python: they find the modules that this process finds, and no others.
+"""Run child processes in this Python: they find this process's modules, and no others.
 
 ``python -c`` and ``python -m`` put the working directory first on the path, so that a ``yaml.py``
-beside a recording would be run. Isolated (``-I``) they put nothing there and ignore PYTHONPATH;
-the path of this process is handed over instead, without the working directory.
+beside a recording would be run. In isolated mode (``-I``) they do not, and ignore PYTHONPATH. The
+path of this process is passed on instead, without the working directory.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import tirgeo_ros
 
 
 def python_command(code: str, *arguments: str) -> list[str]:
-    """The command that runs ``code`` with ``arguments`` in ``sys.argv[1:]``."""
+    """Return the command that runs ``code`` with ``arguments`` in ``sys.argv[1:]``."""
     start = f"import sys; sys.path[:] = {_path()!r}\n{code}"
     return [sys.executable, "-I", "-c", start, *arguments]
 
 
 def _path() -> list[str]:
-    """Where this process finds modules; last the package itself, wherever it stands."""
+    """Return the module path of this process; last comes the folder that holds this package."""
     package = str(Path(tirgeo_ros.__file__).resolve().parents[1])
     here = os.path.realpath(".")
     found = [each for each in sys.path if each and os.path.realpath(each) != here]
@@ -32,9 +32,10 @@ def _path() -> list[str]:
 
 @contextmanager
 def safe_workers() -> Iterator[None]:
-    """While this is open, processes that ``multiprocessing`` spawns leave the directory out too.
+    """Keep the working directory out of the path of ``multiprocessing``'s processes meanwhile.
 
-    It builds their commands itself; from Python 3.11 on they heed the environment.
+    ``multiprocessing`` builds their commands itself; from Python 3.11 on they obey the
+    environment.
     """
     safe = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(_path())}
     before = {name: os.environ.get(name) for name in safe}

@@ -1,6 +1,6 @@
-"""Pictures as files have them (PNG, JPEG, TIFF ...), unpacked once their size is known.
+"""Decode pictures of files (PNG, JPEG, TIFF ...) after a check of their size.
 
-A PNG of one colour shrinks to a thousandth: its header says how large it will be.
+A PNG of one colour is a thousandth of its pixels' size; its header contains the true size.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-#: Those that OpenCV reads too; no other reader of Pillow's is asked.
+#: Formats that OpenCV reads too; no other reader of Pillow's is used.
 _FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP")
-#: Pixels of a picture of a video: the frames of a second may wait for their poses. That is 4K.
+#: Most pixels of a picture of a video (4K): the frames of a second may wait for their poses.
 MOST_OF_VIDEO = 1 << 23
-#: Of a single picture: more than the cameras of aircraft have.
+#: Most pixels of a single picture: more than the cameras of aircraft have.
 MOST_OF_FILE = 50_000_000
 
 
 def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
-    """The pixels as ``cv2.imdecode`` gives them with ``flags``; None where it is no picture.
+    """Return the pixels as ``cv2.imdecode`` with ``flags`` does; None if it is no picture.
 
     Raises ValueError for one of more than ``most_pixels``.
     """
@@ -42,7 +42,7 @@ def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | No
 
 
 def _pixels(data: bytes) -> float:
-    """How many pixels there are by the header; 0 where there is none."""
+    """Return the number of pixels by the header; 0 without one, infinity beyond Pillow's limit."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

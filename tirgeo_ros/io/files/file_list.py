@@ -1,4 +1,4 @@
-"""Several files in one parameter."""
+"""Split a parameter that names several files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from pathlib import Path
 
 
 def named_files(text: str) -> list[str]:
-    """The files of a list with commas; a file whose name has a comma is one too."""
+    """Return the files of a comma-separated list.
+
+    A text with a comma that is an existing file's name is one file.
+    """
     if Path(text).is_file():
         return [text]
     return [name.strip() for name in text.split(",") if name.strip()]

@@ -1,4 +1,4 @@
-"""A bag's file in memory as the system maps it: read where it is looked at, and no sooner."""
+"""Map a bag's file into memory: the system reads a part only when it is accessed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.errors import BagError
 
 @contextmanager
 def mapped(path: Path) -> Iterator[mmap]:
-    """The bytes of a file. Raises BagError, naming it, if it is empty or cannot be read."""
+    """Yield the bytes of a file. Raises BagError, naming it, if it is empty or cannot be read."""
     try:
         with path.open("rb") as file:
             if not os.fstat(file.fileno()).st_size:
@@ -25,9 +25,10 @@ def mapped(path: Path) -> Iterator[mmap]:
 
 
 def part_of_file(data: mmap, start: int, length: int) -> bytes:
-    """Return a copy of a part, and give the system back what it mapped so far.
+    """Return a copy of a part, and release all pages mapped so far.
 
-    Else all of a file that was read once counts as this process's memory until it is closed.
+    Otherwise every page of a file that was read once counts as this process's memory until the
+    file is closed.
     """
     part = data[start : start + length]
     data.madvise(MADV_DONTNEED)

@@ -1,4 +1,4 @@
-"""A bound on the memory that a file from outside may fill."""
+"""Bound the memory that a file from outside may fill."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-#: A GeoJSON of two million vertices just fits. With the program itself, below 1 GB.
+#: A GeoJSON of two million vertices just fits. Together with the program it stays below 1 GB.
 MOST_BYTES = 720 << 20
 
 
 @contextmanager
 def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
-    """Hold the process to so much more memory; what asks for more of it gets a MemoryError.
+    """Limit the process's additional memory; an allocation beyond it gets a MemoryError.
 
-    It is a bound of the kernel's (Linux), so that it holds in libraries too, and while it is open
-    for every thread.
+    The kernel (Linux) enforces the limit, so it holds in libraries too, and while it is open for
+    every thread.
     """
     before, hard = resource.getrlimit(resource.RLIMIT_DATA)
     used = _used_bytes()
@@ -30,7 +30,10 @@ def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
 
 
 def _used_bytes() -> int:
-    """Private memory of the process, as the bound counts it; 0 where the system does not say."""
+    """Return the process's private memory in bytes, as the limit counts it.
+
+    Returns 0 if the system does not tell.
+    """
     with suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()
         said = next(line for line in lines if line.startswith("VmData:"))

@@ -1,9 +1,9 @@
-"""Reading of maps that does not reach the network, whatever the file asks for.
+"""Read maps without network access, whatever the file asks for.
 
 GDAL follows what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or
-WFS, and a dozen more, which no option turns off together. So it works in a thread for which the
-kernel opens no socket (seccomp, Linux); where that cannot be, GDAL is not asked. PROJ is told not
-to fetch its grids.
+WFS, and a dozen more, which no single option turns off. So it works in a thread for which the
+kernel opens no socket (seccomp, Linux); where that is impossible, GDAL is not used. PROJ is told
+not to fetch its grids.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
 from tirgeo_ros.core.types.errors import ConfigError
 
 T = TypeVar("T")
-_thread = threading.local()  # unable: why this thread could not be kept from the network
+_thread = threading.local()  # unable: why this thread could not be cut off from the network
 
-#: What marks a place that is not on this machine, in a path or in a message of GDAL's.
+#: Marks of a place that is not on this machine, in a path or in a message of GDAL's.
 _ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
 HINT = " (over the network only with the parameter network: true)"
 
@@ -37,7 +37,10 @@ _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
 
 
 def read_map(work: Callable[[], T], *, network: bool) -> T:
-    """What ``work`` returns or raises; without ``network`` in a thread that has none."""
+    """Return what ``work`` returns, or raise what it raises.
+
+    Without ``network`` it runs in a thread that has no network.
+    """
     set_network_enabled(active=network)
     if network:
         return work()
@@ -60,7 +63,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
 
 
 def check_closed() -> None:
-    """Raise ConfigError in a thread of ``read_map`` that could not be kept from the network.
+    """Raise ConfigError in a thread of ``read_map`` that could not be cut off from the network.
 
     Readers that follow what a file names call it before they open one.
     """
@@ -73,17 +76,20 @@ def check_closed() -> None:
 
 
 def elsewhere(text: str) -> str:
-    """The hint for a message that tells of another place; else ""."""
+    """Return the hint for a message that names a place on the network; else ""."""
     return HINT if _ELSEWHERE.search(text) else ""
 
 
 def _close_network() -> str:
-    """Have the kernel refuse every socket to this thread and those that it starts; or why not."""
+    """Let the kernel refuse sockets to this thread and its children.
+
+    Returns "", or the reason why that is impossible.
+    """
     if platform.system() != "Linux" or platform.machine() not in _MACHINES:
         return f"{platform.system()} on {platform.machine()}"
     program = _program(*_MACHINES[platform.machine()])
     steps = ctypes.create_string_buffer(program, len(program))
-    # struct sock_fprog: number of instructions, and where they are.
+    # struct sock_fprog: number of instructions, and their address.
     head = struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(steps))
     whole = ctypes.create_string_buffer(head, len(head))
     libc = ctypes.CDLL(None, use_errno=True)
@@ -95,7 +101,7 @@ def _close_network() -> str:
 
 
 def _program(machine: int, *calls: int) -> bytes:
-    """The filter: of this machine's calls, refuse those that begin a connection."""
+    """Return the filter: refuse those of this machine's calls that begin a connection."""
     steps = [
         (_LOAD, 0, 0, 4),  # seccomp_data.arch
         (_JUMP_IF, 0, len(calls) + 1, machine),

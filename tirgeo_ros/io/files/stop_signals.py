@@ -1,4 +1,4 @@
-"""The signals that end a command or a node."""
+"""List the signals that end a command or a node."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import signal
 
 
 def stop_signals() -> tuple[signal.Signals, ...]:
-    """Return SIGINT, SIGTERM and SIGHUP (the terminal is gone).
+    """Return SIGINT, SIGTERM and SIGHUP (the terminal was closed).
 
-    Without SIGHUP where it is ignored: that is how nohup asks to run on. SIGINT ignored asks for
-    nothing, since a shell does that to all that it starts in the background.
+    SIGHUP is left out if it is ignored: that is how nohup keeps a program running. An ignored
+    SIGINT is included all the same, since a shell sets it for everything that it starts in the
+    background.
     """
     always = (signal.SIGINT, signal.SIGTERM)
     kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN

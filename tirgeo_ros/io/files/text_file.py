@@ -1,4 +1,4 @@
-"""Text files from outside, so far as they are of a size that a person's file has."""
+"""Read text files from outside, up to the size that a person's file has."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import TirgeoError
 
-#: Of a table or a small document: some hundred thousand lines.
+#: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
 
 
@@ -19,9 +19,10 @@ def read_text(
     *,
     damaged: str = "strict",
 ) -> str:
-    """The text of a file in UTF-8; ``damaged`` as ``errors`` of ``open``.
+    """Return the text of a file in UTF-8; ``damaged`` as ``errors`` of ``open``.
 
-    Raises ``error``, naming the file, for one that cannot be read, is larger or no such text.
+    Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
+    such text.
     """
     try:
         with Path(path).open("rb") as file:

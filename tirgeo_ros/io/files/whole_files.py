@@ -1,4 +1,4 @@
-"""Output files that are whole or not there."""
+"""Write output files that are either complete or absent."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def check_outputs(
 ) -> None:
     """Raise ``error`` for an output in the place of an input, of another output or of no file.
 
-    A place is a name with its links followed, or a file: other names of one (hard links) count.
-    The program's own streams count too. What is None or empty is not asked for.
+    Places are compared by name with links resolved, and by file: other names of one file (hard
+    links) count. The program's own streams count too. Paths that are None or empty are ignored.
     """
     taken = _streams()
     for path in inputs:
@@ -41,7 +41,7 @@ def check_outputs(
 
 
 def check_place(path: PathLike, error: type[TirgeoError]) -> None:
-    """Raise ``error`` for a folder, a device or a pipe: root would replace it by a file."""
+    """Raise ``error`` for a folder, a device or a pipe, which root would replace by a file."""
     if Path(path).exists() and not Path(path).is_file():
         raise error(f"{os.fspath(path)}: not a file; give the output another name")
 
@@ -52,7 +52,7 @@ def part_of(path: PathLike) -> Path:
 
 
 def _places(path: PathLike) -> set[object]:
-    """What tells a file: its name without links, and its number where it is there."""
+    """Return what identifies a file: its name without links, and its inode if it exists."""
     found: set[object] = {os.path.realpath(path)}
     with suppress(OSError, ValueError):
         status = Path(path).stat()
@@ -61,7 +61,7 @@ def _places(path: PathLike) -> set[object]:
 
 
 def _streams() -> dict[object, str]:
-    """Files that a shell has made this program's input, output or errors of."""
+    """Return the files that a shell has made this program's input, output or errors."""
     found: dict[object, str] = {}
     for number, name in enumerate(("input", "output", "error")):
         with suppress(OSError):  # closed
@@ -72,7 +72,7 @@ def _streams() -> dict[object, str]:
 
 
 def made_folder(path: PathLike, error: type[TirgeoError]) -> Path:
-    """The folder, made where it is not there. Raises ``error`` naming it."""
+    """Return the folder; make it if it is absent. Raises ``error`` naming it."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -82,14 +82,14 @@ def made_folder(path: PathLike, error: type[TirgeoError]) -> Path:
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
-    """Rows as CSV, the first of them the header."""
+    """Return rows as CSV, the first of them the header."""
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
 
 
 def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:
-    """Write files (text as UTF-8); where one of them cannot be written, none is there.
+    """Write files (text as UTF-8); if one of them cannot be written, none is.
 
     Raises ``error`` naming the file.
     """
@@ -109,5 +109,5 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
 
 
 def _bytes(content: str | bytes) -> bytes:
-    """As UTF-8; what of a name is no UTF-8 stands escaped."""
+    """Return the content as UTF-8; what cannot be encoded (in a name) is escaped."""
     return content.encode(errors="backslashreplace") if isinstance(content, str) else content

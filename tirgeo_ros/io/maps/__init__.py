@@ -1,7 +1,7 @@
-"""Vector maps from files: GeoJSON, GeoPackage, Shapefile, KML, KMZ, and what pyogrio reads.
+"""Read vector maps: GeoJSON, GeoPackage, Shapefile, KML, KMZ, and what pyogrio reads.
 
-A third coordinate is taken as the height above the WGS84 ellipsoid in metres, except where the
-format or its coordinate reference system says that heights are others: those are left out.
+A third coordinate is taken as the height above the WGS84 ellipsoid in metres. If the format or its
+coordinate reference system says that heights are of another kind, they are left out.
 """
 
 from tirgeo_ros.io.maps.layers import load_layers, map_files

@@ -1,4 +1,4 @@
-"""What stands in a zip: members of a bounded size, each damage a ValueError."""
+"""Read the members of a zip, of a bounded size; any damage raises ValueError."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ MAGIC = b"PK\x03\x04"
 #: A map of a million vertices has a tenth of it; text of coordinates shrinks to a fifth or so.
 _LARGEST_BYTES = 1 << 28
 _MOST_SHRUNK = 100
-_SMALL_BYTES = 1 << 20  # may be shrunk as it likes
+_SMALL_BYTES = 1 << 20  # a smaller member may have any compression ratio
 
 
 class Archive:
-    """The members of a zip file. Raises ValueError if it is none."""
+    """Read the members of a zip file. Raises ValueError if it is none."""
 
     def __init__(self, content: bytes) -> None:
         try:
@@ -23,7 +23,7 @@ class Archive:
             raise ValueError(f"a damaged zip: {error}") from None
 
     def names(self, suffix: str) -> list[str]:
-        """Members with a suffix, in whatever capitals, shallow ones first."""
+        """Return the members with a suffix, in any case, the least nested first."""
         files = [n for n in self._zip.namelist() if not n.startswith("__MACOSX/")]
         return sorted(
             (name for name in files if name.lower().endswith(suffix)),
@@ -31,7 +31,10 @@ class Archive:
         )
 
     def read(self, name: str) -> bytes:
-        """A member's content; ValueError if it is damaged, locked or would fill the memory."""
+        """Return a member's content.
+
+        Raises ValueError if it is damaged, encrypted or too large.
+        """
         info = self._zip.getinfo(name)
         shrunk = info.file_size > _SMALL_BYTES + _MOST_SHRUNK * info.compress_size
         if shrunk or info.file_size > _LARGEST_BYTES:

@@ -1,10 +1,10 @@
-"""Conditions on the properties of a feature: ``kind == hydrant and flow >= 60``.
+"""Parse and evaluate conditions on a feature's properties: ``kind == hydrant and flow >= 60``.
 
     condition = comparison {"and" comparison}
     comparison = property ("==" | "!=" | "<" | "<=" | ">" | ">=") value
                | property "in" "[" value {"," value} "]"
 
-A property and a value are a word, a number, or a text in quotes. Nothing is evaluated but this.
+A property and a value are a word, a number, or a text in quotes. Nothing else is evaluated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tirgeo_ros.io.maps.label_rule import shown_value, table_names
 from tirgeo_ros.io.parameters.suggestions import nearest
 
 _LONGEST = 1000  # characters of a condition
-_MOST_VALUES = 6  # of a property, told where none of them fits
+_MOST_VALUES = 6  # of a property, shown where no feature matches
 _TOKEN = re.compile(
     r"\s*(?:(?P<text>\"[^\"]*\"|'[^']*')|(?P<sign>[=!<>]=|[<>\[\],])"
     r"|(?P<word>[^\s\"'\[\],=!<>]+)|(?P<odd>\S))"
@@ -35,7 +35,7 @@ _ORDER: dict[str, Callable[[float, float], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """A value as it is written; a number too where it is one without quotes."""
+    """Hold a value as it is written, and its number if it is one without quotes."""
 
     text: str
     number: float | None
@@ -60,10 +60,10 @@ class _Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Comparisons that must all hold.
+    """Hold comparisons that must all be true.
 
-    A property that a feature has not is as an empty text: ``!=`` holds for it, the others do
-    not. ``<`` and its like hold for numbers, and for texts that are numbers.
+    A property that a feature does not have counts as an empty text: ``!=`` is true for it, the
+    others are false. ``<`` and the like are true only for numbers, and for texts that are numbers.
     """
 
     comparisons: tuple[_Comparison, ...]
@@ -71,7 +71,10 @@ class Condition:
 
     @classmethod
     def parsed(cls, text: str, source: str) -> Condition:
-        """The condition of a text; raises ConfigError, led by ``source``, if it is none."""
+        """Return the condition of a text.
+
+        Raises ConfigError, beginning with ``source``, if invalid.
+        """
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
         try:
@@ -84,29 +87,29 @@ class Condition:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The property of each comparison."""
+        """Return the property of each comparison."""
         return tuple(each.field for each in self.comparisons)
 
     def columns(self, known: Collection[str]) -> tuple[str | None, ...]:
-        """The table's own name of each field, None where it has none."""
+        """Return the table's own name of each field, None where it has none."""
         return table_names(self.fields, known)
 
     def holds(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> bool:
-        """Whether a feature with these properties is meant."""
+        """Return whether a feature with these properties meets the condition."""
         return all(
             each.holds(properties.get(name) if name else None)
             for each, name in zip(self.comparisons, columns, strict=True)
         )
 
     def unknown(self, known: Collection[str], where: str) -> Iterator[str]:
-        """What to tell of each field that a table has not."""
+        """Yield a message for each field that a table does not have."""
         for name, column in zip(self.fields, self.columns(known), strict=True):
             if column is None:
                 hint = nearest(name, known) or ": it has none"
                 yield f"{self.source}: {where} has no property {name!r}{hint}"
 
     def unmet(self, known: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
-        """What to tell where none of the rows is meant: which values there are."""
+        """Return a message for the case that no row matches: the values that there are."""
         found = []
         for name in dict.fromkeys(filter(None, self.columns(known))):
             values = sorted({_text(row.get(name))[:40] for row in rows} - {""})
@@ -117,7 +120,7 @@ class Condition:
 
 
 class _Tokens:
-    """The words and signs of a condition, one after the other."""
+    """Yield the words and signs of a condition, one after the other."""
 
     def __init__(self, text: str) -> None:
         self._found = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(text)]
@@ -127,7 +130,7 @@ class _Tokens:
         return self._at < len(self._found)
 
     def take(self, what: str, *signs: str) -> str:
-        """The next one, which must be one of these signs or words."""
+        """Return the next token, which must be one of these signs or words."""
         kind, text = self._next(what)
         if kind == "text" or text not in signs:
             raise ValueError(f"{text} stands where {what} should")

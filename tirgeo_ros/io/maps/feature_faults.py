@@ -1,4 +1,4 @@
-"""Features that cannot be drawn: left out and named, so that the rest of their file is."""
+"""Record features that cannot be drawn, so that the rest of their file can be."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _MOST_NAMED = 3
 
 
 class FeatureError(MapError):
-    """Why a feature cannot be drawn, or a part of it."""
+    """Report why a feature, or a part of it, cannot be drawn."""
 
 
 @dataclass(slots=True)
 class Faults:
-    """Features that are left out, wholly or in part, and why the first ones are.
+    """Hold the features that are left out, wholly or in part, and the first ones' reasons.
 
     ``numbers`` count from 0 in the order of the file.
     """
@@ -25,7 +25,7 @@ class Faults:
     why: dict[int, str] = field(default_factory=dict)
 
     def add(self, feature: int, why: str) -> None:
-        """Take note of a feature; of one that is noted already the first reason stays."""
+        """Record a feature; if it is recorded already, its first reason stays."""
         self.numbers.add(feature)
         if len(self.why) < _MOST_NAMED:
             self.why.setdefault(feature, why)
@@ -33,9 +33,9 @@ class Faults:
     def notes(
         self, where: str, name: Callable[[int], str], drawn: Collection[int]
     ) -> Iterator[str]:
-        """A line for each of the first features, and one for the rest.
+        """Yield a line for each of the first features, and one for the rest.
 
-        ``name`` is what a feature is called, ``drawn`` those of which a part is.
+        ``name`` returns a feature's name; ``drawn`` are the features of which a part is drawn.
         """
         for number, why in self.why.items():
             part = "part of " if number in drawn else ""
@@ -45,7 +45,7 @@ class Faults:
             yield f"{where}: {more} more features left out, wholly or in part"
 
     def refusal(self, where: str, name: Callable[[int], str]) -> str:
-        """Why nothing of a table can be drawn; "" if no feature is at fault."""
+        """Return why nothing of a table can be drawn; "" if no feature is at fault."""
         if not self.why:
             return ""
         first, why = next(iter(self.why.items()))

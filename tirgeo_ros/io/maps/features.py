@@ -1,4 +1,4 @@
-"""From a table to features on the Earth: checked, in WGS84, labelled."""
+"""Convert a table to features on the Earth: checked, in WGS84, labelled."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from tirgeo_ros.io.maps.label_rule import LabelRule
 from tirgeo_ros.io.maps.table import Shapes, Table
 from tirgeo_ros.io.maps.wanted_properties import Wanted
 
-_LONGEST_NAME = 40  # characters of what a bad feature is called
+_LONGEST_NAME = 40  # characters of a bad feature's name in a message
 
 
 @dataclass(frozen=True, slots=True)
 class Laid:
-    """The features of a table that are drawn, and what to tell of the others."""
+    """Hold the features of a table that are drawn, and notes on the others."""
 
     features: list[GeoFeature]
     notes: tuple[str, ...]  # a line each
-    refusal: str | None  # why nothing of the table can be drawn; None where something could
+    refusal: str | None  # why nothing of the table can be drawn; None if something can
 
 
 def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
-    """The features of a table on the Earth.
+    """Convert the features of a table to WGS84.
 
-    ``crs`` stands above what the table says of its system. A feature with a vertex that is not
+    ``crs`` takes precedence over the table's own system. A feature with a vertex that is not
     finite or not on the Earth is left out. Raises MapError for a system that is unknown,
     ConfigError for a label of an unknown field.
     """
@@ -56,14 +56,14 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
 
 
 def _name(row: Mapping[str, Any], label: str) -> str:
-    """What to call a feature in a message: its label, or else its name or id."""
+    """Return a feature's name for messages: its label, or else its name or id."""
     for rule in map(LabelRule.of_field, ("name", "id")):
         label = label or rule.text(rule.columns(row, ""), row)
     return label[:_LONGEST_NAME]
 
 
 def _bare(table: Table) -> tuple[str, ...]:
-    """What to tell of features without a geometry, which most formats allow."""
+    """Return a note on features without a geometry, which most formats allow."""
     told = table.faults.numbers.union(table.shapes.feature.tolist())
     bare = len(table.properties) - len(told) - table.set_aside
     return (f"{table.where}: {bare} features without a geometry left out",) if bare else ()
@@ -74,7 +74,7 @@ def _parts(shapes: Shapes) -> tuple[IntArray, IntArray, BoolArray]:
 
 
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
-    """The shapes in WGS84 (deg), without those of bad features; and remarks."""
+    """Return the shapes in WGS84 (deg), without those of bad features; and remarks."""
     shapes = _finite(table)
     points = shapes.points
     remarks: tuple[str, ...] = ()
@@ -91,7 +91,7 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
 
 
 def _finite(table: Table) -> Shapes:
-    # z is nan where there is none: readers refuse a nan that stands in a file's z.
+    # z is nan where there is none: readers refuse a nan that a file has as z.
     points = table.shapes.points
     bad = ~np.isfinite(points[:, :2]).all(axis=1) | np.isinf(points[:, 2])
 
@@ -103,9 +103,9 @@ def _finite(table: Table) -> Shapes:
 
 
 def _in_range(shapes: Shapes, points: Array, faults: Faults) -> Shapes:
-    """The shapes at other points, without features that are off the Earth.
+    """Return the shapes at other points, without features that are off the Earth.
 
-    Where most are, none can be trusted: the system is not what it is taken for.
+    If most are off it, all are left out: the coordinate system is probably wrong.
     """
     bad = ~in_range(points)
     moved = Shapes(points, *_parts(shapes))
@@ -123,12 +123,12 @@ def _in_range(shapes: Shapes, points: Array, faults: Faults) -> Shapes:
 
 
 def _owner(shapes: Shapes) -> IntArray:
-    """The feature of each point."""
+    """Return the feature of each point."""
     return np.repeat(shapes.feature, np.diff(shapes.starts))
 
 
 def _without(shapes: Shapes, bad: BoolArray, faults: Faults, why: Callable[[int], str]) -> Shapes:
-    """The shapes without features that have a bad point, which become faults."""
+    """Return the shapes without features that have a bad point, which become faults."""
     if not bad.any():
         return shapes
     numbers, first = np.unique(_owner(shapes)[bad], return_index=True)
@@ -138,7 +138,7 @@ def _without(shapes: Shapes, bad: BoolArray, faults: Faults, why: Callable[[int]
 
 
 def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
-    """Some of the parts."""
+    """Return the parts selected by ``keep``."""
     sizes = np.diff(shapes.starts)
     starts = np.concatenate([[0], np.cumsum(sizes[keep])])
     points = shapes.points[np.repeat(keep, sizes)]
@@ -146,12 +146,12 @@ def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
 
 
 def _radians(points: Array) -> Array:
-    """Longitude, latitude (deg), height as latitude, longitude (rad), height."""
+    """Convert longitude, latitude (deg), height to latitude, longitude (rad), height."""
     return np.column_stack([np.radians(points[:, 1]), np.radians(points[:, 0]), points[:, 2]])
 
 
 def _without_repeats(shapes: Shapes, faults: Faults) -> Shapes:
-    """No vertex twice running; lines and rings of one place become faults."""
+    """Remove repeated vertices in a row; lines and rings of a single place become faults."""
     points = shapes.points
     if not len(points):
         return shapes
@@ -178,7 +178,10 @@ def _features(shapes: Shapes, texts: Mapping[int, str]) -> list[GeoFeature]:
 def _chosen(
     features: list[GeoFeature], table: Table, condition: Condition | None
 ) -> tuple[list[GeoFeature], tuple[str, ...]]:
-    """The features that a condition means; and why they are none, or fewer than wanted."""
+    """Return the features that meet a condition, and notes.
+
+    There are notes if no feature meets it, or if it names an unknown property.
+    """
     if condition is None or not features:
         return features, ()
     columns = condition.columns(table.fields)

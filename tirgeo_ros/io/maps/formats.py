@@ -1,4 +1,4 @@
-"""Which reader a file is for: told by its content, and by its name where that says nothing."""
+"""Choose the reader of a map file by its content, else by its name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tirgeo_ros.io.maps.wanted_properties import Wanted
 Reader = Callable[[Path, str, Wanted], list[Table]]
 
 _HEAD_BYTES = 4096
-#: How files begin that people take for maps, and what to do about them.
+#: First bytes of files that people take for maps, and what to do about them.
 _NO_MAPS = {
     **dict.fromkeys(
         (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
@@ -34,11 +34,11 @@ _NO_MAPS = {
 }
 #: JSON of other kinds, which GDAL reads.
 _OTHER_JSON = re.compile(rb'"type"\s*:\s*"Topology"|"esri(Geometry|FieldType)')
-_BLANK = b" \t\r\n\xef\xbb\xbf\x1e"  # also a byte order mark, and JSON's record separator
+_BLANK = b" \t\r\n\xef\xbb\xbf\x1e"  # includes a byte order mark, and JSON's record separator
 
 
 def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """The tables of a map file, or its one table ``layer``, with what is ``wanted``.
+    """Read the tables of a map file, or only its table ``layer``, with what is ``wanted``.
 
     Raises MapError, naming the file, if it cannot be read or has no such layer.
     """
@@ -54,7 +54,7 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Half of the time of a large map: each round looks at all that is read, and frees nothing."""
+    """Disable garbage collection, which takes half the time of a large map and frees nothing."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -65,7 +65,7 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def main_file(path: Path) -> Path:
-    """The .shp where one of its companions is named, else the file itself."""
+    """Return the .shp if one of its companions is given, else the file itself."""
     if path.suffix.lower() not in shapefile.SIDECARS:
         return path
     main = shapefile.sidecar(path, ".shp")
@@ -73,7 +73,7 @@ def main_file(path: Path) -> Path:
 
 
 def companions(path: Path) -> list[Path]:
-    """The files that are read with a map's own; some need not exist."""
+    """Return the files that are read together with a map file; some need not exist."""
     path = main_file(path)
     if path.suffix.lower() == ".shp":
         return [path, *(shapefile.sidecar(path, each) for each in shapefile.SIDECARS)]
@@ -109,7 +109,7 @@ def _by_content(path: Path, head: bytes) -> Reader | None:
 
 
 def _database(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """An SQLite file of another kind, whose views GDAL would run without end."""
+    """Read an SQLite file of another kind; refuse views, which GDAL would run without a bound."""
     if geopackage.has_tiles(path):
         raise MapError(
             f"{path}: tiles, cut up for a screen (MBTiles); save the layers themselves as a "
@@ -129,7 +129,7 @@ def _kml(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
 
 
 def _zip(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """A KMZ or a zip of shapefiles, as its members have it."""
+    """Read a KMZ or a zip of shapefiles, depending on its members."""
     try:
         members = archive.Archive(path.read_bytes())
         if members.names(".kml"):

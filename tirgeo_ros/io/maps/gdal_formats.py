@@ -1,4 +1,4 @@
-"""Every other format, by GDAL, where pyogrio is installed (the extra ``maps``)."""
+"""Read every other format with GDAL, where pyogrio is installed (the extra ``maps``)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_lay
 from tirgeo_ros.io.maps.wanted_properties import Wanted
 from tirgeo_ros.io.maps.wkb import wkb_parts
 
-#: How the columns of a table may be called that have its places (GDAL's options for CSV).
+#: Possible names of a table's coordinate columns (GDAL's options for CSV).
 _COLUMNS = {
     "X_POSSIBLE_NAMES": "lon,lng,long,longitude,lon_*,longitude_*,x,easting",
     "Y_POSSIBLE_NAMES": "lat,latitude,lat_*,latitude_*,y,northing",
@@ -24,7 +24,7 @@ _KNOWN = "GeoJSON, GeoPackage, Shapefile, KML and KMZ"
 
 
 def read_other(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """The tables that GDAL finds in a file, or its one table ``layer``.
+    """Read the tables that GDAL finds in a file, or only its table ``layer``.
 
     Raises MapError, naming the file, if GDAL finds none, or where pyogrio is absent.
     """

@@ -1,6 +1,7 @@
-"""GeoJSON (RFC 7946), also a feature a line, and with the older ``crs`` member in any system.
+"""Read GeoJSON (RFC 7946), also with a feature on each line or with the older ``crs`` member.
 
-A third coordinate is the height above the WGS84 ellipsoid in metres.
+With a ``crs`` member it may be in any system. A third coordinate is the height above the WGS84
+ellipsoid in metres.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ Positions = list[Any]
 
 
 def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
-    """The one table of a GeoJSON file, named as its ``name`` member or else as the file.
+    """Return the only table of a GeoJSON file, named by its ``name`` member or else as the file.
 
     Raises MapError, naming the file, if it is no GeoJSON.
     """
@@ -72,7 +73,7 @@ def _root(path: Path, content: bytes) -> dict[str, Any]:
 
 
 def _sequence(content: bytes) -> dict[str, Any] | None:
-    """The collection of a file with a feature on each line; None if it is no such file."""
+    """Return the collection of a file with a feature on each line; None if it is no such file."""
     try:
         lines = content.decode("utf-8-sig").replace(_RECORD_SEPARATOR, "\n").splitlines()
         roots = [json.loads(line) for line in lines if line.strip()]
@@ -89,7 +90,7 @@ def _wrapped(geometry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _features(root: dict[str, Any], path: Path) -> list[Any]:
-    """The features, or the one that a lone feature or geometry makes."""
+    """Return the features, or a list of the only one if the root is a feature or a geometry."""
     if root["type"] == "FeatureCollection":
         features = root.get("features")
         if not isinstance(features, list):
@@ -99,7 +100,7 @@ def _features(root: dict[str, Any], path: Path) -> list[Any]:
 
 
 def _properties(feature: Any) -> dict[str, Any]:
-    """Its properties; its id, where it has one, is such too."""
+    """Return the feature's properties; its id, if it has one, is added to them."""
     if not isinstance(feature, dict):
         return {}
     properties = feature.get("properties")
@@ -108,7 +109,7 @@ def _properties(feature: Any) -> dict[str, Any]:
 
 
 def _shapes(features: list[Any]) -> tuple[Shapes, Faults]:
-    """All at once where nothing is wrong, as of most maps; else part by part."""
+    """Return all shapes in one array step if nothing is wrong, as in most maps; else by parts."""
     parts: list[Positions] = []
     owner: list[int] = []
     closed: list[bool] = []
@@ -149,7 +150,7 @@ def _geometry(feature: Any) -> Any:
 
 
 def _pieces(geometry: Any) -> Iterator[tuple[str, Positions]]:
-    """The kind (Point, LineString, Polygon) and the positions of each part of a geometry."""
+    """Yield the kind (Point, LineString, Polygon) and the positions of each part of a geometry."""
     waiting = [] if geometry is None else [geometry]
     while waiting:
         geometry = waiting.pop()
@@ -165,7 +166,7 @@ def _pieces(geometry: Any) -> Iterator[tuple[str, Positions]]:
 
 
 def _lists(kind: str, coordinates: Positions) -> list[Positions]:
-    """The lists of positions of one geometry: a list for each point, line and ring."""
+    """Return the lists of positions of one geometry: one for each point, line and ring."""
     if kind in {"Point", "LineString"}:
         return [[coordinates] if kind == "Point" and coordinates else coordinates]
     if kind == "MultiPoint":
@@ -182,9 +183,9 @@ def _list(value: Any) -> list[Any]:
 
 
 def _fast_points(parts: list[Positions]) -> Array | None:
-    """All positions at once as (N, 3), z nan where there is none; None if one is not plain.
+    """Return all positions at once as (N, 3), z nan where there is none; None if not plain.
 
-    Plain: finite numbers, as many in each.
+    Plain: every position is a list of finite numbers, equally many in each.
     """
     positions = list(chain.from_iterable(parts))
     if set(map(type, positions)) - {list}:
@@ -213,7 +214,7 @@ def _points(positions: Positions) -> Array:
 
 
 def _numbers(position: Any) -> list[float]:
-    """The first two or three numbers of a position."""
+    """Return the first two or three numbers of a position."""
     right = isinstance(position, list) and len(position) >= 2 and all(map(_is_number, position))
     if not right:
         raise FeatureError(f"{str(position)[:60]} is not a position of two or three numbers")
@@ -228,9 +229,9 @@ def _is_number(value: Any) -> bool:
 
 
 def _crs_name(root: dict[str, Any]) -> str | None:
-    """The name in the ``crs`` member of GeoJSON before RFC 7946; None where there is none.
+    """Return the name in the ``crs`` member of GeoJSON before RFC 7946; None if there is none.
 
-    Of a member without a name it is the member itself: no system is called that.
+    For a member without a name, return the member as text, which is no system's name.
     """
     crs = root.get("crs")
     if crs is None:

@@ -1,7 +1,7 @@
-"""GeoPackage (OGC 12-128r19) with the standard library's SQLite.
+"""Read GeoPackage (OGC 12-128r19) with the standard library's SQLite.
 
-A package is opened for reading alone, so that it may be open elsewhere, in QGIS for instance. A
-layer may be a view, which is a program: it is run so far and no further.
+A package is opened for reading only, so it may be open elsewhere, for example in QGIS. A layer may
+be a view, which is a program: it is run up to a bound.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _READ_VERSION = 19  # byte of the header: 2 = write-ahead log
 _ENVELOPES = (0, 32, 48, 48, 64)  # bytes, by the flags' code
 _EMPTY, _EXTENDED = 0x10, 0x20  # flags of a geometry
 _BUSY_S = 2.0
-#: Instructions of SQLite's machine for a package: a table takes some twenty a feature.
+#: Bound of SQLite machine instructions for a package: a table takes some twenty per feature.
 _MOST_STEPS = 50_000_000
 _STEPS_AT_ONCE = 100_000
 
@@ -39,7 +39,7 @@ Row = tuple[object, ...]
 
 
 def read_geopackage(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """The tables of features of a package, or its one table ``layer``.
+    """Read the feature tables of a package, or only its table ``layer``.
 
     Raises MapError, naming file, table and feature, if it is damaged or no GeoPackage.
     """
@@ -56,17 +56,20 @@ def read_geopackage(path: Path, layer: str, wanted: Wanted) -> list[Table]:
 
 
 def is_geopackage(path: Path) -> bool:
-    """Whether an SQLite file has the tables of a GeoPackage; so has one too damaged to tell."""
+    """Return whether an SQLite file has the tables of a GeoPackage.
+
+    True if it is too damaged to tell.
+    """
     return _found(path, "name = 'gpkg_geometry_columns'")
 
 
 def has_views(path: Path) -> bool:
-    """Whether an SQLite file has views; so has one too damaged to tell."""
+    """Return whether an SQLite file has views; True if it is too damaged to tell."""
     return _found(path, "type = 'view'")
 
 
 def has_tiles(path: Path) -> bool:
-    """Whether an SQLite file has pictures or vectors in tiles, as MBTiles have."""
+    """Return whether an SQLite file has pictures or vectors in tiles, as MBTiles have."""
     return _found(path, "name IN ('tiles', 'gpkg_tile_matrix')", damaged=False)
 
 
@@ -75,15 +78,15 @@ def _found(path: Path, what: str, *, damaged: bool = True) -> bool:
     try:
         with closing(_connected(path)) as database:
             return bool(database.execute(query).fetchone()[0])
-    except (sqlite3.Error, ValueError):  # ValueError: SQLite's own message is no text
+    except (sqlite3.Error, ValueError):  # ValueError: SQLite's own message is not valid text
         return damaged
 
 
 def _connected(path: Path) -> sqlite3.Connection:
-    """A connection that leaves the file, and the folder, as they are.
+    """Return a connection that leaves the file, and the folder, unchanged.
 
-    A log beside the file holds what the program that has it open has written last. Without one
-    there is nothing to wait for, and SQLite would make one where it may write.
+    A log beside the file holds the newest changes of the program that has it open. Without such a
+    log there is nothing to wait for, and SQLite would create one where it may write.
     """
     with path.open("rb") as file:
         logged = file.read(_READ_VERSION + 1)[_READ_VERSION:] == b"\2"
@@ -97,7 +100,7 @@ def _connected(path: Path) -> sqlite3.Connection:
 
 
 def log_of(path: Path) -> Path:
-    """The write-ahead log of a package, there while it is open in a program that writes."""
+    """Return the path of the write-ahead log, which exists while a program writes the package."""
     return path.with_name(path.name + "-wal")
 
 
@@ -142,7 +145,7 @@ def _quoted(name: str) -> str:
 
 
 def _crs(row: Row) -> str | None:
-    """The text of a table's system; None for "undefined geographic"."""
+    """Return the text of a table's system; None for "undefined geographic"."""
     srs_id, organization, code, definition = row[2:]
     if srs_id in {0, -1}:
         return None if srs_id == 0 else "undefined Cartesian"
@@ -153,7 +156,7 @@ def _crs(row: Row) -> str | None:
 
 
 def _parts(blob: object) -> Iterator[Part]:
-    """The parts of a geometry in the package's own frame of header and WKB."""
+    """Yield the parts of a geometry in the package's own format of header and WKB."""
     if blob is None:
         return
     if not isinstance(blob, bytes) or len(blob) < 8 or blob[:2] != b"GP" or blob[2]:

@@ -1,7 +1,7 @@
-"""KML and KMZ (OGC 07-147r2, 12-007r2): the placemarks, in whatever folders they are.
+"""Read KML and KMZ (OGC 07-147r2, 12-007r2): the placemarks, in any folders.
 
-Longitudes and latitudes are in WGS84. Heights are above the ground or above the sea (EGM96),
-never above the ellipsoid: all are left out.
+Longitudes and latitudes are in WGS84. Heights are above the ground or above the sea (EGM96), never
+above the ellipsoid: all are left out.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _AT_ONCE = 1 << 16  # bytes for the parser
 _LONGEST_TAG = 1 << 20  # bytes of a tag or a comment: the parser keeps each whole
 _HOLDERS = {"kml", "Document", "Folder"}
 _GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon"}
-#: What is not drawn, and what to do about it where there is nothing else.
+#: What is not drawn, and the remedy if the file has nothing else.
 _NOT_DRAWN = {
     "NetworkLink": "a link: open it in Google Earth or QGIS and save what it leads to as KML",
     "Model": "a body in space: draw its outline",
@@ -44,7 +44,7 @@ _STYLES = {"Style", "StyleMap"}
 
 
 def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
-    """The one table of a KML file, or the placemarks of its folders named ``layer``.
+    """Return the only table of a KML file, or the placemarks of its folders named ``layer``.
 
     Raises MapError, naming the file, if it is no KML.
     """
@@ -60,7 +60,10 @@ def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
 
 
 def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
-    """The main file of a KMZ: the first .kml of it; raises MapError as ``read_kml`` does."""
+    """Read the main file of a KMZ: doc.kml, else its first .kml.
+
+    Raises MapError as ``read_kml``.
+    """
     names = archive.names(".kml")
     main = next((name for name in names if name.lower() == "doc.kml"), names[0])
     (table,) = read_kml(path, archive.read(main), layer)
@@ -72,7 +75,7 @@ def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
 
 
 def _tree(content: bytes, path: Path) -> Element:
-    """The elements, names without their prefixes: any version's namespace will do."""
+    """Return the elements, names without their prefixes: any version's namespace is accepted."""
     builder = _Builder()
     parser = expat.ParserCreate()
     parser.buffer_text = True
@@ -91,13 +94,13 @@ def _tree(content: bytes, path: Path) -> Element:
 
 
 def _check_waiting(size: int) -> None:
-    """Refuse a tag that the parser has kept so many bytes of."""
+    """Refuse a tag of which the parser holds too many bytes."""
     if size > _LONGEST_TAG:
         raise ValueError(f"a tag of more than {_LONGEST_TAG} bytes")
 
 
 class _Builder:
-    """Makes the tree; refuses what grows without bound."""
+    """Build the tree; refuse what grows without bound."""
 
     def __init__(self) -> None:
         self._tree = TreeBuilder()
@@ -121,7 +124,7 @@ class _Builder:
         self._tree.end(self._local(name))
 
     def _local(self, name: str) -> str:
-        """The name without its prefix, each of them once in memory."""
+        """Return the name without its prefix; each is in memory once."""
         return self._names.setdefault(name, name.rpartition(":")[2])
 
     def data(self, text: str) -> None:
@@ -139,7 +142,7 @@ def _text(element: Element, name: str) -> str:
 
 
 def _placemarks(roots: list[Element]) -> Iterator[Element]:
-    """Each placemark once: a folder may lie in another that is chosen too."""
+    """Return each placemark once: a chosen folder may be inside another one."""
     seen = dict.fromkeys(mark for root in roots for mark in root.iter("Placemark"))
     return iter(seen)
 
@@ -149,7 +152,7 @@ def _elements(roots: list[Element]) -> Iterator[Element]:
 
 
 def _instead(chosen: list[Element]) -> str:
-    """What a file without a shape has, and what to do."""
+    """Return what a file without a shape contains, and what to do."""
     tags = Counter(each.tag for each in _elements(chosen))
     styles = sum(tags[tag] for tag in _STYLES)
     told = [f"{tags[tag]} {tag} ({what})" for tag, what in _NOT_DRAWN.items() if tags[tag]]
@@ -159,7 +162,7 @@ def _instead(chosen: list[Element]) -> str:
 
 
 def _left_out(element: Element) -> str:
-    """What of an element is not taken; "" if all is."""
+    """Return what of an element is left out; "" if nothing is."""
     if element.tag in _NOT_DRAWN:
         return f"{element.tag} left out"
     if element.tag in _GEOMETRIES and _text(element, "altitudeMode") == "absolute":
@@ -199,7 +202,7 @@ def _told(path: Path, chosen: list[Element]) -> tuple[str, ...]:
 
 
 def _properties(placemark: Element) -> dict[str, str]:
-    """Name, description, and the data of ExtendedData in both of its forms."""
+    """Return name, description, and the data of ExtendedData in both of its forms."""
     plain = {key: _text(placemark, key) for key in ("name", "description")}
     found = {key: text for key, text in plain.items() if text}
     for data in placemark.iterfind("ExtendedData//Data"):
@@ -210,14 +213,14 @@ def _properties(placemark: Element) -> dict[str, str]:
 
 
 def _pieces(geometry: Element) -> Iterator[tuple[str, str]]:
-    """Kind and coordinates of the geometries in an element, in their order."""
+    """Yield kind and coordinates of the geometries in an element, in their order."""
     for each in geometry:
         if each.tag in {"Point", "LineString", "LinearRing"}:
             yield each.tag, _text(each, "coordinates")
         elif each.tag == "Polygon":
             for ring in each.iterfind("*/LinearRing"):
                 yield "Polygon", _text(ring, "coordinates")
-        elif each.tag == "Track":  # of "lon lat height", a place each
+        elif each.tag == "Track":  # of "lon lat height", one for each place
             places = (",".join((coord.text or "").split()) for coord in each.iterfind("coord"))
             yield "LineString", " ".join(places)
         elif each.tag in {"MultiGeometry", "MultiTrack"}:
@@ -225,7 +228,7 @@ def _pieces(geometry: Element) -> Iterator[tuple[str, str]]:
 
 
 def _parts(placemark: Element) -> Iterator[Part]:
-    """A ring that bounds no polygon is a line that ends where it begins."""
+    """Yield the parts of a placemark; a ring outside a polygon becomes a closed line."""
     for kind, text in _pieces(placemark):
         points = _positions(text)
         if kind == "LinearRing":
@@ -235,9 +238,9 @@ def _parts(placemark: Element) -> Iterator[Part]:
 
 
 def _positions(text: str) -> NDArray[np.float64]:
-    """Longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ...".
+    """Return longitudes and latitudes (n, 2) of "lon,lat[,height] lon,lat[,height] ...".
 
-    Raises FeatureError for a text of something else.
+    Raises FeatureError for any other text.
     """
     tuples = (_COMMA.sub(",", text) if _BLANK_COMMA.search(text) else text).split()
     if not tuples:

@@ -1,4 +1,4 @@
-"""Labels of features: the value of a property, or a text with several of them."""
+"""Make labels of features: the value of a property, or a text with several of them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
 
 @dataclass(frozen=True, slots=True)
 class LabelRule:
-    """Texts between the values of properties: ``texts`` has one more than ``fields``.
+    """Make a label of properties' values between texts; ``texts`` has one more than ``fields``.
 
-    A field that a table lacks is looked for in other capitals; is it not there either, it is
-    empty, or where ``source`` (a style sheet) has asked for it, an error.
+    A field that a table lacks is looked for with another case. If it is not found either, it is
+    empty; if ``source`` (a style sheet) requires it, that is an error.
     """
 
     fields: tuple[str, ...] = ()
@@ -28,14 +28,14 @@ class LabelRule:
 
     @classmethod
     def of_field(cls, name: str) -> LabelRule:
-        """The rule that takes one property as it is; of "", no label."""
+        """Return the rule that takes one property unchanged; without a name, no label."""
         return cls((name,), ("", "")) if name else cls()
 
     @classmethod
     def parsed(cls, text: str, source: str) -> LabelRule:
-        """The rule of a field's name or of a template like ``{name} {ref}``.
+        """Return the rule of a field's name or of a template like ``{name} {ref}``.
 
-        Raises ConfigError, led by ``source``, for a template that is none.
+        Raises ConfigError, beginning with ``source``, for an invalid template.
         """
         if "{" not in text and "}" not in text:
             return cls((text,), ("", ""), source)
@@ -62,9 +62,9 @@ class LabelRule:
         return cls(tuple(fields), tuple(texts), at)
 
     def columns(self, known: Collection[str], where: str) -> tuple[str | None, ...]:
-        """The table's own name of each field, None where it has none.
+        """Return the table's own name of each field, None where it has none.
 
-        Raises ConfigError for an unknown one where a style sheet has named it.
+        Raises ConfigError for an unknown field that a style sheet names.
         """
         found = table_names(self.fields, known)
         for name, column in zip(self.fields, found, strict=True):
@@ -74,7 +74,7 @@ class LabelRule:
         return found
 
     def text(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> str:
-        """One feature's label; "" where all of its values are empty."""
+        """Return one feature's label; "" if all of its values are empty."""
         values = [shown_value(properties.get(name)) if name else "" for name in columns]
         if not any(values):
             return ""
@@ -83,21 +83,24 @@ class LabelRule:
 
 
 def table_names(fields: Sequence[str], known: Collection[str]) -> tuple[str | None, ...]:
-    """A table's own name of each field, in other capitals if need be; None where it has none."""
+    """Return a table's own name of each field, in another case if necessary, else None."""
     lower = {name.lower(): name for name in reversed(list(known))}
     return tuple(name if name in known else lower.get(name.lower()) for name in fields)
 
 
 def shown_value(value: Any) -> str:
-    """The text of a property's value; "" of one that has none."""
+    """Return the text of a property's value; "" for one that has none."""
     if value is None or isinstance(value, bytes | bytearray):
         return ""
     if isinstance(value, float):
-        # Tables keep whole numbers as floats, and nan where there is none.
+        # Tables keep whole numbers as floats, and nan for an absent one.
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124  nan alone
     return str(value).strip()
 
 
 def _clean(text: str) -> str:
-    """On one line, without what no font shows: line ends, control codes, halves of pairs."""
+    """Return the text on one line, without what no font shows.
+
+    That is line ends, control codes and halves of surrogate pairs.
+    """
     return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()

@@ -1,4 +1,4 @@
-"""The layers of a map: its files, as the style sheet has them or each in the default style."""
+"""Load the layers of a map's files, by the style sheet or each in the default style."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tirgeo_ros.io.maps.wanted_properties import Wanted
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A file of the map, and the entry of the sheet that asks for it."""
+    """Hold a file of the map, and the entry of the sheet that draws it."""
 
     path: Path
     entry: SheetLayer | None = None
@@ -34,15 +34,15 @@ def load_layers(
     *,
     network: bool = False,
 ) -> list[MapLayer]:
-    """The layers of a map, in the order in which they are drawn.
+    """Load the layers of a map, in the order in which they are drawn.
 
-    ``map`` is a file, or several with commas; ``style`` a style sheet, or "": then every table
-    of every file is a layer of the default style. Files that the sheet does not draw come
-    first, in that style too. ``label_field`` is the property that labels features where the
-    sheet does not say. ``network``: what a file names elsewhere may be fetched.
+    ``map`` is a file, or several with commas; ``style`` is a style sheet, or "": then every table
+    of every file is a layer of the default style. Files that the sheet does not draw come first,
+    also in the default style. ``label_field`` is the property that labels features where the sheet
+    does not name one. ``network``: places on the network that a file names may be fetched.
 
-    Raises MapError, naming the file (and layer and feature), for what is no map; ConfigError,
-    naming sheet, layer and key, for what is no style sheet.
+    Raises MapError, naming the file (and layer and feature), for an invalid map; ConfigError,
+    naming sheet, layer and key, for an invalid style sheet.
     """
 
     def load() -> list[MapLayer]:
@@ -55,9 +55,9 @@ def load_layers(
 
 
 def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
-    """The layers, each line of what is left out in the first of a file alone.
+    """Return the layers with each note on what is left out only in the first layer that has it.
 
-    Raises ConfigError where a style sheet's conditions leave nothing.
+    Raises ConfigError if a style sheet's conditions leave nothing.
     """
     notes = list(dict.fromkeys(note for layer in layers for note in layer.left_out))
     if layers and not any(layer.features for layer in layers):
@@ -123,9 +123,9 @@ def _layer(name: str, found: Laid, entry: SheetLayer | None) -> MapLayer:
 
 
 def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name
-    """Every file whose change changes the layers, each once; some need not exist.
+    """Return every file whose change changes the layers, each once; some need not exist.
 
-    Never raises: of a style sheet that cannot be read it is the sheet alone, beside the map.
+    Never raises: for an unreadable style sheet it returns only the sheet, beside the map.
     """
     paths = [Path(name) for name in named_files(map)]
     if style:

@@ -1,12 +1,12 @@
-"""A map read and laid in a process of its own, so that the video does not wait for it.
+"""Read a map and compute its layout in a separate process, so that the video does not wait.
 
     child = MapChild()
     contents = child.read(config)      # raises what the reading raises
-    laid = child.lay(plane)            # of what was read; as often as ``read`` was called
+    laid = child.lay(plane)            # of what was read; once after each ``read``
 
-A thread would not do: readers and parsers hold the interpreter, and each frame stands behind them
-at every call that it makes meanwhile. For the same reason the layers stay over there: to take in
-a hundred thousand features takes most of a second, the map that is made of them a twentieth.
+A thread would not do: readers and parsers hold the interpreter lock, and each frame would wait for
+them at every call. For the same reason the layers stay in the process: to transfer a hundred
+thousand features takes most of a second, the map that is made of them a twentieth of that.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.maps import load_layers
 
 _RUN = "from tirgeo_ros.io.maps.map_process import main; main()"
-_SAID_BYTES = 4000  # of a child's last words; a traceback has as many
+_SAID_BYTES = 4000  # of a child's last output; a traceback has as many
 _PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
 
 
 @dataclass(frozen=True, slots=True)
 class MapContents:
-    """What was read."""
+    """Hold a summary of what was read."""
 
     features: int
     left_out: tuple[str, ...]  # what of the files is not among them: a line each
 
 
 class MapChild:
-    """Reads one map at a time, then lays it; ``stop``, from another thread, ends either.
+    """Read one map at a time, then lay it out; ``stop``, from another thread, ends either.
 
     The process lives no longer than the thread that called ``read``.
     """
@@ -61,21 +61,21 @@ class MapChild:
 
     @property
     def said(self) -> str:
-        """The end of what the process of the last reading has said on stderr."""
+        """Return the last stderr output of the process of the last reading."""
         return "" if self._listener is None else self._listener.text()
 
     def stop(self) -> None:
-        """End what is under way; nothing begins from here on."""
+        """End what is in progress; nothing can begin after this."""
         with self._lock:
             self._stopped = True
             if self._process is not None:
                 self._process.kill()
 
     def read(self, config: OverlayConfig) -> MapContents:
-        """Read the map of a configuration. One that was read before is given up.
+        """Read the map of a configuration. One that was read before is dropped.
 
-        Raises the TirgeoError that the reading raised, and MapError where the process ended
-        without an answer, or was stopped, or where there is nothing to lay.
+        Raises the TirgeoError that the reading raised, and MapError if the process ended without
+        an answer, or was stopped, or if the map has nothing to draw.
         """
         self._end()
         with self._lock:
@@ -89,7 +89,7 @@ class MapChild:
         return contents
 
     def lay(self, plane: TangentPlane) -> LaidMap:
-        """Lay the map that was read, once, in a plane. Raises as ``read``."""
+        """Return the map that was read, laid out in a plane; once. Raises as ``read``."""
         laid = self._answer(plane)
         assert isinstance(laid, LaidMap)
         self._end()
@@ -104,10 +104,10 @@ class MapChild:
         try:
             process.stdin.write(pickle.dumps(task))
             process.stdin.flush()
-            # From the pipe, for the interpreter is free while it waits for each part.
+            # From the pipe: the interpreter is free while it waits for each part.
             found = pickle.load(process.stdout)  # noqa: S301  from our own child
         except (EOFError, OSError, pickle.UnpicklingError):
-            code = process.wait()  # for its end of a pipe is closed
+            code = process.wait()  # its end of the pipe is closed, so it has ended
             self._end()
             last = f": {self.said.splitlines()[-1]}" if self.said else ""
             raise MapError(f"{self._name}: its reader ended (exit code {code}){last}") from None
@@ -117,7 +117,7 @@ class MapChild:
         return found
 
     def _end(self) -> None:
-        """Be done with the process, if there is one."""
+        """End the process, if there is one."""
         with self._lock:
             process, self._process = self._process, None
         if process is None:
@@ -125,14 +125,14 @@ class MapChild:
         process.kill()
         process.wait()
         for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):  # a task that it never took
+            with suppress(OSError):  # for a task that it never took
                 pipe.close()  # type: ignore[union-attr]
         if self._listener is not None:
             self._listener.join()
 
 
 class _Listener(threading.Thread):
-    """Takes what a process says on stderr, however much that is, and keeps the end of it."""
+    """Read a process's stderr, however long it is, and keep the end of it."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         super().__init__(name="map reader's words", daemon=True)
@@ -142,19 +142,19 @@ class _Listener(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Listen until the process has ended."""
+        """Read until the process has ended."""
         with self._pipe as pipe:
             while said := os.read(pipe.fileno(), _SAID_BYTES):
                 self._kept = (self._kept + said)[-_SAID_BYTES:]
 
     def text(self) -> str:
-        """Lines without what a terminal would obey."""
+        """Return the lines without characters that a terminal would obey."""
         lines = self._kept.decode(errors="replace").strip().splitlines()
         return "\n".join("".join(x if x.isprintable() else "?" for x in line) for line in lines)
 
 
 def _started() -> subprocess.Popen[bytes]:
-    # Imported, not run as a module: what it pickles must go by this module's name.
+    # Imported, not run as a module: what it pickles must have this module's name.
     return subprocess.Popen(  # noqa: S603  this very Python
         python_command(_RUN, str(os.getpid())),
         stdin=subprocess.PIPE,
@@ -164,12 +164,12 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def main() -> None:
-    """Read the map of the configuration on stdin, then lay it in the plane that follows.
+    """Read the map of the configuration on stdin, then lay it out in the plane that follows.
 
-    To stdout goes what there is in the map, then the map as it lies, or why there is none.
+    Writes to stdout a summary of the map, then the map's layout, or the error.
     """
     _end_with(int(sys.argv[1]))
-    os.nice(5)  # the video comes first
+    os.nice(5)  # the video has priority
     config = pickle.load(sys.stdin.buffer)  # noqa: S301  from our own parent
     try:
         with bounded_memory():
@@ -181,7 +181,7 @@ def main() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Have the kernel end this process when its parent ends, however that ends (Linux)."""
+    """Let the kernel end this process when its parent ends, for whatever reason (Linux)."""
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # it has ended already

@@ -1,4 +1,4 @@
-"""Shapefiles, with pyshp: the .shp with its .dbf, .prj and .cpg, loose or in one .zip."""
+"""Read shapefiles with pyshp: the .shp with its .dbf, .prj and .cpg, loose or in one .zip."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WITH_Z = {11, 13, 15, 18}
 _HEADER_BYTES = 100
 _NO_DATA = -1e38  # less than this is "no data"
 
-#: Code pages by the number that a .dbf has in its header, where no .cpg tells.
+#: Code pages by the number in the header of a .dbf, used without a .cpg.
 _LANGUAGES = {
     0x01: "cp437",
     0x02: "cp850",
@@ -67,7 +67,7 @@ Fetch = Callable[[str], bytes | None]  # the content of the file with a suffix, 
 
 
 def read_shapefile(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """The one table of a shapefile, named as its file.
+    """Return the only table of a shapefile, named as its file.
 
     Raises MapError, naming file and feature, if it is damaged or holds multipatches.
     """
@@ -81,7 +81,7 @@ def read_shapefile(path: Path, layer: str, wanted: Wanted) -> list[Table]:
 
 
 def sidecar(path: Path, suffix: str) -> Path:
-    """The file beside a .shp, in the capitals in which it exists."""
+    """Return the file beside a .shp, with the suffix in the case in which it exists."""
     spellings = [path.with_suffix(each) for each in (suffix, suffix.upper())]
     return next((each for each in spellings if each.is_file()), spellings[0])
 
@@ -89,7 +89,10 @@ def sidecar(path: Path, suffix: str) -> Path:
 def read_zipped_shapefiles(
     path: Path, archive: Archive, layer: str, wanted: Wanted
 ) -> list[Table]:
-    """A table for each shapefile in a zip; raises MapError, and ValueError for a damaged zip."""
+    """Return a table for each shapefile in a zip.
+
+    Raises MapError, and ValueError for a damaged zip.
+    """
     names = {PurePosixPath(name).stem: name[:-4] for name in archive.names(".shp")}
     check_layer(path, layer, names)
     members = {name.lower(): name for name in archive.names("")}
@@ -136,10 +139,10 @@ def _table(where: str, name: str, fetch: Fetch, wanted: Wanted) -> Table:
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
-    """The shapes as pyshp has them."""
+    """Yield the shapes as pyshp returns them."""
     pyshp = _pyshp()
     content = _whole(content, where)
-    room = len(content) // 12  # a record takes so many bytes at least: one that leads back is none
+    room = len(content) // 12  # a record takes at least this many bytes; more records mean a loop
     try:
         with pyshp.Reader(shp=io.BytesIO(content)) as reader:
             for number, shape in enumerate(reader.iterShapes()):
@@ -151,7 +154,7 @@ def _shapes(content: bytes, where: str) -> Iterator[Any]:
 
 
 def _whole(content: bytes, where: str) -> bytes:
-    """The bytes that the header tells of (its length counts words of two); MapError if cut."""
+    """Return the bytes that the header declares (in words of two); raises MapError if cut."""
     size = 2 * int.from_bytes(content[24:28], "big")
     if not _HEADER_BYTES <= size <= len(content):
         raise MapError(f"{where}: a damaged shapefile: {len(content)} bytes, to be {size}")
@@ -159,7 +162,10 @@ def _whole(content: bytes, where: str) -> bytes:
 
 
 def _parts(shape: Any) -> Iterator[Part]:
-    """The points, lines and rings of a shape; raises FeatureError for one that is not drawn."""
+    """Yield the points, lines and rings of a shape.
+
+    Raises FeatureError for one that is not drawn.
+    """
     kind = int(shape.shapeType)
     if kind == _NULL:
         return
@@ -189,7 +195,10 @@ def _points(shape: Any, has_z: bool) -> NDArray[np.float64]:
 def _records(
     where: str, fetch: Fetch, wanted: Wanted
 ) -> tuple[Sequence[str], list[Mapping[str, Any] | None], tuple[str, ...]]:
-    """Names of the fields; the wanted ones of each record, None of a deleted one; remarks."""
+    """Return the names of the fields, the records, and remarks.
+
+    A record has the wanted fields; it is None if it is deleted.
+    """
     content = fetch(".dbf")
     if content is None:
         return (), [], (f"{where}: has no .dbf: no labels",)
@@ -213,9 +222,10 @@ def _rows(reader: Any, wanted: Sequence[str]) -> Iterator[Mapping[str, Any] | No
 
 
 def _encoding(cpg: bytes | None, dbf: bytes) -> str:
-    """The code page that the .cpg names, else the .dbf; UTF-8 where its bytes are, else Latin.
+    """Return the code page of the .cpg, else of the .dbf; else UTF-8 if it fits, else Latin.
 
-    Many programs write the number of Windows's Latin whatever they write: the bytes stand above.
+    Many programs write the number of Windows's Latin whatever they write, so the bytes take
+    precedence over that number.
     """
     named = (cpg or b"").decode("ascii", "replace").strip().strip("\0").lower()
     number = _LAST_NUMBER.search(named)
@@ -232,7 +242,7 @@ def _encoding(cpg: bytes | None, dbf: bytes) -> str:
 
 
 def _is_utf8(dbf: bytes) -> bool:
-    """Whether most of a table's letters beyond ASCII are: a field's end may cut one in two."""
+    """Return whether most non-ASCII letters are valid UTF-8: a field's end may cut one in two."""
     records = dbf[int.from_bytes(dbf[8:10], "little") :]  # the header has numbers in bytes
     text = records.decode("utf-8", "replace")
     right = sum(not each.isascii() for each in text) - text.count("\ufffd")
@@ -247,7 +257,7 @@ def _known(name: str) -> bool:
 
 
 def _damage(pyshp: Any) -> tuple[type[Exception], ...]:
-    """What pyshp raises, or lets through, of a file that is damaged."""
+    """Return what pyshp raises, or lets through, for a damaged file."""
     return (
         pyshp.ShapefileException,
         struct.error,

@@ -1,4 +1,4 @@
-"""Style sheets: a YAML file that says which layers a map has and how each is drawn."""
+"""Load style sheets: YAML files that list a map's layers and how each is drawn."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "c
 
 @dataclass(frozen=True, slots=True)
 class SheetLayer:
-    """One entry of a style sheet."""
+    """Hold one entry of a style sheet."""
 
     where: str  # begins every message about it
     file: Path | None  # None: the map that is given beside the sheet
@@ -48,10 +48,10 @@ class SheetLayer:
 
 
 def load_style_sheet(path: str | Path) -> list[SheetLayer]:
-    """The layers of a sheet, in the order in which they are drawn.
+    """Return the layers of a sheet, in the order in which they are drawn.
 
-    Raises ConfigError, naming the sheet, the layer's number and the key, for anything unknown,
-    of a wrong type or out of its range.
+    Raises ConfigError, naming the sheet, the layer's number and the key, for anything unknown, of
+    a wrong type or out of its range.
     """
     _check_file(Path(path), str(path))
     root = load_yaml(path)
@@ -196,6 +196,6 @@ def _text(file: Path, where: str) -> str:
 
 
 def _check_file(path: Path, where: str) -> None:
-    """Refuse what is there but no file: a node that looks at it now and then would wait for it."""
+    """Refuse what exists but is no file: a node that checks it repeatedly would block on it."""
     if path.exists() and not path.is_file():
         raise ConfigError(f"{where}: is no file")

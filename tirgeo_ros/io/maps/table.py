@@ -1,4 +1,4 @@
-"""What every format is read into: one table of features, as its file has them."""
+"""Define the table of features that every format is read into, in the file's own system."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.parameters.suggestions import nearest
 
-#: Of a file: beyond it, reading takes more than some seconds and more memory than a map may fill.
+#: Limit for a file: beyond it, reading takes more than some seconds and more memory than a map may
+#: use.
 MOST_FEATURES = 500_000
 #: The fewest positions that a point, a line and a ring have.
 FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
@@ -26,11 +27,11 @@ Part = tuple[str, NDArray[np.float64]]  # Point, LineString or Polygon (a ring);
 
 @dataclass(frozen=True, slots=True)
 class Shapes:
-    """Points, lines and rings of a table, end to end.
+    """Hold points, lines and rings of a table, end to end.
 
-    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3) in the table's own system,
-    z nan where there is none. ``feature`` (parts) counts from 0 in the order of the file;
-    ``closed`` (parts) marks rings.
+    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3) in the table's own system, z
+    nan where there is none. ``feature`` (parts) counts from 0 in the order of the file; ``closed``
+    (parts) marks rings.
     """
 
     points: Array
@@ -41,7 +42,7 @@ class Shapes:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Features of one kind, before they are laid on the Earth."""
+    """Hold features of one kind, before their conversion to WGS84."""
 
     where: str  # begins every message about it
     name: str
@@ -50,15 +51,16 @@ class Table:
     properties: Sequence[Mapping[str, Any]]  # of each feature
     fields: Collection[str]  # names of the properties
     left_out: tuple[str, ...] = ()  # what of the file is not in the shapes
-    set_aside: int = 0  # features without a shape that the file crosses out, or left_out tells of
+    # features without a shape that the file marks as deleted, or that left_out mentions
+    set_aside: int = 0
     no_crs: str = ""  # why there is no crs, where the format should have one
-    faults: Faults = field(default_factory=Faults)  # features that are not, or not wholly, there
-    empty: str = ""  # the message where no feature has a shape, if more can be said than that
+    faults: Faults = field(default_factory=Faults)  # features that are missing wholly or in part
+    empty: str = ""  # the message if no feature has a shape, where there is more to say than that
 
 
 @dataclass(slots=True)
 class ShapeBuilder:
-    """Collects parts that come as arrays, and what is wrong with others."""
+    """Collect parts that come as arrays, and the faults of others."""
 
     parts: list[NDArray[np.float64]] = field(default_factory=list)
     features: list[int] = field(default_factory=list)
@@ -66,7 +68,7 @@ class ShapeBuilder:
     faults: Faults = field(default_factory=Faults)
 
     def take(self, feature: int, parts: Iterable[Part]) -> None:
-        """Take the parts of a feature; none of one that turns out to be bad."""
+        """Take the parts of a feature; none of a feature that turns out to be bad."""
         begun = len(self.parts)
         try:
             for kind, points in parts:
@@ -81,11 +83,11 @@ class ShapeBuilder:
             self.parts.append(points)
             self.features.append(feature)
             self.rings.append(kind == "Polygon")
-        elif len(points) or kind == "Polygon":  # an empty line or point is a geometry of nothing
+        elif len(points) or kind == "Polygon":  # an empty line or point is a valid empty geometry
             self.faults.add(feature, f"a {kind} of {len(points)} positions is none")
 
     def shapes(self) -> Shapes:
-        """All parts, in the order in which they came."""
+        """Return all parts, in the order in which they came."""
         starts = starts_of(map(len, self.parts))
         points = np.full((starts[-1], 3), np.nan)
         for part, (a, b) in zip(self.parts, itertools.pairwise(starts.tolist()), strict=True):
@@ -102,16 +104,16 @@ def check_count(features: int, where: str) -> None:
 
 
 def empty_map(path: Path, instead: str = "") -> str:
-    """The message for a map of nothing; ``instead`` is what it has, and what to do."""
+    """Return the message for an empty map; ``instead`` is what it has, and what to do."""
     return f"{path}: the map has no feature with a geometry" + (instead and f": {instead}")
 
 
 def starts_of(sizes: Iterable[int]) -> IntArray:
-    """Where each part begins, and where the last one ends."""
+    """Return the start of each part, and the end of the last one."""
     return np.fromiter(itertools.accumulate(sizes, initial=0), np.int64)
 
 
 def check_layer(path: Path, layer: str, known: Collection[str]) -> None:
-    """Refuse a layer that the file has not; "" is all of them."""
+    """Refuse a layer that the file does not have; "" means all of them."""
     if layer and layer not in known:
         raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, known)}")

@@ -1,4 +1,4 @@
-"""Which properties of features are read, and which features are drawn."""
+"""Select which properties of features are read, and which features are drawn."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tirgeo_ros.io.maps.label_rule import LabelRule
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What labels the features of a layer, and what they must be to be drawn."""
+    """Hold the label rule of a layer's features, and the condition for drawing them."""
 
     label: LabelRule = LabelRule()
     condition: Condition | None = None  # None: all are drawn
 
     def columns(self, known: Collection[str], where: str) -> list[str]:
-        """The table's own names of the properties to read, each once.
+        """Return the table's own names of the properties to read, each once.
 
         Raises ConfigError for an unknown one that a style sheet wants as a label.
         """

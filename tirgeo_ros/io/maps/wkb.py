@@ -1,4 +1,4 @@
-"""Well-known binary (OGC 06-103r4, ISO 13249-3), with the flags of EWKB too."""
+"""Decode well-known binary (OGC 06-103r4, ISO 13249-3), with the flags of EWKB too."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part
 
-#: What the geometries are made of. Those for curves are taken where they hold straight lines
-#: alone, as databases write them: an arc is not.
+#: Types of single geometries. Those for curves are accepted if they hold only straight lines, as
+#: databases write them; an arc is refused.
 _POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
 _ARC, _COMPOUND_CURVE, _CURVE_POLYGON = 8, 9, 10
 #: Multi-point to collection, multi-curve, multi-surface, polyhedral surface, TIN.
@@ -23,7 +23,7 @@ _SMALLEST = 9  # bytes of a geometry: byte order, type, number of what it holds
 
 
 def wkb_parts(data: bytes, start: int = 0) -> Iterator[Part]:
-    """The points, lines and rings of the geometry at ``start``; none of an empty one.
+    """Yield the points, lines and rings of the geometry at ``start``; nothing for an empty one.
 
     Raises FeatureError for a curve, and for bytes that are no geometry.
     """
@@ -34,7 +34,7 @@ def wkb_parts(data: bytes, start: int = 0) -> Iterator[Part]:
 
 
 class _Cursor:
-    """Walks over the bytes of a geometry."""
+    """Walk over the bytes of a geometry."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data = data
@@ -71,7 +71,7 @@ class _Cursor:
             yield from self.geometry(depth + 1)
 
     def _header(self) -> tuple[str, int, int, int]:
-        """Byte order, type without its flags, numbers in a position, those of them that count."""
+        """Return byte order, type without flags, numbers in a position, and how many are used."""
         first = self._data[self._at] if self._at < len(self._data) else None
         if first not in {0, 1}:
             raise FeatureError("its geometry (WKB) is damaged: no byte order where one must be")
@@ -86,7 +86,10 @@ class _Cursor:
         return order, base, 2 + has_z + has_m, 2 + has_z
 
     def _count(self, order: str, size: int) -> int:
-        """A number of things of at least ``size`` bytes, that the rest has room for."""
+        """Return a count of items of at least ``size`` bytes each.
+
+        Raises FeatureError if the rest of the bytes has no room for them.
+        """
         (count,) = struct.unpack_from(order + "I", self._data, self._at)
         self._at += 4
         if count * size > len(self._data) - self._at:
@@ -104,6 +107,6 @@ class _Cursor:
 
 
 def _joined(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Lines of which each begins where the one before ends, as one."""
+    """Join lines, each of which begins where the one before ends."""
     width = min((line.shape[1] for line in lines), default=2)
     return np.concatenate([np.empty((0, width)), *(line[:, :width] for line in lines)])

@@ -1,7 +1,7 @@
-"""The one place that knows ROS messages: their layouts, their frames, the topics they go by.
+"""Convert ROS messages to the core's types and back: layouts, frames and topics.
 
-Both kinds of message classes serve, rclpy's and those that bags are read with: attributes and
-keyword arguments have the same names.
+Only this package knows them. It works with both kinds of message classes, rclpy's and those that
+bags are read with: attributes and keyword arguments have the same names.
 """
 
 from tirgeo_ros.io.messages.decode import (

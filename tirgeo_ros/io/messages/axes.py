@@ -1,7 +1,7 @@
-"""Turning what is inside a message between ROS's axes and the core's (``core.frames.axes``).
+"""Convert values of messages between ROS's axes and the core's (``core.frames.axes``).
 
-Fast, as there are hundreds of messages a second, and unchecked: the maps are linear, so that a
-zero or NaN quaternion arrives as it was sent and the core can say so.
+The functions are fast, as there are hundreds of messages a second, and check nothing. The maps are
+linear, so a zero or NaN quaternion arrives as it was sent and the core can detect it.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ _HALF = math.sqrt(0.5)
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Quaternion (w, x, y, z) of any-frame-to-NED to the same to ENU, or the other way round."""
+    """Convert a quaternion (w, x, y, z) of any frame to NED into that to ENU, or the reverse."""
     return _HALF * (x + y), -_HALF * (w + z), _HALF * (z - w), _HALF * (x - y)
 
 
 def positive(q: Quaternion) -> Quaternion:
-    """The same rotation with w >= 0."""
+    """Return the same rotation with w >= 0."""
     w, x, y, z = q
     return (-w, -x, -y, -z) if w < 0 else q
 
 
 def _entries(blocks: int) -> tuple[np.ndarray, Array]:
-    """Where each entry of a turned covariance comes from, and its sign; both flat."""
+    """Return the source index and the sign of each entry of a turned covariance; both flat."""
     turn = np.kron(np.eye(blocks), ENU_NED)
     source = np.argmax(np.abs(turn), axis=1)
     sign = turn.sum(axis=1)
@@ -48,9 +48,10 @@ _WORLD = {3 * blocks: _entries(blocks) for blocks in (1, 2)}
 
 
 def covariance_turned_world(covariance: Array, size: int) -> Array:
-    """(size * size,) row-major covariance of NED vectors to ENU, or the other way round.
+    """Convert a covariance of NED vectors to ENU, or the reverse.
 
-    ``size`` is 3 or 6. Takes any shape of ``size * size`` numbers.
+    Returns (size * size,) row-major; ``size`` is 3 or 6. Takes any shape of ``size * size``
+    numbers.
     """
     source, sign = _WORLD[size]
     turned: Array = np.asarray(covariance).take(source)

@@ -1,7 +1,7 @@
-"""Messages to the core's samples.
+"""Convert messages to the core's samples.
 
-Pure conversion of axes, units and marks of absence. Samples are not judged here: a NaN, a zero
-quaternion or an impossible covariance goes through as it is and meets a verdict in the core.
+Only axes, units and marks of absence are converted. Samples are not judged here: a NaN, a zero
+quaternion or an impossible covariance is passed on, and the core gives a verdict on it.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from tirgeo_ros.io.messages.axes import (
 )
 from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
-_ABSENT = -1.0  # first entry of a covariance whose value is not there (sensor_msgs/Imu)
+_ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0
 _XYZ_ROWS = np.s_[:3, :3]
 
 
 def stamp_ns(msg: Any) -> int:
-    """The header's stamp in nanoseconds."""
+    """Return the header's stamp in nanoseconds."""
     stamp = msg.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def imu_sample(msg: Any) -> ImuSample:
-    """``sensor_msgs/Imu``; no attitude where its covariance says that it is absent."""
+    """Convert ``sensor_msgs/Imu``; no attitude if its covariance marks it as absent."""
     force, rate = msg.linear_acceleration, msg.angular_velocity
     attitude = None if msg.orientation_covariance[0] == _ABSENT else _both(msg.orientation)
     return ImuSample(
@@ -60,9 +60,9 @@ def imu_sample(msg: Any) -> ImuSample:
 
 
 def position_sample(msg: Any, source: Source) -> PositionSample:
-    """``sensor_msgs/NavSatFix``; a covariance of unknown type becomes zero.
+    """Convert ``sensor_msgs/NavSatFix``; a covariance of unknown type becomes zero.
 
-    A status that the contract does not number counts as no fix.
+    A status number that the contract does not define counts as no fix.
     """
     known = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
     return PositionSample(
@@ -77,7 +77,7 @@ def position_sample(msg: Any, source: Source) -> PositionSample:
 
 
 def velocity_sample(msg: Any, source: Source) -> VelocitySample:
-    """``geometry_msgs/TwistWithCovarianceStamped``, ENU in ``linear``."""
+    """Convert ``geometry_msgs/TwistWithCovarianceStamped``, ENU in ``linear``."""
     linear = msg.twist.twist.linear
     covariance = np.asarray(msg.twist.covariance).reshape(6, 6)[_XYZ_ROWS]
     return VelocitySample(
@@ -89,9 +89,9 @@ def velocity_sample(msg: Any, source: Source) -> VelocitySample:
 
 
 def heading_sample(msg: Any) -> HeadingSample:
-    """``sensor_msgs/Imu`` of a dual-antenna receiver: the ENU yaw as a heading in [0, 2 pi).
+    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: ENU yaw to a heading in [0, 2 pi).
 
-    NaN where the message has no orientation, so that the core refuses it.
+    NaN if the message has no orientation, so that the core refuses it.
     """
     present = msg.orientation_covariance[0] != _ABSENT
     yaw = _enu_yaw(msg.orientation) if present else math.nan
@@ -99,7 +99,7 @@ def heading_sample(msg: Any) -> HeadingSample:
     return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
 
 
-#: Each source of the filter: its topic, and its messages' way to samples.
+#: Each source of the filter: its topic, and the decoder of its messages.
 NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
     Source.IMU: ("imu/data", imu_sample),
     Source.RTK_POSITION: ("rtk/fix", partial(position_sample, source=Source.RTK_POSITION)),
@@ -111,10 +111,10 @@ NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]]
 
 
 def joint_sample(msg: Any) -> JointSample:
-    """``sensor_msgs/JointState`` of the gimbal, FLU joints to FRD.
+    """Convert ``sensor_msgs/JointState`` of the gimbal, FLU joints to FRD.
 
-    Computed are those whose frame is the topic ``gimbal/attitude``.
-    Raises MessageError where one of the three joints is missing.
+    Joints whose frame is the topic ``gimbal/attitude`` are computed. Raises MessageError if one of
+    the three joints is missing.
     """
     names = list(msg.name)
     angles = []
@@ -128,19 +128,19 @@ def joint_sample(msg: Any) -> JointSample:
 
 
 def camera_attitude(msg: Any) -> CameraAttitudeSample:
-    """``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+    """Convert ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
     return CameraAttitudeSample(stamp_ns(msg), _both(msg.quaternion))
 
 
 def body_pose(msg: Any) -> BodyPose:
-    """``nav_msgs/Odometry`` of ``tirgeo/odometry``."""
+    """Convert ``nav_msgs/Odometry`` of ``tirgeo/odometry``."""
     pose = msg.pose.pose
     covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
     return BodyPose(stamp_ns(msg), _ned(pose.position), _both(pose.orientation), covariance)
 
 
 def camera_pose(msg: Any) -> CameraPose:
-    """``geometry_msgs/PoseWithCovarianceStamped`` of ``tirgeo/camera_pose``."""
+    """Convert ``geometry_msgs/PoseWithCovarianceStamped`` of ``tirgeo/camera_pose``."""
     pose = msg.pose.pose
     q = pose.orientation
     covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
@@ -149,7 +149,7 @@ def camera_pose(msg: Any) -> CameraPose:
 
 
 def tangent_plane(msg: Any) -> TangentPlane:
-    """``sensor_msgs/NavSatFix`` of ``tirgeo/origin``. Raises MessageError where none can be."""
+    """Convert ``sensor_msgs/NavSatFix`` of ``tirgeo/origin``. Raises MessageError if invalid."""
     place = math.radians(msg.latitude), math.radians(msg.longitude), float(msg.altitude)
     fault = place_fault(*place)
     if fault:
@@ -160,7 +160,7 @@ def tangent_plane(msg: Any) -> TangentPlane:
 
 
 def pixel(msg: Any) -> tuple[int, float, float]:
-    """``geometry_msgs/PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
+    """Convert ``PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
     return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
 
 
@@ -172,7 +172,7 @@ def _fix_status(number: int) -> FixStatus:
 
 
 def _covariance(enu: Any) -> Array:
-    """(3, 3) NED; zero where the first entry marks it as absent."""
+    """Return the covariance (3, 3) in NED; zero if the first entry marks it as absent."""
     flat = np.asarray(enu).ravel()
     if flat[0] == _ABSENT:
         return np.zeros((3, 3))
@@ -188,7 +188,10 @@ def _ned(point: Any) -> Array:
 
 
 def _enu_yaw(q: Any) -> float:
-    """Yaw of a quaternion of any length; NaN for one of no length, whose yaw would read 0."""
+    """Return the ENU yaw (rad) of a quaternion of any length.
+
+    Returns NaN for length zero, whose yaw would otherwise read 0.
+    """
     if not q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z > 0:
         return math.nan
     sine = 2 * (q.w * q.z + q.x * q.y)

@@ -1,4 +1,4 @@
-"""What the estimator says of itself as key and value strings, and back."""
+"""Convert the estimator's status to key and value strings, and back."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 _COUNT, _RATIO, _RESET, _CLIPPED, _NIS = "count", "test_ratio", "reset", "clipped", "nis"
-_NEXT = "; "  # between warnings, which hold none
+_NEXT = "; "  # between warnings, which do not contain it
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticItem:
-    """One status of a ``diagnostic_msgs/DiagnosticArray``."""
+    """Hold one status of a ``diagnostic_msgs/DiagnosticArray``."""
 
     name: str
     level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
@@ -28,7 +28,7 @@ class DiagnosticItem:
 
 
 def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
-    """The estimator's status: OK while it runs without warnings, an error once it is lost."""
+    """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""
     values = {
         "method": status.method,
         "state": status.state.value,
@@ -55,10 +55,10 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
 
 
 def navigation_status(msg: Any) -> NavigationStatus:
-    """``diagnostic_msgs/DiagnosticStatus`` of the estimator, the inverse of the encoder's.
+    """Decode the estimator's ``diagnostic_msgs/DiagnosticStatus``, the inverse of the encoder.
 
-    Time in the state, resets, clipped samples and warnings are 0 and none where a recording has
-    no such keys; texts are cut. Raises MessageError where it is no such status.
+    Where a recording lacks the keys of time in the state, resets, clipped samples or warnings,
+    these are 0 or empty. Texts are cut. Raises MessageError if it is no such status.
     """
     values = {cut(item.key): cut(item.value) for item in msg.values}
     try:
@@ -68,7 +68,7 @@ def navigation_status(msg: Any) -> NavigationStatus:
 
 
 def diagnostic_level(msg: Any) -> int:
-    """The level of a ``diagnostic_msgs/DiagnosticStatus``: a byte, which rclpy has as bytes."""
+    """Return the level of a ``diagnostic_msgs/DiagnosticStatus``, which rclpy gives as bytes."""
     return msg.level[0] if isinstance(msg.level, bytes) else int(msg.level)
 
 

@@ -1,4 +1,4 @@
-"""The core's samples and results to messages."""
+"""Convert the core's samples and results to messages."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ from tirgeo_ros.io.messages.topics import (
     OPTICAL_FRAME,
 )
 
-#: Variance of what is not known, where a reader takes any number for a variance: so large that
-#: it weighs nothing. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
+#: Variance of an unknown value, where a reader takes any number for a variance: so large that it
+#: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
 UNKNOWN_VARIANCE = 1e6
 
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
@@ -51,9 +51,9 @@ _NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class Messages:
-    """Makes messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
+    """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
-    Nodes pass rclpy's classes, bags those they are written with (``io.bag.Cdr.types``).
+    Nodes pass rclpy's classes, bags those they are written with (``io.bags.cdr.Cdr.types``).
     """
 
     def __init__(self, types: Callable[[str], type]) -> None:
@@ -61,7 +61,7 @@ class Messages:
         self._parts = Parts(types)
 
     def imu(self, sample: ImuSample, frame_id: str = BODY_FRAME) -> Any:
-        """``sensor_msgs/Imu``: FRD to FLU; covariances zero, which the message calls unknown."""
+        """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
         attitude = sample.autopilot_q_nb
         covariance = np.zeros(9)
         covariance[0] = -1.0 if attitude is None else 0.0
@@ -75,7 +75,7 @@ class Messages:
         )
 
     def heading(self, sample: HeadingSample, frame_id: str = BODY_FRAME) -> Any:
-        """``sensor_msgs/Imu`` with the heading as ENU yaw and all else marked as absent."""
+        """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
         half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros(9)
         covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
@@ -86,13 +86,16 @@ class Messages:
         return self._parts.imu(sample.stamp_ns, frame_id, (turned, covariance), nothing, nothing)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
-        """``sensor_msgs/NavSatFix`` of an antenna."""
+        """Return ``sensor_msgs/NavSatFix`` of an antenna."""
         place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
         covariance = covariance_turned_world(sample.covariance_n, 3)
         return self._parts.fix(sample.stamp_ns, frame_id, sample.status, place, covariance)
 
     def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
-        """``geometry_msgs/TwistWithCovarianceStamped``, ENU; no rate, its variance unknown."""
+        """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU.
+
+        The rate has unknown variance.
+        """
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
         covariance[[3, 4, 5], [3, 4, 5]] = UNKNOWN_VARIANCE
@@ -105,10 +108,10 @@ class Messages:
         )
 
     def joints(self, sample: JointSample) -> Any:
-        """``sensor_msgs/JointState`` of the gimbal, FLU.
+        """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
 
-        Its frame is base_link, or of computed joints the topic that they are computed from: the
-        message has no other place to say so, and no reader needs the frame of angles.
+        Its frame is base_link; for computed joints it is the topic that they are computed from.
+        The message has no other field for that, and no reader needs the frame of angles.
         """
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         frame_id = COMPUTED_FROM if sample.computed else BODY_FRAME
@@ -123,7 +126,7 @@ class Messages:
         )
 
     def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
-        """``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+        """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
         return self._parts.new(
             "geometry_msgs/msg/QuaternionStamped",
             header=self._parts.header(sample.stamp_ns, MAP_FRAME),
@@ -131,10 +134,11 @@ class Messages:
         )
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
-        """``nav_msgs/Odometry``, map -> base_link.
+        """Return ``nav_msgs/Odometry``, map -> base_link.
 
         Pose covariance: x, y, z, then rotations about the map's axes. Twist in base_link; the
-        velocity's covariance is that of the solution turned to the body, with the attitude's part.
+        velocity's covariance is the solution's, turned to the body, with the contribution of the
+        attitude.
         """
         turned = positive(quat_turned_both(*pose.q_nb.tolist()))
         return self._parts.new(
@@ -146,20 +150,20 @@ class Messages:
         )
 
     def fix(self, solution: NavSolution) -> Any:
-        """``sensor_msgs/NavSatFix`` of base_link."""
+        """Return ``sensor_msgs/NavSatFix`` of base_link."""
         place = (solution.latitude_rad, solution.longitude_rad, solution.height_m)
         covariance = covariance_turned_world(solution.covariance[:3, :3], 3)
         return self._parts.fix(solution.stamp_ns, BODY_FRAME, FixStatus.SINGLE, place, covariance)
 
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
-        """``sensor_msgs/NavSatFix``: where the map's origin is. It is exact by definition."""
+        """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
         place = (plane.latitude_rad, plane.longitude_rad, plane.height_m)
         message = self._parts.fix(stamp_ns, MAP_FRAME, FixStatus.SINGLE, place, np.zeros(9))
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
 
     def camera_pose(self, pose: CameraPose) -> Any:
-        """``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
+        """Return ``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
         turned = positive(quat_turned_world(*pose.q_nc.tolist()))
         return self._parts.new(
             "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -168,9 +172,9 @@ class Messages:
         )
 
     def image(self, stamp_ns: int, pixels: npt.NDArray[Any], frame_id: str = OPTICAL_FRAME) -> Any:
-        """``sensor_msgs/Image``: mono8 (h, w) or bgr8 (h, w, 3) of uint8, mono16 (h, w) of uint16.
+        """Return ``sensor_msgs/Image``: mono8 (h, w), bgr8 (h, w, 3) or mono16 (h, w).
 
-        Raises ValueError for any other array.
+        mono8 and bgr8 are of uint8, mono16 of uint16. Raises ValueError for any other array.
         """
         encoding = _ENCODINGS.get((pixels.dtype.str, pixels.ndim))
         if encoding is None or pixels.shape[2:] not in {(), (3,)}:
@@ -188,7 +192,7 @@ class Messages:
         )
 
     def compressed(self, stamp_ns: int, jpeg: bytes, frame_id: str = OPTICAL_FRAME) -> Any:
-        """``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
+        """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
         return self._parts.new(
             "sensor_msgs/msg/CompressedImage",
             header=self._parts.header(stamp_ns, frame_id),
@@ -197,7 +201,7 @@ class Messages:
         )
 
     def camera_info(self, camera: Camera, stamp_ns: int, frame_id: str = OPTICAL_FRAME) -> Any:
-        """``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
+        """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
         k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], float)
         size = 5 if len(camera.distortion) <= 5 else 8
         padded = [*map(float, camera.distortion), *[0.0] * (size - len(camera.distortion))]
@@ -224,11 +228,11 @@ class Messages:
         )
 
     def clock(self, stamp_ns: int) -> Any:
-        """``rosgraph_msgs/Clock``."""
+        """Return ``rosgraph_msgs/Clock``."""
         return self._parts.new("rosgraph_msgs/msg/Clock", clock=self._parts.time(stamp_ns))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
-        """``diagnostic_msgs/DiagnosticArray``."""
+        """Return ``diagnostic_msgs/DiagnosticArray``."""
         return self._parts.new(
             "diagnostic_msgs/msg/DiagnosticArray",
             header=self._parts.header(stamp_ns, ""),
@@ -237,7 +241,7 @@ class Messages:
 
     @staticmethod
     def navigation_diagnostic(name: str, status: NavigationStatus) -> DiagnosticItem:
-        """The estimator's status; ``navigation_status`` is the inverse."""
+        """Return the estimator's status; ``navigation_status`` is the inverse."""
         return navigation_item(name, status)
 
     def _body_twist(self, solution: NavSolution) -> Any:
@@ -266,13 +270,16 @@ class Messages:
 
 
 def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:
-    """Forward, left and up of the body in NED."""
+    """Return forward, left and up of the body in NED."""
     m = rotation_of(tuple(solution.q_nb.tolist()))
     return (m[0], m[3], m[6]), (-m[1], -m[4], -m[7]), (-m[2], -m[5], -m[8])
 
 
 def _velocity_covariance(solution: NavSolution, axes_n: tuple[Vector, Vector, Vector]) -> Array:
-    """(3, 3) of the velocity along body axes; along ``a`` it errs by ``a . (dv + [v x] phi)``."""
+    """Return the velocity's covariance (3, 3) in body FLU axes.
+
+    Along the axis ``a`` its error is ``a . (dv + [v x] phi)``.
+    """
     velocity_n = tuple(solution.velocity_n.tolist())
     forward, left, up = axes_n
     rows = (
@@ -281,6 +288,6 @@ def _velocity_covariance(solution: NavSolution, axes_n: tuple[Vector, Vector, Ve
         *(cross(up, velocity_n) + up),
     )
     partials = np.array(rows).reshape(3, 6)
-    # np.dot rather than @: the same product at half the price for matrices this small.
+    # np.dot rather than @: the same product in half the time for matrices this small.
     turned: Array = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
     return turned

@@ -1,7 +1,7 @@
-"""Many ``sensor_msgs/Imu`` at once from their CDR, for records of hours.
+"""Decode many ``sensor_msgs/Imu`` at once from their CDR, for records of hours.
 
-All of an Imu but its header has a fixed length, so that the layout is known from the byte order
-and the length of ``frame_id``; messages of one layout are read as one array.
+All of an Imu but its header has a fixed length, so byte order and length of ``frame_id`` determine
+the layout. Messages of one layout are read as one array.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _MARKS = {b"\0\1": "<", b"\0\0": ">"}
 _BEHIND_HEADER = 4 + 9 + 3 + 9 + 3 + 9  # numbers: orientation, rate, acceleration; covariances
 _RATE = 4 + 9
 _FORCE = _RATE + 3 + 9
-_FRAME_AT = 4 + 8  # of the frame's length: encapsulation and stamp stand before it
-_ABSENT = -1.0  # first entry of a covariance whose value is not there
+_FRAME_AT = 4 + 8  # of the frame's length, after encapsulation and stamp
+_ABSENT = -1.0  # first entry of a covariance whose value is absent
 
 
 class ImuBlock(NamedTuple):
-    """Samples in the order of their messages, FLU as in the message."""
+    """Hold samples in the order of their messages, FLU as in the message."""
 
     stamps_ns: npt.NDArray[np.int64]  # (n,)
     values: Array  # (n, 6) angular rate (rad/s), specific force (m/s2); NaN where absent
@@ -34,7 +34,7 @@ class ImuBlock(NamedTuple):
 
 
 def imu_block(messages: Sequence[bytes]) -> ImuBlock:
-    """The readable of these CDR messages."""
+    """Decode these CDR messages, as far as they are readable."""
     stamps_ns = np.zeros(len(messages), np.int64)
     values = np.zeros((len(messages), 6))
     readable = np.zeros(len(messages), bool)
@@ -52,7 +52,7 @@ def imu_block(messages: Sequence[bytes]) -> ImuBlock:
 
 
 def _layouts(messages: Sequence[bytes]) -> dict[tuple[bytes, int, int], list[int]]:
-    """Places of the messages of each byte order, length of the frame, and length."""
+    """Return the message indices for each byte order, length of the frame, and length."""
     found: dict[tuple[bytes, bytes, int], list[int]] = defaultdict(list)
     for place, data in enumerate(messages):
         found[data[:2], data[_FRAME_AT : _FRAME_AT + 4], len(data)].append(place)
@@ -66,7 +66,7 @@ def _layouts(messages: Sequence[bytes]) -> dict[tuple[bytes, int, int], list[int
 
 
 def _numbers_at(frame: int) -> int:
-    """Where the numbers begin: aligned to 8 from the end of the encapsulation on."""
+    """Return the offset of the numbers: aligned to 8 from the end of the encapsulation on."""
     return 4 + (8 + 4 + frame + 7) // 8 * 8
 
 

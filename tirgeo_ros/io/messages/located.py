@@ -1,4 +1,4 @@
-"""Clicks and located ground points to messages, and back."""
+"""Convert clicks and located ground points to messages, and back."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NO_TURN = (1.0, 0.0, 0.0, 0.0)
 
 
 class LocatedMessages:
-    """Makes the messages of ``tirgeo/locate/pixel``, ``tirgeo/locate/fix`` and ``.../point``.
+    """Build the messages of ``tirgeo/locate/pixel``, ``tirgeo/locate/fix`` and ``.../point``.
 
     ``types`` gives the classes, as for ``Messages``. The stamp of all is the picture's.
     """
@@ -29,7 +29,7 @@ class LocatedMessages:
         self._parts = Parts(types)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
-        """``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
+        """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
         return self._parts.new(
             "geometry_msgs/msg/PointStamped",
             header=self._parts.header(stamp_ns, OPTICAL_FRAME),
@@ -37,15 +37,16 @@ class LocatedMessages:
         )
 
     def fix(self, located: Located) -> Any:
-        """``sensor_msgs/NavSatFix`` of the ground point, covariance in ENU."""
+        """Return ``sensor_msgs/NavSatFix`` of the ground point, covariance in ENU."""
         where = (located.latitude_rad, located.longitude_rad, located.height_m)
         covariance = covariance_turned_world(located.covariance_n, 3)
         return self._parts.fix(located.stamp_ns, MAP_FRAME, FixStatus.SINGLE, where, covariance)
 
     def point(self, located: Located) -> Any:
-        """``geometry_msgs/PoseWithCovarianceStamped`` in ``map``.
+        """Return ``geometry_msgs/PoseWithCovarianceStamped`` in ``map``.
 
-        A point has no attitude: it is no turn, of a variance that says so.
+        A point has no attitude: the rotation is the identity, with a variance that marks it as
+        unknown.
         """
         covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
         covariance[:3, :3] = located.covariance_n
@@ -57,7 +58,7 @@ class LocatedMessages:
 
 
 def ground_point(msg: Any) -> tuple[int, Array, Array]:
-    """``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), NED in the plane."""
+    """Decode ``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), local NED."""
     position = msg.pose.pose.position
     covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)[:3, :3]
     return stamp_ns(msg), np.array([position.y, position.x, -position.z]), covariance

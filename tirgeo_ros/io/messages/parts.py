@@ -1,4 +1,4 @@
-"""The pieces that messages are made of, for either kind of message class."""
+"""Build the parts of messages, for either kind of message class."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.io.messages.axes import Quaternion, covariance_turned_world, positive
 
-_SERVICE_GPS = 1  # which satellite systems took part is not known to us; GPS always does
+_SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 
 class Parts:
-    """Makes the pieces of messages of the classes that ``types`` gives.
+    """Build the parts of messages of the classes that ``types`` gives.
 
-    ``takes_ndarray`` says which of the two kinds they are.
+    ``takes_ndarray`` tells which of the two kinds they are.
     """
 
     def __init__(self, types: Callable[[str], type]) -> None:
         self.types = types
         self._known: dict[str, Callable[..., Any]] = {}
-        # What every message has parts of: bound once, as looking up costs as much as making.
+        # Parts of every message: bound once, as a look-up takes as long as making one.
         self._time = types("builtin_interfaces/msg/Time")
         self._header = types("std_msgs/msg/Header")
         self._quaternion = types("geometry_msgs/msg/Quaternion")
@@ -37,37 +37,37 @@ class Parts:
         self._pose_covariance = types("geometry_msgs/msg/PoseWithCovariance")
         self._twist = types("geometry_msgs/msg/Twist")
         self._twist_covariance = types("geometry_msgs/msg/TwistWithCovariance")
-        # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags ndarray alone.
+        # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
         self.takes_ndarray = hasattr(self._header, "__msgtype__")
 
     def new(self, typename: str, **fields: Any) -> Any:
-        """A message of a type, with these fields."""
+        """Return a message of a type, with these fields."""
         kind = self._known.get(typename)
         if kind is None:
             kind = self._known[typename] = self.types(typename)
         return kind(**fields)
 
     def time(self, stamp_ns: int) -> Any:
-        """``builtin_interfaces/Time``."""
+        """Return ``builtin_interfaces/Time``."""
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
         return self._time(sec=seconds, nanosec=nanoseconds)
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
-        """``std_msgs/Header``."""
+        """Return ``std_msgs/Header``."""
         return self._header(stamp=self.time(stamp_ns), frame_id=frame_id)
 
     def quaternion(self, q: Quaternion) -> Any:
-        """``geometry_msgs/Quaternion`` of (w, x, y, z)."""
+        """Return ``geometry_msgs/Quaternion`` of (w, x, y, z)."""
         w, x, y, z = q
         return self._quaternion(x=x, y=y, z=z, w=w)
 
     def vector(self, xyz: tuple[float, float, float]) -> Any:
-        """``geometry_msgs/Vector3`` of (x, y, z)."""
+        """Return ``geometry_msgs/Vector3`` of (x, y, z)."""
         x, y, z = xyz
         return self._vector(x=x, y=y, z=z)
 
     def frd(self, v: Array) -> Any:
-        """``geometry_msgs/Vector3`` in FLU of a (3,) vector in FRD."""
+        """Return ``geometry_msgs/Vector3`` in FLU of a (3,) vector in FRD."""
         x, y, z = v.tolist()
         return self.vector((x, -y, -z))
 
@@ -79,7 +79,7 @@ class Parts:
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
     ) -> Any:
-        """``sensor_msgs/Imu`` of pairs of a value and its (9,) covariance.
+        """Return ``sensor_msgs/Imu`` of pairs of a value and its (9,) covariance.
 
         The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
         """
@@ -102,9 +102,10 @@ class Parts:
         place: tuple[float, float, float],
         covariance: Array,
     ) -> Any:
-        """``sensor_msgs/NavSatFix`` of latitude, longitude (rad), height (m); (9,) ENU covariance.
+        """Return ``sensor_msgs/NavSatFix`` of a place with its (9,) ENU covariance.
 
-        A covariance of zeros is marked as unknown.
+        ``place``: latitude, longitude (rad), height (m). A covariance of zeros is marked as
+        unknown.
         """
         known = bool(covariance.any())
         latitude_rad, longitude_rad, height_m = place
@@ -122,7 +123,10 @@ class Parts:
         )
 
     def pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
-        """``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED; ``turned`` is in ENU."""
+        """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED.
+
+        ``turned`` is the attitude in ENU.
+        """
         north, east, down = position_n.tolist()
         pose = self._pose(
             position=self._point(x=east, y=north, z=-down), orientation=self.quaternion(turned)
@@ -135,12 +139,12 @@ class Parts:
         angular: tuple[float, float, float],
         covariance: Array,
     ) -> Any:
-        """``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
+        """Return ``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
         twist = self._twist(linear=self.vector(linear), angular=self.vector(angular))
         return self._twist_covariance(twist=twist, covariance=covariance)
 
     def octets(self, data: npt.NDArray[Any]) -> Any:
-        """The bytes of a contiguous array as a field ``uint8[]`` takes them fastest."""
+        """Return a contiguous array's bytes in the type that a field ``uint8[]`` takes fastest."""
         flat = data.reshape(-1).view(np.uint8)
         if self.takes_ndarray:
             return flat
@@ -149,5 +153,5 @@ class Parts:
         return out
 
     def doubles(self, values: Sequence[float]) -> Any:
-        """A field ``float64[]``."""
+        """Return the values in the type of a field ``float64[]``."""
         return np.array(values, float) if self.takes_ndarray else array.array("d", values)

@@ -1,4 +1,4 @@
-"""Image and camera messages to arrays and cameras."""
+"""Convert image and camera messages to arrays and cameras."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import CameraError, MessageError
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 
-#: Encoding to bytes a pixel; the second names are those of newer sensor_msgs for the first.
+#: Encoding to bytes per pixel; the aliases are other names for the same encodings.
 _BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
 _ALIASES = {
     "8UC1": "mono8",
@@ -33,15 +33,16 @@ _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
 
 
 def pixels(topic: str, msg: Any) -> RawPixels:
-    """Return the pixels of a picture from one of the contract's two topics of them."""
+    """Return the pixels of a picture from one of the contract's two image topics."""
     return compressed_pixels(msg) if topic.endswith("/compressed") else image_pixels(msg)
 
 
 def image_pixels(msg: Any) -> RawPixels:
-    """``sensor_msgs/Image`` as (h, w) uint8 or uint16, or (h, w, 3) uint8 in blue, green, red.
+    """Convert ``sensor_msgs/Image`` to (h, w) uint8 or uint16, or (h, w, 3) uint8, blue first.
 
-    mono8, mono16 (its values as they are), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2. The array may
-    share the message's memory: do not write into it. Raises MessageError.
+    The encodings are mono8, mono16 (values unchanged), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2; the
+    colours are blue, green, red. The array may share the message's memory: do not write into it.
+    Raises MessageError.
     """
     encoding = _ALIASES.get(msg.encoding, msg.encoding)
     if encoding not in _BYTES:
@@ -59,7 +60,7 @@ def image_pixels(msg: Any) -> RawPixels:
 
 
 def _rows(msg: Any, bytes_per_pixel: int) -> npt.NDArray[np.uint8]:
-    """(h, w * bytes) without the padding at the end of each row."""
+    """Return the bytes (h, w * bytes) without the padding at the end of each row."""
     data = np.frombuffer(msg.data, np.uint8)
     height, width, step = int(msg.height), int(msg.width), int(msg.step)
     used = width * bytes_per_pixel
@@ -78,7 +79,7 @@ def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> RawPixels:
 
 
 def compressed_pixels(msg: Any) -> RawPixels:
-    """``sensor_msgs/CompressedImage`` as ``image_pixels`` gives it. Raises MessageError."""
+    """Convert ``sensor_msgs/CompressedImage`` as ``image_pixels`` does. Raises MessageError."""
     data = bytes(msg.data)
     try:
         pixels = unpacked(data, cv2.IMREAD_UNCHANGED, MOST_OF_VIDEO)
@@ -87,7 +88,8 @@ def compressed_pixels(msg: Any) -> RawPixels:
     if pixels is None or not pixels.ndim:
         raise MessageError(f"compressed image: {len(data)} bytes are no {msg.format or 'picture'}")
     if pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = pixels[..., 0].copy()  # a thermal picture whose writer knew colour pictures alone
+        # a thermal picture whose writer only supported colour pictures
+        pixels = pixels[..., 0].copy()
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[..., :3]
     if pixels.dtype not in (np.uint8, np.uint16):
@@ -96,9 +98,9 @@ def compressed_pixels(msg: Any) -> RawPixels:
 
 
 def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
-    """``sensor_msgs/CameraInfo`` as a camera; K and D alone are used.
+    """Convert ``sensor_msgs/CameraInfo`` to a camera; only K and D are used.
 
-    Raises CameraError naming ``topic`` where there is no calibration or none that is known.
+    Raises CameraError naming ``topic`` if there is no calibration or it has an unknown model.
     """
     distortion = tuple(float(number) for number in msg.d)
     _check_model(msg.distortion_model, len(distortion), topic)
@@ -111,7 +113,7 @@ def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
         raise CameraError(f"{topic}: {error}") from None
 
 
-# A flight says the same camera with each picture, and how far its lens holds takes a while.
+# Cached: every picture of a flight has the same camera, and to find its lens limits takes time.
 _camera = lru_cache(maxsize=16)(Camera)
 
 

@@ -1,4 +1,4 @@
-"""Which topic each of the aircraft's samples goes to, as what message, and the way back."""
+"""Map each of the aircraft's samples to its topic and message, and back."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _SENSED: dict[Source | type, tuple[str, Callable[[Messages, Any], Any]]] = {
     Source.GPS_VELOCITY: ("gps/vel", lambda m, s: m.velocity(s, "gps_antenna")),
 }
 
-#: The topics that the aircraft's samples go to.
+#: The topics that the aircraft's samples are published on.
 SENSED_TOPICS = tuple(topic for topic, _ in _SENSED.values())
 
-#: What becomes of the messages of these topics.
+#: The decoder of each of these topics' messages.
 SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
     **dict(NAVIGATION_INPUTS.values()),
     "gimbal/joint_states": joint_sample,
@@ -49,7 +49,7 @@ SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
 
 
 def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:
-    """The topic of the contract and the message of a sample of the aircraft."""
+    """Return the topic of the contract and the message of a sample of the aircraft."""
     topic, encode = _SENSED[_kind(sample)]
     return topic, encode(messages, sample)
 

@@ -1,8 +1,8 @@
-"""The topics of the contract with their types, and the names that stand inside messages."""
+"""Define the topics of the contract with their types, and the names used inside messages."""
 
 from __future__ import annotations
 
-#: Topic to type. A leading slash marks a topic that no namespace moves.
+#: Topic to type. A leading slash marks a topic that no namespace applies to.
 TOPIC_TYPES: dict[str, str] = {
     "imu/data": "sensor_msgs/msg/Imu",
     "gps/fix": "sensor_msgs/msg/NavSatFix",
@@ -31,9 +31,9 @@ TOPIC_TYPES: dict[str, str] = {
 MAP_FRAME = "map"
 BODY_FRAME = "base_link"
 OPTICAL_FRAME = "tir_optical_frame"
-#: In place of the frame in messages of joints that no encoder saw: what they are computed from.
+#: Frame of joint messages that were computed without encoders: the topic of their source.
 COMPUTED_FROM = "gimbal/attitude"
 
-#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes
-#: y and z point the other way, x does not.
+#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
+#: and z point the other way, x does not.
 JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}

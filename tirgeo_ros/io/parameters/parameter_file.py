@@ -1,7 +1,8 @@
-"""ROS 2 parameter files (YAML), read as rcl reads them and checked as the nodes check.
+"""Read ROS 2 parameter files (YAML) as rcl does, and check them as the nodes do.
 
 A file serves all nodes. Sections are node names, whole or with the wildcards ``*`` (one name) and
-``**`` (any number), and may be nested by namespace; of sections that fit a node the later wins.
+``**`` (any number), and may be nested by namespace. Of the sections that match a node the later
+ones take precedence.
 """
 
 from __future__ import annotations
@@ -21,23 +22,24 @@ from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
 
 T = TypeVar("T")
-#: A file, several of which the later stand before the earlier, or none.
+#: A file; or several, of which the later take precedence; or none.
 Files = PathLike | Sequence[PathLike] | None
 
 _MARK = "ros__parameters"
-_MOST_BYTES = 1 << 17  # seven times the longest file of this package; a second or two to read
+# seven times the longest file of this package; takes a second or two to read
+_MOST_BYTES = 1 << 17
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
 _EVERY_NODE_PREFIX = "qos_overrides."
 
-_SHOWN = 60  # characters of a value that is refused
+_SHOWN = 60  # characters of a refused value that a message shows
 
 Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
 
 
 def load_yaml(path: str | os.PathLike[str]) -> Any:
-    """What a YAML file holds, plain values as rcl reads them. ConfigError if it is not YAML."""
+    """Load a YAML file, plain values as rcl reads them. Raises ConfigError if it is not YAML."""
     try:
-        # The loader is a safe one: it makes plain values alone.
+        # The loader is a safe one: it creates plain values only.
         return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}: {_explained(error)}") from None
@@ -46,10 +48,10 @@ def load_yaml(path: str | os.PathLike[str]) -> Any:
 
 
 class ParameterFile:
-    """A parameter file, read and checked as a whole; without a path all is at its default.
+    """Read and check a parameter file as a whole; without a path all values are defaults.
 
-    Of several files the later stand before the earlier, as where a node is given several. Raises
-    ConfigError, naming file and key, for what is no parameter file, a node that is not tirgeo's,
+    Of several files the later take precedence, as where a node is given several. Raises
+    ConfigError, naming file and key, for an invalid parameter file, a node that is not tirgeo's,
     an unknown name, a wrong type or a value out of range.
     """
 
@@ -64,7 +66,7 @@ class ParameterFile:
             self._parts += parts
 
     def values(self, node: str, namespace: str = "") -> dict[str, object]:
-        """The dotted values that the file gives a node."""
+        """Return the dotted values that the file gives a node."""
         full_name = _full_name(node, namespace)
         known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
         values: dict[str, object] = {}
@@ -82,24 +84,24 @@ class ParameterFile:
         return [p for p in patterns if p not in here and p.rpartition("/")[2] not in served]
 
     def config(self, node: str, kind: type[T], namespace: str = "") -> T:
-        """A node's configuration. Raises ConfigError where values do not go together."""
+        """Return a node's configuration. Raises ConfigError if values contradict each other."""
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
 def paths_of(files: Files) -> list[PathLike]:
-    """The files one after another."""
+    """Return the files as a list."""
     if files is None:
         return []
     return [files] if isinstance(files, str | os.PathLike) else list(files)
 
 
 def load_parameters(files: Files, node: str, namespace: str = "") -> dict[str, object]:
-    """``ParameterFile.values`` for one node."""
+    """Return ``ParameterFile.values`` for one node."""
     return ParameterFile(files).values(node, namespace)
 
 
 def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
-    """``ParameterFile.config`` for one node."""
+    """Return ``ParameterFile.config`` for one node."""
     return ParameterFile(files).config(node, kind, namespace)
 
 
@@ -116,7 +118,7 @@ def _of_every_node(name: str) -> bool:
 
 
 def _check(path: str | os.PathLike[str], pattern: str, values: Mapping[str, object]) -> None:
-    """Refuse what no node that the pattern can mean would take."""
+    """Raise ConfigError for values that no node that matches the pattern accepts."""
     name = pattern.rpartition("/")[2]
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
     names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
@@ -131,7 +133,7 @@ def _check(path: str | os.PathLike[str], pattern: str, values: Mapping[str, obje
 
 
 def _fits(pattern: str, full_name: str) -> bool:
-    """Whether a section's name means a node, with rcl's wildcards."""
+    """Return whether a section's name matches a node, with rcl's wildcards."""
     parts = re.split(r"(/\*\*|/\*)", pattern)
     wild = {"/**": r"(/\w+)*", "/*": r"/\w+"}
     expression = "".join(wild.get(part, re.escape(part)) for part in parts)
@@ -168,7 +170,7 @@ def _check_node(path: str | os.PathLike[str], pattern: str) -> None:
 
 
 def _flat(path: str | os.PathLike[str], above: str, tree: Any) -> Iterator[tuple[str, object]]:
-    """Nested parameters with their dotted names."""
+    """Yield nested parameters with their dotted names."""
     if not isinstance(tree, Mapping):
         raise ConfigError(f"{path}: {above or _MARK} holds no parameters")
     for key, value in tree.items():
@@ -187,29 +189,32 @@ def _explained(error: yaml.YAMLError) -> str:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """YAML with the plain values that rcl knows: no dates, no sexagesimals, and 1e-4 a number."""
+    """Load YAML with rcl's plain values: no dates, no sexagesimals, and 1e-4 is a number."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
     bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A node; an alias is refused, as rcl does: it may hold itself, or grow without bound."""
+        """Compose a node; raise ComposerError for an alias.
+
+        rcl refuses aliases too: they may contain themselves or grow without bound.
+        """
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark
             raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
         return super().compose_node(parent, index)
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """A value; one that its tag or its length does not allow is refused with its line.
+        """Construct a value; refuse, with its line, one that its tag or its length does not allow.
 
-        So is half of a pair of surrogates, which no file and no message can hold.
+        Half of a pair of surrogates, which no file and no message can hold, is refused too.
         """
         try:
             made = super().construct_object(node, deep)
             if isinstance(made, str):
                 made.encode()
             elif isinstance(made, int) and made.bit_length() > 63:
-                made = float(made)  # as rcl has it
+                made = float(made)  # as in rcl
         except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
             kind = node.tag.rpartition(":")[2]
             text = repr(getattr(node, "value", ""))[:_SHOWN]
@@ -219,7 +224,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         return made
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """A mapping in which no key stands twice: the first one would be lost unseen."""
+        """Construct a mapping; refuse a repeated key, as the first one would be lost silently."""
         seen = set()
         pairs = node.value if isinstance(node, yaml.MappingNode) else ()
         for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):

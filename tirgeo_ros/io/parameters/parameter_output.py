@@ -1,4 +1,4 @@
-"""Parameter files that calibrations write, for ``--params`` and the nodes."""
+"""Write the parameter files of calibrations, for ``--params`` and the nodes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import yaml
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
 
-#: A parameter's value: a number to nine digits, a word, or numbers.
+#: A parameter's value: a number (written with nine digits), a word, or numbers.
 Value = float | int | bool | str | Sequence[float]
 
 
 def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
-    """A ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
+    """Return a ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
 
-    The empty name is all nodes.
+    The empty name stands for all nodes.
     """
     comment = "".join(f"# {line}".rstrip() + "\n" for line in head.splitlines())
     tree = {
@@ -43,5 +43,5 @@ def _plain(value: Value) -> object:
 
 
 def _rounded(number: float) -> float:
-    """Nine digits: more than any calibration knows, and no tail of binary fractions."""
+    """Round to nine digits: more than any calibration resolves, and no binary fraction's tail."""
     return float(f"{number:.9g}")

@@ -1,4 +1,4 @@
-"""What to say after a name that is unknown."""
+"""Suggest a known name for one that is unknown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """The end of a message: the known name nearest to it, else all of them, if any."""
+    """Return the end of a message: the nearest known name, else all of them, if any."""
     near = difflib.get_close_matches(name, list(known), n=1)
     if near:
         return f" (did you mean {near[0]}?)"

@@ -1,4 +1,4 @@
-"""Calibration files of cameras: the YAML that ROS's camera_calibration writes.
+"""Read and write cameras' calibration files: the YAML of ROS's camera_calibration.
 
 ``camera_info_manager`` reads it, and so do most camera drivers.
 """
@@ -20,9 +20,10 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def camera_yaml(camera: Camera, name: str = "thermal") -> str:
-    """The text of a calibration file; plumb_bob has five coefficients, the rational model eight.
+    """Return the text of a calibration file.
 
-    The rectified image has the camera's own matrix: P is K beside zeros.
+    plumb_bob has five coefficients, the rational model eight. The rectified image has the camera's
+    own matrix: P is K with a column of zeros.
     """
     k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
     p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
@@ -55,7 +56,7 @@ def save_camera(path: PathLike, camera: Camera, name: str = "thermal") -> None:
 
 
 def load_camera(path: PathLike) -> Camera:
-    """A camera from a calibration file; the matrix and the coefficients alone are used.
+    """Read a camera from a calibration file; only the matrix and the coefficients are used.
 
     Raises CameraError naming the file, and the key that is absent or wrong.
     """
@@ -76,7 +77,7 @@ def load_camera(path: PathLike) -> Camera:
 
 
 def given_camera(config: OverlayConfig) -> Camera | None:
-    """The camera that parameters give, None where the topic does. Raises CameraError."""
+    """Return the camera of the parameters, None if the topic gives it. Raises CameraError."""
     return load_camera(config.camera) if config.camera else None
 
 

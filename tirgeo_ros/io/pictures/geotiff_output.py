@@ -1,7 +1,7 @@
-"""An orthophoto laid in a plane as a GeoTIFF, tile by tile, however large it is.
+"""Write an orthophoto in a plane as a GeoTIFF, tile by tile, however large it is.
 
-Within the hull of the control points alone: outside it the polynomial means nothing, and the
-fourth band (alpha) is zero there.
+Only pixels within the hull of the control points are written: outside it the polynomial is
+meaningless, and the fourth band (alpha) is zero there.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from tirgeo_ros.io.files.offline_reading import check_closed, read_map
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _TILE = 512
-#: Places are found so far apart and interpolated: a bend of 20 px over a picture of 7000 px leaves
-#: 1e-3 px between them.
+#: Spacing in pixels of the computed positions, with interpolation between them: a bend of 20 px
+#: over a picture of 7000 px leaves an error of 1e-3 px.
 _KNOTS = 32
-_RIM = 2  # pixels that interpolation looks at beyond those it hits
+_RIM = 2  # pixels that interpolation reads beyond those it hits
 
 
 class _Grid(NamedTuple):
-    """Pixels of the GeoTIFF: north up, square."""
+    """Hold the pixel grid of the GeoTIFF: north up, square pixels."""
 
     west_m: float
     north_m: float
@@ -43,7 +43,7 @@ class _Grid(NamedTuple):
     rows: int
 
     def metres(self, columns: Array, rows: Array) -> Array:
-        """(rows, columns, 2) of the corners with these numbers."""
+        """Return the coordinates (rows, columns, 2), m, of pixel corners with these numbers."""
         x, y = np.meshgrid(
             self.west_m + columns * self.pixel_m, self.north_m - rows * self.pixel_m
         )
@@ -55,8 +55,8 @@ def write_warped(
 ) -> None:
     """Write a picture (one to four bands) as a GeoTIFF with pixels of ``pixel_m``.
 
-    Raises MapError where rasterio is not installed or a file cannot be read or written; then
-    nothing is left under the name. A picture that lies elsewhere is not fetched.
+    Raises MapError where rasterio is not installed or a file cannot be read or written; then no
+    file is left under the name. A picture on the network is not fetched.
     """
     read_map(partial(_write, image, out, found, plane, pixel_m), network=False)
 
@@ -84,7 +84,7 @@ def _write(
 
 @contextmanager
 def _opened(rasterio: Any, image: PathLike) -> Iterator[Any]:
-    with warnings.catch_warnings():  # that it lies nowhere yet is why it is here
+    with warnings.catch_warnings():  # it has no coordinates yet: to add them is the purpose here
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         source = rasterio.open(image)
     with source:
@@ -110,7 +110,7 @@ def _rasterio(image: PathLike) -> Any:
 
 
 def _grid(found: PolynomialTransform, pixel_m: float) -> _Grid:
-    """The box of the hull, whose rims are curves: seen at many places."""
+    """Return the bounding box of the hull, whose edges are curves: sampled at many points."""
     begin, end = found.hull_px, np.roll(found.hull_px, -1, axis=0)
     along = np.linspace(0, 1, 50)[:, None, None]
     rim = found((begin + along * (end - begin)).reshape(-1, 2))
@@ -151,7 +151,7 @@ def _fill(
         window = _source_window(rasterio, source, places[inside])
         if window is None:
             continue
-        # Numbers of pixels' middles for OpenCV, which counts from the middle of the first.
+        # Pixel centres for OpenCV, which counts from the centre of the first pixel.
         maps = (places - [window.col_off, window.row_off] - 0.5).astype(np.float32)
         maps[~inside] = -1e4
         pixels = np.moveaxis(source.read(bands, window=window), 0, -1)
@@ -171,7 +171,7 @@ def _tiles(grid: _Grid) -> Iterator[tuple[int, int, int, int]]:
 def _places(
     found: PolynomialTransform, grid: _Grid, column: int, row: int, width: int, height: int
 ) -> Array:
-    """(height, width, 2) where the middles of a tile's pixels are in the picture."""
+    """Return (height, width, 2): the picture's pixels at the centres of a tile's pixels."""
     across, down = -(-width // _KNOTS) + 1, -(-height // _KNOTS) + 1
     columns = column + np.arange(across, dtype=float) * _KNOTS
     rows = row + np.arange(down, dtype=float) * _KNOTS
@@ -185,7 +185,7 @@ def _places(
 
 
 def _source_window(rasterio: Any, source: Any, places: Array) -> Any:
-    """The part of the picture that these places are in; None where there is none."""
+    """Return the part of the picture that holds these pixels; None if there is none."""
     if not len(places):
         return None
     low = np.maximum(np.floor(places.min(axis=0)).astype(int) - _RIM, 0)

@@ -1,7 +1,7 @@
-"""Control points of a picture: pixels with the places on the ground that they show.
+"""Read control points of a picture: pixels with the ground positions that they show.
 
-Pixels are columns and rows from the top left corner of the picture, as QGIS counts them but for
-the sign: rows that it counts upwards (below zero) are turned.
+Pixels are columns and rows from the top left corner of the picture. QGIS counts rows upwards
+(below zero); their sign is changed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _QGIS_PIXELS = (("sourceX", "sourceY"), ("pixelX", "pixelY"))  # of now and of Q
 
 @dataclass(frozen=True, slots=True)
 class ControlPoints:
-    """Points (n) in the order of their file."""
+    """Hold points (n) in the order of their file."""
 
     names: list[str]
     pixels: Array  # (n, 2) column, row
@@ -38,9 +38,10 @@ class ControlPoints:
 def load_control_points(
     points: PathLike, survey: PathLike | None, points_crs: str | None
 ) -> ControlPoints:
-    """Marks (CSV ``id,column,row``) with their survey, or a ``.points`` file of QGIS alone.
+    """Load marks (CSV ``id,column,row``) with their survey, or a ``.points`` file of QGIS alone.
 
-    ``points_crs`` names the system of a ``.points`` file that does not. Raises SurveyError.
+    ``points_crs`` names the system of a ``.points`` file that does not name it. Raises
+    SurveyError.
     """
     if survey is not None:
         return _matched(points, load_marks(points), survey, load_survey(survey))
@@ -48,7 +49,10 @@ def load_control_points(
 
 
 def downward(pixels: Array) -> Array:
-    """Pixels (n, 2) with rows that grow downwards; QGIS has them below zero, growing upwards."""
+    """Return pixels (n, 2) with rows that grow downwards.
+
+    QGIS's are below zero and grow upwards.
+    """
     upward = len(pixels) > 0 and float(np.median(pixels[:, 1])) < 0
     return pixels * np.array([1.0, -1.0]) if upward else pixels
 
@@ -100,7 +104,7 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
 
 
 def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Easting, northing, column, row of the enabled points, by their places in the file."""
+    """Return easting, northing, column, row of the enabled points, by their numbers."""
     reader = csv.DictReader(lines)
     header = reader.fieldnames or ()
     pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
@@ -126,7 +130,7 @@ def _same(one: str, other: str) -> bool:
     try:
         first, second = map(pyproj.CRS.from_user_input, (one, other))
     except pyproj.exceptions.CRSError:
-        return True  # that it is none is told where it is used
+        return True  # an invalid system is reported where it is used
     return bool(first.equals(second, ignore_axis_order=True)) or first.name == second.name
 
 

@@ -1,4 +1,4 @@
-"""Located points as GeoJSON, KML and Cursor-on-Target."""
+"""Write located points as GeoJSON, KML and Cursor-on-Target."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tirgeo_ros.core.ground.ground_point import Located, Refusal
 #: Corners of an ellipse as a polygon: it lies within 0.15 % of the curve.
 _CORNERS = 60
 _KML = "http://www.opengis.net/kml/2.2"
-#: Cursor-on-Target: something on the ground of which no more is known, found by fused sensors.
+#: Cursor-on-Target: an unknown object on the ground, found by fused sensors.
 _COT_TYPE, _COT_HOW = "a-u-G", "m-f"
 _COT_STALE = timedelta(days=1)
 _NUMBERS = (
@@ -32,17 +32,17 @@ _NUMBERS = (
 
 
 class Answered(NamedTuple):
-    """What became of a pixel of a list."""
+    """Hold a pixel of a list and its located point or refusal."""
 
     id: str
     answer: Located | Refusal
 
 
 def geojson(answers: Sequence[Answered]) -> str:
-    """A FeatureCollection: a point for each pixel in their order, then the points' ellipses.
+    """Return a FeatureCollection: a point for each pixel in their order, then the ellipses.
 
     ``kind`` is ``point`` or ``ellipse`` (of 95 %, a polygon). A refused pixel is a point without
-    geometry, ``reason`` says why. Sigmas are one standard deviation.
+    geometry; ``reason`` tells why. Sigmas are one standard deviation.
     """
     features = [_point_feature(one) for one in answers]
     features += [_ellipse_feature(name, found) for name, found in _found(answers)]
@@ -51,9 +51,9 @@ def geojson(answers: Sequence[Answered]) -> str:
 
 
 def kml(answers: Sequence[Answered]) -> str:
-    """KML: each point with its ellipse, on the ground; a refused pixel as a name and a reason.
+    """Return KML: each point with its ellipse, on the ground; a refused pixel's name and reason.
 
-    KML's own heights are above sea level, so that the ellipsoidal one stands beside the point.
+    KML's own heights are above sea level, so the ellipsoidal height is a property of the point.
     """
     root = ET.Element("kml", xmlns=_KML)
     document = ET.SubElement(root, "Document")
@@ -83,11 +83,11 @@ def _add_kml_shapes(mark: ET.Element, found: Located) -> None:
 
 
 def cot(answers: Sequence[Answered]) -> str:
-    """Cursor-on-Target 2.0: one ``event`` a located point, in a root ``events``.
+    """Return Cursor-on-Target 2.0: one ``event`` for a located point, in a root ``events``.
 
-    ``hae`` is the ellipsoidal height. ``ce`` and ``le`` are, as the event schema has them, one
-    standard deviation: of the place along the ellipse's longer axis, and of the height. The time
-    is the picture's; an event is stale a day after.
+    ``hae`` is the ellipsoidal height. As the event schema defines them, ``ce`` and ``le`` are one
+    standard deviation: of the position along the ellipse's longer axis, and of the height. The
+    time is the picture's; an event is stale a day later.
     """
     root = ET.Element("events")
     for name, found in _found(answers):
@@ -137,7 +137,7 @@ def _ellipse_feature(name: str, found: Located) -> dict[str, Any]:
 
 
 def _properties(name: str, answer: Located | Refusal) -> dict[str, Any]:
-    """What is said of a pixel, in every form; None for what a refusal lacks."""
+    """Return the properties of a pixel, for every format; None for what a refusal lacks."""
     known: dict[str, Any] = {"id": name, "stamp_ns": answer.stamp_ns}
     known |= {"u": answer.uv[0], "v": answer.uv[1]}
     if isinstance(answer, Refusal):
@@ -150,7 +150,7 @@ def _properties(name: str, answer: Located | Refusal) -> dict[str, Any]:
 
 
 def _words(answer: Located | Refusal) -> str:
-    """For a person."""
+    """Describe the answer for a person."""
     if isinstance(answer, Refusal):
         return f"not located: {answer.reason.value}"
     ellipse = answer.ellipse
@@ -162,7 +162,7 @@ def _words(answer: Located | Refusal) -> str:
 
 
 def _longitude_latitude(found: Located) -> tuple[float, float]:
-    """Degrees, to a tenth of a millimetre."""
+    """Return longitude and latitude in degrees, to a tenth of a millimetre."""
     return (
         round(math.degrees(found.longitude_rad), 9),
         round(math.degrees(found.latitude_rad), 9),
@@ -170,7 +170,7 @@ def _longitude_latitude(found: Located) -> tuple[float, float]:
 
 
 def _ring(found: Located) -> list[list[float]]:
-    """The ellipse's corners, longitude and latitude in degrees, anticlockwise and closed."""
+    """Return the ellipse's corners, longitude and latitude in deg, anticlockwise and closed."""
     ellipse = found.ellipse
     turn = np.linspace(0, -2 * math.pi, _CORNERS + 1)
     along, across = ellipse.major_m * np.cos(turn), ellipse.minor_m * np.sin(turn)
@@ -183,7 +183,7 @@ def _ring(found: Located) -> list[list[float]]:
 
 
 def _utc(stamp_ns: int, later: timedelta = timedelta()) -> str:
-    """ISO 8601 to a millisecond, rounded down."""
+    """Return ISO 8601 to a millisecond, rounded down."""
     since = timedelta(milliseconds=stamp_ns // 1_000_000) + later
     moment = datetime(1970, 1, 1, tzinfo=timezone.utc) + since
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"
@@ -194,7 +194,7 @@ def _child(parent: ET.Element, tag: str, text: str) -> None:
 
 
 def _printable(text: str) -> str:
-    """Without the characters that no XML may hold."""
+    """Return the text without the characters that XML does not allow."""
     return "".join(letter for letter in text if letter.isprintable())
 
 

@@ -1,7 +1,8 @@
-"""GeoJSON whose coordinates are pixels of a picture, as one digitises on it without a system.
+"""Read GeoJSON whose coordinates are pixels of a picture, and write it in degrees.
 
-Features, properties and kinds of geometry stay as they are; the coordinates are taken out as one
-array and put back as longitudes and latitudes. A third coordinate is dropped: a picture has none.
+Such files are digitised on a picture without a coordinate system. Features, properties and kinds
+of geometry stay as they are. The coordinates are taken out as one array and put back as longitudes
+and latitudes. A third coordinate is dropped: a picture has none.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.maps.table import check_count
 from tirgeo_ros.io.surveys.control_points import downward
 
-_LEFT_OUT = ("crs", "bbox")  # said of other coordinates
+_LEFT_OUT = ("crs", "bbox")  # these refer to other coordinates
 
 
 class PixelFeatures:
-    """A FeatureCollection in pixels. Raises MapError naming file and feature."""
+    """Hold a FeatureCollection in pixels. Raises MapError naming file and feature."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
@@ -47,15 +48,15 @@ class PixelFeatures:
 
     @property
     def count(self) -> int:
-        """Number of features."""
+        """Return the number of features."""
         return len(self._features)
 
     def features_with(self, vertices: BoolArray) -> int:
-        """How many features have one of these vertices (n, bool)."""
+        """Return how many features have one of these vertices (n, bool)."""
         return len(set(np.array(self._owners, int)[vertices].tolist()))
 
     def geojson(self, degrees: Array) -> str:
-        """The collection with longitudes and latitudes (n, 2) in place of the pixels."""
+        """Return the collection with the pixels replaced by longitude, latitude (n, 2), deg."""
         rest = iter(np.round(degrees, 9).tolist())
         features = [
             {
@@ -80,7 +81,7 @@ class PixelFeatures:
         return features
 
     def _positions(self, number: int, geometry: Any) -> Iterator[tuple[float, float]]:
-        """Pixels of a geometry in the order in which ``_placed`` puts them back."""
+        """Yield the pixels of a geometry in the order in which ``_placed`` puts them back."""
         try:
             yield from _pairs(geometry)
         except (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError):

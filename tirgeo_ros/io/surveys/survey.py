@@ -1,4 +1,4 @@
-"""Surveyed ground points and where they were seen in pictures."""
+"""Read and write surveyed ground points and their observations in pictures."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ T = TypeVar("T")
 _SURVEY_COLUMNS = ("id", "lat", "lon", "h")
 _OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
 _MARK_COLUMNS = ("id", "column", "row")
-#: Of a file: what ``locate`` makes of a row takes 35 kB, and a millisecond.
+#: Limit for a file: ``locate`` needs 35 kB and a millisecond for each row.
 MOST_ROWS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
 class SurveyPoint:
-    """A surveyed ground point."""
+    """Hold a surveyed ground point."""
 
     id: str
     latitude_rad: float
@@ -36,7 +36,7 @@ class SurveyPoint:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A ground point seen in a picture."""
+    """Hold the pixel at which a ground point was seen in a picture."""
 
     id: str
     stamp_ns: int  # of the picture's header
@@ -46,7 +46,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A ground point in one picture, an orthophoto say."""
+    """Hold the pixel of a ground point in one picture, for example an orthophoto."""
 
     id: str
     column: float  # px
@@ -54,7 +54,7 @@ class Mark:
 
 
 def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
-    """Points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
+    """Load points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
 
     Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
     """
@@ -74,12 +74,12 @@ def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> 
 
 
 def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
-    """Observations of a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
+    """Load a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
     return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation_of_row)
 
 
 def load_marks(path: str | os.PathLike[str]) -> list[Mark]:
-    """Marks of a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
+    """Load a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
     marks = _csv_rows(path, read_text(path, SurveyError), _MARK_COLUMNS, _mark_of_row)
     _refuse_repeated(path, marks)
     return marks
@@ -92,7 +92,7 @@ def save_observations(path: str | os.PathLike[str], observations: Sequence[Obser
 
 
 def check_rows(path: str | os.PathLike[str], rows: int) -> None:
-    """Refuse more rows than can be worked on at once."""
+    """Refuse more rows than can be processed at once."""
     if rows > MOST_ROWS:
         raise SurveyError(
             f"{path}: {rows} rows, and at most {MOST_ROWS} are taken: split the file"
@@ -104,7 +104,7 @@ def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise SurveyError(f"{path}: line {error.lineno}: not JSON: {error.msg}") from None
-    except (ValueError, RecursionError) as error:  # of numbers and depths without end
+    except (ValueError, RecursionError) as error:  # for numbers and nesting without end
         raise SurveyError(f"{path}: not JSON: {error}") from None
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list):
@@ -186,7 +186,7 @@ def _name(row: dict[str, str]) -> str:
 
 
 def _point(name: str, latitude_deg: float, longitude_deg: float, height_m: float) -> SurveyPoint:
-    """A point; ValueError for what is no place on earth."""
+    """Return a point; raises ValueError for what is no place on earth."""
     if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180 and math.isfinite(height_m)):
         raise ValueError
     return SurveyPoint(name, math.radians(latitude_deg), math.radians(longitude_deg), height_m)
@@ -230,5 +230,5 @@ def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
 
 
 def _degrees(angle_rad: float) -> str:
-    """Ten decimals: a hundredth of a millimetre on the ground."""
+    """Return degrees with ten decimals: a hundredth of a millimetre on the ground."""
     return f"{math.degrees(angle_rad):.10f}"
