@@ -26,10 +26,10 @@ unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
-test test-slow test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states parameters reproduction clean
+.PHONY: help setup demo test test-slow test-long test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -44,10 +44,13 @@ demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in 
 test: $(READY)  ## the tests, those of the running graph included: some minutes
 	$(BIN)/python $(PYTEST) $(WORKERS) -m "not slow"
 
-test-slow: $(READY)  ## the rest: accuracy over many flights, large sets of pictures, recordings
-	$(BIN)/python $(PYTEST) $(WORKERS) -m slow
+test-slow: $(READY)  ## more: accuracy over many flights, large sets of pictures, recordings
+	$(BIN)/python $(PYTEST) $(WORKERS) -m "slow and not long"
 
-test-all: test test-slow  ## both
+test-long: $(READY)  ## what takes minutes of one kind, or wants a quiet machine
+	$(BIN)/python $(PYTEST) $(WORKERS) -m long
+
+test-all: test test-slow test-long  ## all three
 
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
 	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) $(WORKERS) --ignore=test/nodes -m "not graph and not slow" --hypothesis-profile=brief

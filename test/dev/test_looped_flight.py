@@ -71,6 +71,7 @@ def test_the_filter_sees_no_seam(looped):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_flight(looped):
     """All that the filter holds is as large, at its largest, in the third minute as in the first.
 

@@ -147,6 +147,7 @@ def test_the_budget_is_within_four_per_cent(tmp_path, project):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_page_is_of_the_present_script(written, tmp_path, project, capsys):
     """Little of everything makes the same words."""
     made = tmp_path / "page.md"

@@ -60,6 +60,7 @@ def test_lives_are_run_in_with_full_queues():
 
 @pytest.mark.graph
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_short_soak_misses_nothing(tmp_path):
     """Twenty seconds: two stops, a jump of the clock, a kill; of memory it cannot tell."""
     few = tmp_path / "few_pictures.yaml"

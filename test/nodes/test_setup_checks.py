@@ -135,6 +135,7 @@ def newest(stranger, name: str):
 
 @pytest.mark.slow
 @pytest.mark.graph
+@pytest.mark.long
 def test_gravity_in_g_is_an_error_of_the_filters_set_up(spawn, meet):
     ekf, observer = spawn("ekf_node"), meet(**{"/diagnostics": DiagnosticArray})
     await_words(ekf, "ready")

@@ -84,6 +84,7 @@ def test_slopes_are_those_of_runs_apart(flight):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_held_stays(flight):
     aircraft = AircraftConfig(rtk_antenna_m=(-0.1, 0.32, 0.38))
     held = (*PARAMETERS[:3], "heading_delay", "baseline_elevation")
@@ -125,6 +126,7 @@ def test_a_hover_tells_nothing():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
     """Held at 25 deg off, the baseline would turn the antenna's place by as much: 13 cm."""
     samples = aircraft_samples(3, 90.0, **{"route.shape": "hover"})
@@ -135,6 +137,7 @@ def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_autopilots_attitude_is_not_needed():
     samples = [
         replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s

@@ -348,6 +348,7 @@ def test_simulated_flights_are_clean(name):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_real_flights_have_notes_at_most(shared):
     config = replace(EkfConfig(), method="ekf")
     paths = sorted((shared / "real_flights").glob("*.mcap"))

@@ -132,6 +132,7 @@ def heading_rms_deg(averages, delay_s, seeds):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_imu_that_averages_is_half_its_interval_late():
     """With its delay as good as an IMU that does not average; without, its turns tell.
 

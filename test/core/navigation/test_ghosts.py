@@ -146,6 +146,7 @@ def test_no_ghost_and_nothing_lost():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_ghost_and_nothing_lost_in_2000_views():
     seen = [assert_no_ghost_and_nothing_lost(seed, REACH_PX) for seed in range(1000, 3000)]
     assert sum(seen) > 1000

@@ -40,6 +40,7 @@ def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(s
 @pytest.mark.parametrize(
     "fault", [f for f in FAULTS if f.name in PLAYED], ids=lambda fault: fault.name
 )
+@pytest.mark.long
 def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, tmp_path):
     found = outcome(fault, sample, tmp_path)
     assert found.named is not None, found

@@ -79,6 +79,7 @@ def rms(values) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_shipped_file_flies_djis_antennas_across():
     made = []
     for seed in range(6):

@@ -174,6 +174,7 @@ def test_names_to_hold_are_those_of_the_verb(bag, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_real_walk_shows_velocities_that_are_late(shared, tmp_path):
     """They are differences over its 0.25 s: half of that behind."""
     path = shared / "real_flights" / "walk_0827.mcap"
@@ -187,6 +188,7 @@ def test_a_real_walk_shows_velocities_that_are_late(shared, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_flights_of_three_minutes(tmp_path, capsys):
     """The figures of docs/calibration.md."""
     lines, wrong = [], []

@@ -302,6 +302,7 @@ def test_by_the_reported_attitude(tmp_path):
     assert result["ground_rmse_m"]["after"] < 0.5 * result["ground_rmse_m"]["before"]
 
 
+@pytest.mark.long
 def test_a_gimbal_that_is_steady_is_calibrated_by_its_reported_attitude(tmp_path):
     flown = planted(
         tmp_path, 4, "{composition: paper}\n", **{"gimbal.error_rms_deg": [0.03, 0.05]}
@@ -321,6 +322,7 @@ def test_two_tilts_tell_the_gimbals_north(tmp_path):
     assert all(abs(e) <= 3.5 * s for e, s in found.values())
 
 
+@pytest.mark.long
 def test_a_hover_that_hardly_turns_shows_no_latency(tmp_path):
     changes = {"route.shape": "hover", "route.yaw_rate_deg_s": 1.0, "survey.points": 4}
     flown = planted(tmp_path, 1, "{composition: encoders}\n", **changes)
@@ -328,6 +330,7 @@ def test_a_hover_that_hardly_turns_shows_no_latency(tmp_path):
         flown.calibrate()
 
 
+@pytest.mark.long
 def test_two_tilts_tell_an_encoders_zero(tmp_path):
     tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
     flown = planted(tmp_path, 3, "{composition: encoders, yaw_zero_deg: 2.0}\n", **tilts)
@@ -355,6 +358,7 @@ def with_headings_off(folder, off_deg):
             out.write(item.topic, item.typename, data, item.log_time_ns)
 
 
+@pytest.mark.long
 def test_two_tilts_tell_the_antennas_direction(tmp_path):
     """Antennas that stand 2 deg further to the right than believed: headings 2 deg too large."""
     tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
@@ -395,6 +399,7 @@ def test_a_ground_height_is_found_if_asked_for(tmp_path):
     assert one["sigma"] < 0.2
 
 
+@pytest.mark.long
 def test_a_second_tilt_does_not_cost_the_boresight(tmp_path):
     """The north could be told at two tilts, but roll would be known half as well for it."""
     tilts = {"gimbal.pitch_step_deg": -35.0, "gimbal.pitch_step_s": 60.0}

@@ -254,6 +254,7 @@ def test_steps_of_a_walker_are_no_noise(shared):
 @pytest.mark.parametrize(
     "name", ["p4rtk_horizontal_09", "p4rtk_horizontal_24_differenced_velocity", "walk_0827"]
 )
+@pytest.mark.long
 def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
     bag = shared / "real_flights" / f"{name}.mcap"
     calibrate_imu(bag, tmp_path / "imu.yaml")

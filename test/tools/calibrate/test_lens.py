@@ -202,6 +202,7 @@ def test_bad_pictures_do_no_harm(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_sigmas_hold_over_many_boards(tmp_path):
     look, z = BoardLook(noise=3.0, blur_px=1.4), []
     for seed in range(20, 24):

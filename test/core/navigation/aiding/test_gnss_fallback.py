@@ -175,6 +175,7 @@ def outage(flown, begin_s, end_s, **config):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_error_over_sigma_of_the_position_in_an_outage():
     """Monte Carlo over flights, each with its own GPS errors: as large as the filter says."""
     ratios, worst = [], []
