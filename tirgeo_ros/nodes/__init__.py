@@ -1,1 +1,1 @@
-"""The ROS nodes, one thin file each."""
+"""Define the ROS nodes, one thin file each."""

@@ -1,7 +1,7 @@
-"""The topics of psdk_ros2 as dji_node's source, with its state for a person.
+"""Read the topics of psdk_ros2 as dji_node's source, and report its state.
 
-Its own package of messages, psdk_interfaces, is asked for two topics and only if it is there; the
-others are of standard types.
+Two topics need psdk_ros2's own message package, psdk_interfaces, and are used only if it is
+installed. The other topics have standard types.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
 from tirgeo_ros.nodes.qos import sensor_input
 from tirgeo_ros.nodes.topics import message_class, subscribe
 
-#: How often values of RTK that wait for their flags are looked after.
+#: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
 Values = Callable[[Any], Any]
 
@@ -55,7 +55,7 @@ def _gps_details(m: Any) -> tuple[float, Vector]:
     return m.fix_state, (m.horizontal_accuracy, m.vertical_accuracy, m.speed_accuracy)
 
 
-#: Topic to type, and to what PsdkRoad takes of a message.
+#: Topic name -> its type, and the function that extracts the values for PsdkRoad.
 _TOPICS: dict[str, tuple[str, Values]] = {
     "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
     "imu": ("sensor_msgs/msg/Imu", _imu),
@@ -72,12 +72,12 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
-#: What goes missing with a topic whose type need not be installed.
+#: What is missing without a topic whose message type may be not installed.
 _LOST = {
     "rtk_yaw": "no rtk/heading",
     "gps_details": "no accuracy and no kind of fix on gps/fix",
 }
-#: Without these there is no picture to lay a map on.
+#: Without these topics no map can be drawn on the picture.
 _NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
 _INSTALL = (
     "{lost}, as psdk_interfaces is not installed here: source the workspace that psdk_ros2 was "
@@ -90,7 +90,7 @@ _SILENT = (
 
 
 class PsdkSource:
-    """Subscribes to psdk_ros2 and gives the readings of its messages to ``take``."""
+    """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class PsdkSource:
         take: Callable[[list[Reading]], None],
         monitor: Monitor,
     ) -> None:
-        """Raise ConfigError for a prefix that names no topic."""
+        """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take, self._monitor = node, take, monitor
         self._road = PsdkRoad()
         self._prefix = _checked(config.psdk_prefix)
@@ -117,18 +117,18 @@ class PsdkSource:
 
     @staticmethod
     def serve(stop: threading.Event) -> None:
-        """Wait until told to stop: the node's executor does the work."""
+        """Wait until ``stop`` is set: the node's executor does the work."""
         stop.wait()
 
     def items(self) -> list[DiagnosticItem]:
-        """What a person should know; a change of it is logged."""
+        """Return the source's diagnostic item; log any change of its warnings."""
         said = self._tell()
         values = {name: str(number) for name, number in self._road.counts.items()}
         name, message = item_name(self._node, "psdk"), "; ".join(said) or "ok"
         return [DiagnosticItem(name, WARN if said else OK, message, values)]
 
     def handle(self, topic: str, message: Any) -> None:
-        """A message of psdk_ros2 came; ``topic`` without the prefix."""
+        """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
         on_topic = getattr(self._road, f"on_{topic}")
         values = _TOPICS[topic][1](message)
@@ -156,7 +156,7 @@ class PsdkSource:
             self._take(readings)
 
     def _tell(self) -> list[str]:
-        """What should be set right; the log has when each begins and is over."""
+        """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
         said = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
         said += [self._lost] if self._lost else []
@@ -179,7 +179,7 @@ def _is_installed(typename: str) -> bool:
 
 
 def _checked(prefix: str) -> str:
-    """The prefix with its slash."""
+    """Return the prefix with its slash; raise ConfigError if it makes no valid topic name."""
     topics = f"{prefix.rstrip('/')}/" if prefix else ""
     try:
         validate_topic_name(f"{topics}imu")
