@@ -1,1 +1,1 @@
-"""Define the ROS nodes, one thin file each."""
+"""The ROS nodes, one thin file each."""

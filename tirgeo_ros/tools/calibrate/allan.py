@@ -1,7 +1,7 @@
-"""Noise parameters of an IMU from hours at rest: the work of ``tirgeo calibrate allan``.
+"""Estimate noise parameters of an IMU from hours at rest: ``tirgeo calibrate allan``.
 
-The axes x, y, z are those of the messages (forward, left, up). The filter's own (forward, right,
-down) differ in sign alone, which noise has none of: the parameters are the same.
+The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
+down) differ only in sign, which does not change noise parameters.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ def calibrate_allan(
     moved: bool = False,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Find the noise of an IMU at rest between two times (s) since its first message.
+    """Estimate the noise of an IMU at rest between two times (s) since its first message.
 
-    Writes parameters for ekf_node, a plot (beside ``output`` as ``.png`` unless named) and, if
-    asked, the curves as CSV: all of them or none. A record that moved is refused unless ``moved``
-    says to take it. Raises BagError, CalibrationError.
+    Write parameters for ekf_node, a plot (beside ``output`` as ``.png`` unless named) and, if
+    asked, the curves as CSV: all of them or none. A record with movement is refused unless
+    ``moved`` is true. Raise BagError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture, csv), CalibrationError)
@@ -94,9 +94,9 @@ def calibrate_allan(
 
 
 def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
-    """What ekf_node takes of gyroscope and accelerometer (6 axes).
+    """Return the parameters of ekf_node for gyroscope and accelerometer (6 axes).
 
-    A term that the record does not show stands with its upper bound.
+    A term that the record does not show is written with its upper bound.
     """
     found: dict[str, Value] = {}
     for walk, sensor, three in (

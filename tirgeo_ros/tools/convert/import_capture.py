@@ -1,10 +1,10 @@
-"""A capture of the aircraft's serial port to the topics of the contract.
+"""Convert a capture of the aircraft's serial port to the topics of the contract.
 
-The bytes tell no time of arrival. Stamps are the aircraft's own, placed in time by the date and
-time of day that its receivers send, or by a start that is given. The receivers' words are whole
-seconds, late by ``rtk.delay_s`` as their positions are, of GMT+8 by DJI's headers; of UTC if the
-file was last changed at about that time. The log time is when the aircraft sent what a sample is
-made of.
+The bytes carry no time of arrival. Stamps are the aircraft's own, converted to UTC by the date and
+time of day that its receivers send, or by a given start. The receivers' date and time have whole
+seconds, are late by ``rtk.delay_s`` as their positions are, and are in GMT+8 by DJI's headers;
+they are taken as UTC if the file was last changed at about that time. A sample's log time is the
+time at which the aircraft sent its data.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _CHUNK_BYTES = 1 << 16
 _HOUR_NS = 3_600_000_000_000
 _PUSHES = 0x02
 _BROADCAST, _SUBSCRIPTION = 0x00, 0x05
-#: So many new seconds tell when the capture was made, to some milliseconds.
+#: This many new seconds give the time of the capture to some milliseconds.
 _SECONDS = 60
 
 
 class CaptureOptions(NamedTuple):
-    """How a capture is to be read; what is not given is as dji_node's parameters say."""
+    """Hold how to read a capture; for empty values dji_node's parameters are used."""
 
     packages: str = ""  # YAML file
     key: str = ""  # 64 hexadecimal digits
@@ -46,7 +46,7 @@ class CaptureOptions(NamedTuple):
 
 
 class _Placed(NamedTuple):
-    """Where a capture lies in time."""
+    """Hold the conversion of a capture's time to UTC."""
 
     timeline: CaptureTimeline
     said: str
@@ -54,7 +54,7 @@ class _Placed(NamedTuple):
 
 
 class _Pass:
-    """One reading of a capture, from its first byte on."""
+    """Read a capture once, from its first byte."""
 
     def __init__(
         self, path: Path, packages: str, key: str, timeline: CaptureTimeline, tick_ns: int
@@ -68,7 +68,7 @@ class _Pass:
         self._path = path
 
     def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
-        """Each frame and what it says. DjiError where there is none."""
+        """Yield each frame and its readings. Raise DjiError without any frame."""
         total = self._path.stat().st_size
         with self._path.open("rb") as file:
             while chunk := file.read(_CHUNK_BYTES):
@@ -88,7 +88,7 @@ class _Pass:
 def import_capture(
     path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
 ) -> dict[str, object]:
-    """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
+    """Import a capture; return what to report of it. Raise DjiError, ConfigError."""
     packages, key = options.packages or config.packages, options.key or config.key
     seconds, tick_ns = _told_seconds(path, packages, key)
     if options.start_ns is None:
@@ -116,7 +116,7 @@ def import_capture(
 
 
 def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
-    """Raise DjiError where nothing was said, or nothing that has a time."""
+    """Raise DjiError if the capture has no readings, or none with a time."""
     if not readings:
         raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
     if timeline.newest_ns is None:
@@ -127,7 +127,7 @@ def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[
 
 
 def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
-    """By the seconds that the receivers say; ``delay_ns``: how late they are said."""
+    """Place a capture in time by the receivers' seconds, which come ``delay_ns`` late."""
     if seconds.shift_ns is None or seconds.newest_ns is None:
         return _Placed(
             CaptureTimeline(),
@@ -143,7 +143,7 @@ def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
 
 
 def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
-    """The seconds that the receivers say, and the tick of the broadcast's counter by them (ns)."""
+    """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them."""
     seconds = _seconds(path, packages, key, MILLISECOND_NS)
     if not _are_long(seconds):
         return seconds, MILLISECOND_NS
@@ -151,18 +151,18 @@ def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, in
 
 
 def _are_long(seconds: WholeSeconds) -> bool:
-    """Whether the receivers' seconds show ticks of 2.5 ms: most of them, and two at least."""
+    """Return whether most of the receivers' seconds, at least two, show ticks of 2.5 ms."""
     told = [is_long(*pair) for pair in seconds.seconds_ns]
     return len(told) > 1 and sum(told) > len(told) / 2
 
 
 def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
-    """The seconds that the receivers say, against the aircraft's time since power-up."""
+    """Collect the receivers' seconds against the aircraft's time since power-up."""
     found, number, known = WholeSeconds(), 0, None
     run = _Pass(path, packages, key, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
         if run.timeline.restarts and found.shift_ns is not None:
-            break  # what comes next has seconds of its own
+            break  # after a restart the offset is another
         words = _words(frame, run.table) if readings else None
         if words is None:
             continue
@@ -175,7 +175,10 @@ def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
 
 
 def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
-    """Date and time of day that a frame has: RTK's, else those of the ordinary GPS."""
+    """Return a frame's date and time of day: RTK's, else that of the ordinary GPS.
+
+    Return None if it has neither.
+    """
     found: list[tuple[int, int]] = []
     if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
         parts = decode_broadcast(frame.value)
@@ -192,7 +195,7 @@ def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
 def _complaints(
     frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
 ) -> Iterator[str]:
-    """What of a capture could not be used."""
+    """Yield what of a capture could not be used."""
     if frames.get("not decrypted"):
         yield f"{frames['not decrypted']} frames are encrypted: give --key"
     damaged = frames["bad_crc32"] + frames["truncated"]

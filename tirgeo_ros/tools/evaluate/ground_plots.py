@@ -1,4 +1,4 @@
-"""The figures of an evaluation that show the ground: errors, their spread, the track."""
+"""Plot the ground for an evaluation: errors, their spread, the track."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, places_of, thinned
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, logarithmic, svg
 
-#: The longest error vector is drawn as long as this share of the survey's extent.
+#: Length of the longest error vector as a share of the survey's extent.
 _VECTOR_SHARE = 0.12
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-_CLUTTER = 40  # points; of more, names only clutter
+_CLUTTER = 40  # most points that are labelled with their names
 
 
 def ground_plots(found: Evaluation) -> Iterator[Plot]:
-    """Errors where points were located, and the track."""
+    """Yield the plots of the errors, if points were located, and of the track."""
     if any(method.located for method in found.methods):
         yield _vectors(found)
         yield _distribution(found)
@@ -31,7 +31,7 @@ def ground_plots(found: Evaluation) -> Iterator[Plot]:
 
 
 def _vectors(found: Evaluation) -> Plot:
-    """Figures 23 to 26."""
+    """Return Figures 23 to 26."""
     return Plot(
         "Errors of the control points",
         "From each surveyed point (cross) to where its observations were located, the vectors "
@@ -76,7 +76,7 @@ def _error_vectors(panel: Any, method: MethodResult, middle: Array, times: float
 
 
 def _magnification(most: float) -> int:
-    """A round number by which vectors are lengthened, of those that are not too much."""
+    """Return the largest round magnification that is not above ``most``."""
     return max((times for times in _MAGNIFICATIONS if times <= most), default=1)
 
 

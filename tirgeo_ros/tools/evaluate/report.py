@@ -1,4 +1,4 @@
-"""An evaluation as one page: tables, figures and stills, with nothing outside the file."""
+"""Write an evaluation as one self-contained page: tables, figures and stills."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ pre { overflow-x: auto; font-size: .85rem; }
 
 
 def report_html(found: Evaluation) -> str:
-    """The page."""
+    """Return the page."""
     parts = [
         f"<h1>Ground points of {escape(Path(found.bag).name)}</h1>",
         f'<p class="verdict">{escape(verdict(found.methods))}</p>',
@@ -77,7 +77,7 @@ def report_html(found: Evaluation) -> str:
 
 
 def _lead(found: Evaluation) -> str:
-    """What was compared with what, and where."""
+    """Return what was compared with what, and where."""
     checks = found.checks
     seen = sum(name not in checks.unobserved_ids for name in found.control)
     ground = found.methods[0].ground_words if found.methods else ""
@@ -168,7 +168,7 @@ def _table(
 
 
 def _row(cells: Iterable[str], tag: str) -> str:
-    """A row; the names in a head may be broken at an underscore."""
+    """Return a row; names in a head may break at an underscore."""
     shown = [
         escape(cell).replace("_", "_<wbr>") if tag == "th" else escape(cell) for cell in cells
     ]

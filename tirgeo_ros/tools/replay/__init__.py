@@ -1,4 +1,4 @@
-"""Run the checks of a recorded flight: their inputs, and their findings as text for people."""
+"""The checks of a recorded flight: what feeds them, and what they say to people."""
 
 from tirgeo_ros.tools.replay.check_setting import CheckSetting, setting_of
 from tirgeo_ros.tools.replay.finding_lines import finding_items, finding_lines
