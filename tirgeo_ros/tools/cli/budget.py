@@ -11,7 +11,7 @@ from tirgeo_ros.tools.cli._arguments import add_parameters
 from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.presentation.progress import Progress
 
-#: Option, name of the value, unit and what it is.
+#: Option, name of the value, unit, help text.
 _VALUES = (
     ("--height", "height_m", "M", "of the camera above the ground"),
     ("--tilt", "depression_deg", "DEG", "of the optical axis below the horizon"),
@@ -48,7 +48,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Make the budget."""
+    """Compute the budget; return it as plain values."""
     from tirgeo_ros.tools.budget.budget_files import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The tables for a person."""
+    """Return the tables for a person."""
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
     if "flight" in result:
@@ -85,7 +85,7 @@ def describe(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-_WIDE = 1e6  # m: what does not fit the columns with its millimetres
+_WIDE = 1e6  # m: larger values do not fit the columns with their millimetres
 _COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 
