@@ -1,4 +1,4 @@
-"""Load and project the map while a node runs, and again when its files or the plane change."""
+"""Read the map and place it in the plane while a node runs, again when files or plane change."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Signature = list[tuple[str, int, int] | None]
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """Hold the result of one attempt to project the map."""
+    """Hold the result of one attempt to place the map in the plane."""
 
     result: LaidMap | TirgeoError
     contents: MapContents | None  # set if the files have changed, else None
@@ -39,9 +39,9 @@ class MapWatch:
     """Hold the map of ``config.map`` and keep it up to date, as a context manager.
 
     Entering raises what the first reading raises; it returns early when a stop signal comes.
-    ``plane`` returns the tangent plane to project the map onto, or None before it is known;
+    ``plane`` returns the tangent plane in which the map is placed, or None before it is known;
     ``look`` says that it may have changed. The map's files and its style are checked periodically.
-    A thread with a child process does the reading, projecting and waiting; ``changed`` returns the
+    A thread with a child process does the reading, placing and waiting; ``changed`` returns the
     result. ``counts``: ``reloads`` and ``reload_errors``.
     """
 
@@ -62,7 +62,7 @@ class MapWatch:
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
         self._seen: Signature = []
         self._tried: tuple[Signature, TangentPlane] | None = None
-        self._held = True  # the child holds a map that has not been projected yet
+        self._held = True  # the child holds a map that is not placed in a plane yet
 
     def __enter__(self) -> MapWatch:
         """Read the map, if there is one, and start to watch it."""
@@ -86,7 +86,7 @@ class MapWatch:
         self._wake.set()
 
     def changed(self) -> LaidMap | None:
-        """Return a newly projected map, once, or None; log each new error and each reload once."""
+        """Return a newly placed map, once, or None; log each new error and each reload once."""
         try:
             found = self._found.get_nowait()
         except Empty:
@@ -135,7 +135,7 @@ class MapWatch:
             self._found.put(self._laid(signature, plane))
 
     def _laid(self, signature: Signature, plane: TangentPlane) -> _Found:
-        """Read the map if needed and project it.
+        """Read the map if needed and place it in the plane.
 
         ``signature`` is the files' state before the reading. The state is taken before, because a
         file may still be growing.

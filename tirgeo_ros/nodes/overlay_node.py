@@ -81,7 +81,7 @@ class OverlayNode(Node):
         self._setup = SetupChecks(
             self, self._monitor, inputs, self._map_checks, self._picture_checks
         )
-        self._verdicts: dict[str, Verdict] = {}  # of other nodes, by the names of their items
+        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)

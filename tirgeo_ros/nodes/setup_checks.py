@@ -19,7 +19,7 @@ LEVELS = {Severity.NOTE: OK, Severity.CAUTION: WARN, Severity.STOP: ERROR}
 #: A finding that is gone stays for this many reports, one per second, so that a person can read
 #: it.
 _HELD = 10
-#: The set-up is logged as good after this many reports with data and without a finding.
+#: The set-up is logged as good after this many reports with data and nothing worse than a note.
 _SETTLED = 10
 
 

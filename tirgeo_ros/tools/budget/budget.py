@@ -70,7 +70,7 @@ class Setting:
 
     @property
     def covariances_a(self) -> dict[str, Array]:
-        """Return the covariances (6, 6) by factor, along ahead, right, down: m2 and rad2."""
+        """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
         if self.pose_covariance_a is not None:
             return {name: _only(self.pose_covariance_a, k) for name, k in _PARTS.items()}
         sigmas, depression = self.sigmas, math.radians(self.depression_deg)

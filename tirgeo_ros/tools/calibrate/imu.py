@@ -101,7 +101,7 @@ def parameters_of(densities: Sequence[float]) -> dict[str, Value]:
 
 
 def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
-    """Return the densities (6,) that are the lower limit of what the filter adapts by itself.
+    """Return the densities (6,) below the noise that the filter follows by itself.
 
     They come from the calmest tenth of the flight: the floor between the spectral lines, or what
     the filter derives there from its second differences if that is less. They are never less than

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.tools.evaluate.result import Evaluation
 
-#: Largest number of instants that a figure can resolve.
+#: A figure does not resolve more instants than this.
 _MOST_INSTANTS = 1500
 #: Width of a figure, in: narrow enough to be readable on a telephone.
 WIDTH_IN = 4.4
@@ -33,6 +33,6 @@ def places_of(found: Evaluation) -> tuple[Array, Array, Array]:
 
 
 def thinned(stamps: IntArray) -> npt.NDArray[np.intp]:
-    """Return indices of evenly spaced instants, at most about 1500."""
+    """Return indices of evenly spaced instants, fewer than 3000."""
     step = max(len(stamps) // _MOST_INSTANTS, 1)
     return np.arange(0, len(stamps), step)

@@ -117,7 +117,7 @@ class _Flight:
         self._checks = FlightChecks(setting)
         self._layers, self._ground = setting.layers, setting.ground
         self._plane: TangentPlane | None = None
-        self._no_heights = ""  # why the map cannot be projected
+        self._no_heights = ""  # why the map cannot be placed in the plane
         self._cdr = Cdr()
         self._arrivals = Arrivals()
         self._registration = Registration(setting.ekf, setting.gimbal)

@@ -114,7 +114,7 @@ class FlightChecks:
 
     @_later
     def map(self, laid: LaidMap) -> None:
-        """Take the map as projected onto the plane that was given before."""
+        """Take the map as placed in the plane that was given before."""
         self._groups.map.map(laid)
 
     @_later

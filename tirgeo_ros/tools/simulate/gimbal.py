@@ -106,7 +106,8 @@ def _reported(
 ) -> Array:
     """Return the reported attitude (N, 4).
 
-    It has the commanded roll and pitch; its heading is the autopilot's plus the encoders' angle.
+    It has the commanded roll and pitch; its heading is the autopilot's plus the encoders' angle
+    and the north bias.
     """
     lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
     rotation_nb = local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb

@@ -44,7 +44,7 @@ _BASIS = _basis(DEGREE)
 
 
 class Spline:
-    """Interpolate a uniform B-spline of degree 7 that smooths its control points.
+    """Evaluate a uniform B-spline of degree 7 that smooths its control points.
 
     Outside its knots the first and the last control point are held.
     """

@@ -23,8 +23,8 @@ from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 
 _TOPIC, _TYPE = "/imu/data", "sensor_msgs/msg/Imu"
 _BLOCK = 1 << 14  # messages made together
-# Offsets of the numbers from a message's end: force, covariance (9); before them rate, covariance
-# (9).
+# Byte offsets of the numbers from a message's end: force, covariance (9); before them rate,
+# covariance (9).
 _FORCE_AT, _RATE_AT = -(3 + 9) * 8, -2 * (3 + 9) * 8
 
 
