@@ -18,7 +18,7 @@ from tirgeo_ros.nodes.monitor import Monitor
 
 _THROTTLE_S = 10.0
 #: The signature of a callback that takes a message and its MessageInfo (times and numbers).
-_TOLD = inspect.Signature(
+_WITH_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
 
@@ -47,7 +47,7 @@ def guarded(
                 node.get_logger().warning(f"{name}: {error}")
         except Exception as error:  # noqa: BLE001 an aircraft in flight keeps the rest of its node
             if monitor.failed(name, _kind(error)):
-                node.get_logger().error(f"{name}: {_told(error)}")
+                node.get_logger().error(f"{name}: {_fault_text(error)}")
         else:
             return True
         return False
@@ -64,7 +64,7 @@ def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
             message, info = message
         work(message, info)
 
-    take.__signature__ = _TOLD  # type: ignore[attr-defined]
+    take.__signature__ = _WITH_INFO  # type: ignore[attr-defined]
     return take
 
 
@@ -82,7 +82,7 @@ def _kind(error: Exception) -> str:
     return f"{type(error).__name__} at {place.filename.rpartition('/')[2]}:{place.lineno}"
 
 
-def _told(error: Exception) -> str:
+def _fault_text(error: Exception) -> str:
     frames = "".join(traceback.format_tb(error.__traceback__))
     return (
         "a fault in this program; the node goes on, and counts it from here on. Please report:\n"

@@ -31,7 +31,7 @@ class DjiNode(Node):
         self._monitor = Monitor()
         self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in SENSED_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
         if config.source == "serial":
             self._source: SerialSource | PsdkSource = SerialSource(
                 self, config, self._take, self._monitor
@@ -69,8 +69,8 @@ class DjiNode(Node):
         return [*self._source.items(), own]
 
     def _warn_once(self, warning: str) -> None:
-        if warning not in self._told:
-            self._told.add(warning)
+        if warning not in self._warned:
+            self._warned.add(warning)
             self.get_logger().warning(warning)
 
 

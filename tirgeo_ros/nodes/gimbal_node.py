@@ -59,7 +59,7 @@ class GimbalNode(Node):
         self._listen("gimbal/attitude", self._take_attitude)
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
-        self._told = ""
+        self._logged_composition = ""
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def _listen(self, topic: str, take: Any) -> Any:
@@ -97,9 +97,9 @@ class GimbalNode(Node):
 
     def _items(self) -> list[DiagnosticItem]:
         composition = self._composer.composition
-        if composition != self._told:
+        if composition != self._logged_composition:
             self.get_logger().info(f"composition: {composition}")
-            self._told = composition
+            self._logged_composition = composition
         self._listen_for_paper()
         name = item_name(self, "camera pose")
         values = self._composer.diagnostics | self._arrivals.diagnostics

@@ -55,8 +55,8 @@ def help_text(name: str, arguments: Sequence[str] = ()) -> str:
 def _described(name: str) -> str:
     """Return the name and the docstring of the node's module; reading it needs no ROS."""
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    told = ast.get_docstring(ast.parse(source)) or ""
-    return f"{name}: {told}".replace("``", "")
+    docstring = ast.get_docstring(ast.parse(source)) or ""
+    return f"{name}: {docstring}".replace("``", "")
 
 
 def _topics(title: str, topics: Sequence[str]) -> str:

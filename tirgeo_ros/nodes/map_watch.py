@@ -58,19 +58,19 @@ class MapWatch:
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
-        self._wrong: Exception | None = None  # what the first reading raised
+        self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
         self._seen: Signature = []
         self._tried: tuple[Signature, TangentPlane] | None = None
-        self._held = True  # the child holds a map that is not placed in a plane yet
+        self._unplaced = True  # the child holds a map that is not placed in a plane yet
 
     def __enter__(self) -> MapWatch:
         """Read the map, if there is one, and start to watch it."""
         if self._config.map:
             self._thread.start()
-            if done_or_stopped(self._first) and self._wrong is not None:
+            if done_or_stopped(self._first) and self._first_error is not None:
                 self._thread.join()
-                raise self._wrong
+                raise self._first_error
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -100,10 +100,10 @@ class MapWatch:
         self.error = ""
         if found.contents is not None:
             self.counts["reloads"] += 1
-            self._tell("the map has changed and was read again", found.contents)
+            self._log_contents("the map has changed and was read again", found.contents)
         return found.result
 
-    def _tell(self, words: str, contents: MapContents) -> None:
+    def _log_contents(self, words: str, contents: MapContents) -> None:
         self._node.get_logger().info(shown(f"{words}: {contents.features} features"))
         for note in contents.left_out:
             self._node.get_logger().warning(shown(note))
@@ -112,10 +112,10 @@ class MapWatch:
         # One thread for all: the child process ends with the thread that started it.
         try:
             self._seen = self._signature()
-            self._tell(self._config.map, self._child.read(self._config))
+            self._log_contents(self._config.map, self._child.read(self._config))
         except Exception as error:  # noqa: BLE001  raised again where the node begins
-            self._wrong = error
-            self._tell_said()
+            self._first_error = error
+            self._log_child_output()
             return
         finally:
             self._first.set()
@@ -140,16 +140,16 @@ class MapWatch:
         ``signature`` is the files' state before the reading. The state is taken before, because a
         file may still be growing.
         """
-        changed, held = signature != self._seen, self._held
-        self._seen, self._held = signature, False
+        changed, unplaced = signature != self._seen, self._unplaced
+        self._seen, self._unplaced = signature, False
         try:
-            contents = self._child.read(self._config) if changed or not held else None
+            contents = self._child.read(self._config) if changed or not unplaced else None
             return _Found(self._child.lay(plane), contents if changed else None)
         except TirgeoError as error:
-            self._tell_said()
+            self._log_child_output()
             return _Found(error, None)
 
-    def _tell_said(self) -> None:
+    def _log_child_output(self) -> None:
         """Log the error output of a child that failed: it holds the traceback of a fault."""
         if self._child.said and not self._stop.is_set():
             self._node.get_logger().error(f"the map's reader said:\n{self._child.said}")

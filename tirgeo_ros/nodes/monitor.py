@@ -118,10 +118,10 @@ class Monitor:
         """Return level and message: faults since the start, and inputs that are silent now."""
         heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
         silent = sorted(t for t, last in heard.items() if now_s - last > SILENT_S)
-        said = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]
-        said += [f"silent: {', '.join(silent)}"] if silent else []
+        parts = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]
+        parts += [f"silent: {', '.join(silent)}"] if silent else []
         level = ERROR if self._failures else WARN if silent else OK
-        return level, "; ".join(said) or "ok"
+        return level, "; ".join(parts) or "ok"
 
     def _counts(self) -> dict[str, str]:
         values = {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}

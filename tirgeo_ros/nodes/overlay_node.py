@@ -85,7 +85,7 @@ class OverlayNode(Node):
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
-        self._told: tuple[str, ...] = ()  # notes on the current map
+        self._logged_notes: tuple[str, ...] = ()  # notes on the current map
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
         self._times = FrameTimes()
@@ -158,10 +158,10 @@ class OverlayNode(Node):
             self._setup.take(self._map_checks.plane, plane)
             self._setup.take(self._picture_checks.plane, plane)
 
-    def _tell_notes(self) -> None:
-        if self._overlay.notes != self._told:
-            self._told = self._overlay.notes
-            for note in self._told:
+    def _log_notes(self) -> None:
+        if self._overlay.notes != self._logged_notes:
+            self._logged_notes = self._overlay.notes
+            for note in self._logged_notes:
                 self.get_logger().warning(shown(note))
 
     def _take_diagnostics(self, message: Any) -> None:
@@ -198,7 +198,7 @@ class OverlayNode(Node):
             self._overlay.set_map(changed)
             self._setup.take(self._map_checks.map, changed)
             gc.freeze()
-            self._tell_notes()
+            self._log_notes()
         elif self.resources.error:
             self._overlay.map_failed()
             self._setup.take(self._map_checks.failed, self.resources.error)

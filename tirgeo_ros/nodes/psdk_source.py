@@ -104,7 +104,7 @@ class PsdkSource:
         self._road = PsdkRoad()
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
-        self._told: list[str] = []
+        self._logged: list[str] = []
         missing = [topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
         for topic in _TOPICS:
@@ -113,7 +113,7 @@ class PsdkSource:
         for topic in _NEEDED:
             monitor.expects(self._prefix + topic)
         self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
-        self._tell()
+        self._log_changes()
 
     @staticmethod
     def serve(stop: threading.Event) -> None:
@@ -122,10 +122,10 @@ class PsdkSource:
 
     def items(self) -> list[DiagnosticItem]:
         """Return the source's diagnostic item; log any change of its warnings."""
-        said = self._tell()
+        warnings = self._log_changes()
         values = {name: str(number) for name, number in self._road.counts.items()}
-        name, message = item_name(self._node, "psdk"), "; ".join(said) or "ok"
-        return [DiagnosticItem(name, WARN if said else OK, message, values)]
+        name, message = item_name(self._node, "psdk"), "; ".join(warnings) or "ok"
+        return [DiagnosticItem(name, WARN if warnings else OK, message, values)]
 
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
@@ -155,19 +155,19 @@ class PsdkSource:
         if readings:
             self._take(readings)
 
-    def _tell(self) -> list[str]:
+    def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
-        said = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
-        said += [self._lost] if self._lost else []
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
+        warnings += [self._lost] if self._lost else []
         logger = self._node.get_logger()
-        for text in said:
-            if text not in self._told:
+        for text in warnings:
+            if text not in self._logged:
                 logger.warning(text)
-        for over in (f"over: {text}" for text in self._told if text not in said):
+        for over in (f"over: {text}" for text in self._logged if text not in warnings):
             logger.info(over)
-        self._told = said
-        return said
+        self._logged = warnings
+        return warnings
 
 
 def _is_installed(typename: str) -> bool:

@@ -78,14 +78,14 @@ class SerialSource:
         if to_send:
             self._link.write(to_send)
         self._take(readings)
-        self._tell(report)
+        self._log_changes(report)
 
     def _look(self, now_s: float) -> LinkReport | None:
         link, road = self._link, self._road
         counts = road.bytes, road.frames, road.locked
         return self._watch.look(now_s, link.state, link.message, *counts)
 
-    def _tell(self, report: LinkReport | None) -> None:
+    def _log_changes(self, report: LinkReport | None) -> None:
         """Log each change of the link's state and of the host's message once."""
         if report is not None:
             # Two separate calls: rclpy allows only one severity per line of code.

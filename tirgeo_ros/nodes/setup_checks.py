@@ -43,8 +43,8 @@ class SetupChecks:
         self._monitor = monitor
         self._checks = checks
         # With the number of reports since it was last found.
-        self._held: dict[str, tuple[Finding, int]] = {}
-        self._told: Severity | None = None
+        self._recent: dict[str, tuple[Finding, int]] = {}
+        self._logged: Severity | None = None
         self._quiet = 0  # reports without a finding
         #: ``take(checks.pose, pose)`` passes new data to a check.
         self.take: Callable[..., bool] = guarded(node, monitor, SUBJECT, _call)
@@ -53,10 +53,10 @@ class SetupChecks:
     def item(self) -> DiagnosticItem:
         """Return the item for diagnostics; log a change of the verdict."""
         self._renew()
-        found = sorted_findings(finding for finding, _ in self._held.values())
+        found = sorted_findings(finding for finding, _ in self._recent.values())
         worst = found[0].severity if found else Severity.NOTE
         verdict = shown(verdict_line(found))
-        self._tell(worst, verdict)
+        self._log_verdict(worst, verdict)
         return DiagnosticItem(
             self._name,
             LEVELS[worst],
@@ -68,19 +68,19 @@ class SetupChecks:
         found = {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
-            for name, (finding, reports) in self._held.items()
+            for name, (finding, reports) in self._recent.items()
             if name not in found and reports < _HELD
         }
-        self._held = absent | {name: (finding, 0) for name, finding in found.items()}
+        self._recent = absent | {name: (finding, 0) for name, finding in found.items()}
 
-    def _tell(self, worst: Severity, verdict: str) -> None:
-        if worst is Severity.NOTE and self._told is None:
+    def _log_verdict(self, worst: Severity, verdict: str) -> None:
+        if worst is Severity.NOTE and self._logged is None:
             self._quiet += self._monitor.heard
             if self._quiet < _SETTLED:
                 return
-        if worst is self._told:
+        if worst is self._logged:
             return
-        self._told, line = worst, f"{SUBJECT}: {verdict}"
+        self._logged, line = worst, f"{SUBJECT}: {verdict}"
         # Three separate calls: rclpy raises if one line of code logs with two severities.
         if worst is Severity.STOP:
             self._logger.error(line)

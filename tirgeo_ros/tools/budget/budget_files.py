@@ -75,7 +75,7 @@ def make_budget(
     if flight is not None:
         filtered = dataclasses.replace(setting, pose_covariance_a=flight.track.covariance_a)
         rows = [row for row in budget(filtered).rows() if row["form"] == "general"]
-        result |= {"flight": _told(flight), "rows_of_the_filter": rows}
+        result |= {"flight": _table_1(flight), "rows_of_the_filter": rows}
     if output is not None:
         result["output"] = _written(Path(output), made)
     return result
@@ -93,18 +93,18 @@ def _of_flight(
             f"{os.fspath(bag)}: height of the ground not known: give --height, or "
             "ground_height_m in --params"
         )
-    told = {name: value for name, value in _told(flight).items() if name in _ERRORS}
+    measured = {name: value for name, value in _table_1(flight).items() if name in _ERRORS}
     view = {
         "depression_deg": math.degrees(flight.track.depression_rad),
         "speed_m_s": flight.track.speed_m_s,
     }
     if "height_m" not in given:
         view["height_m"] = flight.track.height_m - ground_m
-    known = {name: value for name, value in told.items() if math.isfinite(value)}
+    known = {name: value for name, value in measured.items() if math.isfinite(value)}
     return _with(dataclasses.replace(setting, camera=flight.camera), known | view)
 
 
-def _told(flight: MeasuredFlight) -> Given:
+def _table_1(flight: MeasuredFlight) -> Given:
     """Return Table 1 of a flight, with the numbers of samples."""
     errors = flight.errors
     return {

@@ -169,8 +169,8 @@ def _heading_errors(bodies: Sequence[BodyPose], imu: Sequence[ImuSample]) -> Arr
     ]
     if not pairs:
         return np.empty(0)
-    told, filtered = (euler_from_quat(np.array([pair[k] for pair in pairs])) for k in (0, 1))
-    return np.asarray(wrap_pi(told[:, 2] - filtered[:, 2]))
+    reported, filtered = (euler_from_quat(np.array([pair[k] for pair in pairs])) for k in (0, 1))
+    return np.asarray(wrap_pi(reported[:, 2] - filtered[:, 2]))
 
 
 def _settled(cameras: Sequence[CameraPose], start_ns: int) -> Sequence[CameraPose]:

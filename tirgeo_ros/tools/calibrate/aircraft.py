@@ -59,7 +59,7 @@ def calibrate_aircraft(
     runs = FlightRuns(read.recorded, config)
     try:
         found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_told(found)
+        _check_determined(found)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
@@ -90,7 +90,7 @@ def _numbers(read: ReadAircraft) -> dict[str, object]:
     }
 
 
-def _check_told(found: AircraftFit) -> None:
+def _check_determined(found: AircraftFit) -> None:
     if found.told:
         return
     reasons: dict[str, list[str]] = {}

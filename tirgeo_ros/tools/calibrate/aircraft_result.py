@@ -129,15 +129,15 @@ class _Nodes:
     """Compute the nodes' parameters from a fit."""
 
     def __init__(
-        self, config: EkfConfig, found: AircraftFit, told: Collection[str], turn: Array
+        self, config: EkfConfig, found: AircraftFit, determined: Collection[str], turn: Array
     ) -> None:
         self._config, self._aircraft = config, config.aircraft
-        self._found, self._told = found, told
+        self._found, self._determined = found, determined
         self._rotation = matrix_from_rotvec(turn)  # turns vectors onto the body axes, FRD
         self._level = bool(turn.any())
 
-    def _tells(self, names: Collection[str]) -> bool:
-        return any(name in self._told for name in names)
+    def _determines(self, names: Collection[str]) -> bool:
+        return any(name in self._determined for name in names)
 
     def made(self, *, rtk_held: bool) -> dict[str, dict[str, Value]]:
         """Return the parameters by node."""
@@ -148,11 +148,11 @@ class _Nodes:
         values: dict[str, Value] = {}
         lever_b = self._rotation @ flu_from_frd(self._found.values[ANTENNA])
         antenna_m = np.array(self._aircraft.imu_m) + flu_from_frd(lever_b)
-        moved = self._tells(PARAMETERS[ANTENNA]) or self._level
+        moved = self._determines(PARAMETERS[ANTENNA]) or self._level
         if moved:
             values["aircraft.rtk_antenna_m"] = antenna_m.tolist()
         has_baseline = bool(self._aircraft.second_antenna_m)
-        if self._tells(PARAMETERS[DIRECTION]) or (moved and has_baseline):
+        if self._determines(PARAMETERS[DIRECTION]) or (moved and has_baseline):
             given_m = self._aircraft.baseline_b
             length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
             direction = np.array(direction_b(*self._found.values[DIRECTION].tolist()))
@@ -169,18 +169,18 @@ class _Nodes:
         position_s, velocity_s, heading_s = self._found.values[5:].tolist()
         imu_s = imu_delay_s(self._config)
         values: dict[str, Value] = {}
-        told = {name: name in self._told for name in PARAMETERS[5:]}
+        determined = {name: name in self._determined for name in PARAMETERS[5:]}
         has_velocities = "no rtk/vel" not in self._found.untold.get("velocity_delay", "")
-        if told["position_delay"]:
+        if determined["position_delay"]:
             if rtk_held:
                 imu_s = self._config.rtk.delay_s - position_s
                 values["imu.delay_s"] = imu_s
             else:
                 values["rtk.delay_s"] = imu_s + position_s
-        if told["velocity_delay"] or (told["position_delay"] and has_velocities):
+        if determined["velocity_delay"] or (determined["position_delay"] and has_velocities):
             values["rtk.velocity_delay_s"] = velocity_s - position_s
         has_headings = "no rtk/heading" not in self._found.untold.get("heading_delay", "")
-        if told["heading_delay"] or ("rtk.delay_s" in values and has_headings):
+        if determined["heading_delay"] or ("rtk.delay_s" in values and has_headings):
             values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
         return {name: _rounded(value) for name, value in values.items()}
 

@@ -68,10 +68,10 @@ def calibrate_allan(
     ramps = (slopes * steady).tolist()
     fits = [analysis.fit(channel, ramp) for channel, ramp in enumerate(ramps)]
     axes = [axis_of(name, fit) for name, fit in zip(CHANNELS, fits, strict=True)]
-    told = _told(record, analysis)
+    numbers = _record_numbers(record, analysis)
     parameters = parameters_of(fits)
     head = _HEAD.format(
-        name=Path(bag).name, hours=analysis.span_s / 3600, rate=told["rate_hz"]
+        name=Path(bag).name, hours=analysis.span_s / 3600, rate=numbers["rate_hz"]
     ) + table(axes)
     files: dict[PathLike, str | bytes] = {
         output: parameters_yaml({"ekf_node": parameters}, head),
@@ -84,7 +84,7 @@ def calibrate_allan(
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **told,
+        **numbers,
         "axes": axes,
         "parameters": parameters,
         "warnings": warnings,
@@ -126,24 +126,24 @@ def _analysis(reader: BagReader, record: RestRecord) -> AllanAnalysis:
     return analysis
 
 
-def _told(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
-    grid, told = record.grid, record.grid.irregularities
+def _record_numbers(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
+    grid, counts = record.grid, record.grid.irregularities
     return {
         "topic": record.topic,
         "messages": record.messages,
-        "samples": told.samples,
+        "samples": counts.samples,
         "rate_hz": 1e9 / grid.mean_step_ns,
         "span_s": analysis.span_s,
         "jitter_ms": grid.jitter_ns * 1e-6,
         "irregular": {
             "unreadable": record.unreadable,
-            "not_finite": told.not_finite,
-            "repeated_stamps": told.repeated,
-            "late_stamps": told.late,
-            "gaps": told.gaps,
-            "missing": told.missing,
-            "splits": told.splits,
-            "same_as_before": told.identical,
+            "not_finite": counts.not_finite,
+            "repeated_stamps": counts.repeated,
+            "late_stamps": counts.late,
+            "gaps": counts.gaps,
+            "missing": counts.missing,
+            "splits": counts.splits,
+            "same_as_before": counts.identical,
         },
     }
 

@@ -139,16 +139,16 @@ def _length(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> Iterator[str]:
 
 def sample_doubts(record: ImuRecord) -> Iterator[str]:
     """Yield what is wrong with the samples of any record, at rest or in flight."""
-    told = record.grid.irregularities
-    samples = max(told.samples, 1)
-    lost = told.missing + told.not_finite + record.unreadable
+    counts = record.grid.irregularities
+    samples = max(counts.samples, 1)
+    lost = counts.missing + counts.not_finite + record.unreadable
     if lost > _MUCH * samples:
         yield f"{lost} samples beside {samples} are missing, unreadable or not finite"
-    if told.repeated + told.late > _MUCH * samples:
-        yield f"{told.repeated + told.late} stamps repeat the one before or go back: left out"
-    if told.identical > _MUCH * samples:
+    if counts.repeated + counts.late > _MUCH * samples:
+        yield f"{counts.repeated + counts.late} stamps repeat the one before or go back: left out"
+    if counts.identical > _MUCH * samples:
         yield (
-            f"{100 * told.identical / samples:.0f} % of the samples equal the one before: the "
+            f"{100 * counts.identical / samples:.0f} % of the samples equal the one before: the "
             "topic is faster than the sensor, or the sensor is coarse"
         )
 

@@ -69,21 +69,21 @@ def calibrate_imu(
     flying, resting = _flown(reader, record)
     densities = floor_of(flying, resting, imu).tolist()
     axes = axes_of(flying, resting, record.clipping.counts, imu, densities)
-    told = _told(record, flying, resting)
+    numbers = _record_numbers(record, flying, resting)
     files: dict[PathLike, str | bytes] = {}
     if output is not None:
-        head = _HEAD.format(name=Path(bag).name, **told) + table(axes)
+        head = _HEAD.format(name=Path(bag).name, **numbers) + table(axes)
         files[output] = parameters_yaml({"ekf_node": parameters_of(densities)}, head)
     if picture is not None:
         name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts take valid UTF-8 only
-        what = f"{name}: {told['flying_s']} s in flight"
+        what = f"{name}: {numbers['flying_s']} s in flight"
         files[picture] = spectra_png(flying, resting, axes, what)
     write_files(files, CalibrationError)
     warnings = doubts(record, flying)
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **told,
+        **numbers,
         "axes": axes,
         "parameters": parameters_of(densities),
         "warnings": warnings,
@@ -126,16 +126,16 @@ def _flown(reader: BagReader, record: FlightRecord) -> tuple[Pieces, Pieces]:
     return pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
 
 
-def _told(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
-    told, grid = record.grid.irregularities, record.grid
+def _record_numbers(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
+    counts, grid = record.grid.irregularities, record.grid
     return {
         "topic": record.topic,
         "messages": record.messages,
-        "samples": told.samples,
+        "samples": counts.samples,
         "rate_hz": 1e9 / grid.mean_step_ns,
         "jitter_ms": grid.jitter_ns * 1e-6,
         "flying_s": PIECE_S * len(flying.starts_s),
         "resting_s": PIECE_S * len(resting.starts_s),
         "skipped_s": PIECE_S * (record.stream.skipped if record.stream else 0),
-        "missing": told.missing,
+        "missing": counts.missing,
     }

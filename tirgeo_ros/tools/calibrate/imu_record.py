@@ -147,8 +147,8 @@ def _blocks(reader: BagReader, name: str, to_s: float, progress: Report) -> Iter
 
 def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
     where = f"{reader.path}: {name}"
-    told, grid = record.grid.irregularities, record.grid
-    if not told.samples:
+    counts, grid = record.grid.irregularities, record.grid
+    if not counts.samples:
         raise CalibrationError(
             f"{where}: none of {record.messages} messages has a sample; look at --from and --to"
         )
@@ -157,9 +157,9 @@ def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
         raise CalibrationError(
             f"{where}: {rate_hz:.3g} samples a second are too few; record at 50 Hz or more"
         )
-    missing = told.missing + told.not_finite
-    if missing > _MOST_MISSING * (told.samples + missing):
+    missing = counts.missing + counts.not_finite
+    if missing > _MOST_MISSING * (counts.samples + missing):
         raise CalibrationError(
-            f"{where}: {missing} samples are missing or not finite beside {told.samples} good "
+            f"{where}: {missing} samples are missing or not finite beside {counts.samples} good "
             "ones; record again without loss, with the sensor's own stamps"
         )

@@ -21,8 +21,8 @@ def not_used(refused: Mapping[str, str]) -> list[str]:
     if not refused:
         return []
     counts = Counter(why.partition(":")[0] for why in refused.values())
-    told = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
-    return [f"not used: {told}; -v names each"]
+    counted = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
+    return [f"not used: {counted}; -v names each"]
 
 
 def each_not_used(refused: Mapping[str, str]) -> str:

@@ -69,8 +69,10 @@ def describe(result: dict[str, Any]) -> str:
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
     if "flight" in result:
-        told = "\n".join(f"{name:<20}{_told(value)}" for name, value in result["flight"].items())
-        parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{told}")
+        measured = "\n".join(
+            f"{name:<20}{_measured(value)}" for name, value in result["flight"].items()
+        )
+        parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{measured}")
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
     sky = 1 - result["ground_share"]
     if sky > 0:
@@ -100,7 +102,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _told(value: float) -> str:
+def _measured(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "not recorded; that of the paper is taken"
 
 

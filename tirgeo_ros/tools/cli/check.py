@@ -80,11 +80,11 @@ def _report(result: Mapping[str, Any], checked: str) -> str:
 
 def _checked_in_short(result: Mapping[str, Any]) -> str:
     checked = result["checked"]
-    told = (
+    summary = (
         f"checked over {checked['duration_s']:.1f} s: {len(checked['topics'])} topics, filter "
         f"{checked['method']} {checked['state']}; -v has each"
     )
-    return "\n".join([told, *_notes(result)])
+    return "\n".join([summary, *_notes(result)])
 
 
 def _notes(result: Mapping[str, Any]) -> list[str]:

@@ -93,9 +93,9 @@ class CaptureDump:
             )
 
     def _record(self, frame: Frame) -> Record:
-        meaning = self._meaning(frame)
+        contents = self._contents(frame)
         index = self._kinds.total()
-        self._kinds[meaning["kind"]] += 1
+        self._kinds[contents["kind"]] += 1
         return {
             "i": index,
             "offset": frame.offset,
@@ -106,10 +106,10 @@ class CaptureDump:
             "session": frame.session,
             "ack": int(frame.is_ack),
             "enc": frame.encryption,
-            **meaning,
+            **contents,
         }
 
-    def _meaning(self, frame: Frame) -> Record:
+    def _contents(self, frame: Frame) -> Record:
         """Return a frame's kind and its decoded contents."""
         if frame.is_encrypted:
             return _kind("encrypted", {})
@@ -153,9 +153,9 @@ class CaptureDump:
             "topics": [_topic(topic.uid) for topic in push.package.topics],
             "fields": push_fields(push),
         }
-        if doubts := doubtful(push):
+        if implausible := doubtful(push):
             self._verdicts["implausible"] += 1
-            record["implausible"] = doubts
+            record["implausible"] = implausible
         return record
 
 
@@ -188,9 +188,9 @@ def _answer(request: Request | None, value: bytes) -> Record:
     """Return the fields of an ack; its bytes if its request is not in the capture."""
     if request is None:
         return _bytes(value)
-    said = decode_version_ack(value) if isinstance(request, GetVersion) else None
-    if said is not None:
-        return {"of": _name(request), **said._asdict()}
+    version = decode_version_ack(value) if isinstance(request, GetVersion) else None
+    if version is not None:
+        return {"of": _name(request), **version._asdict()}
     code = decode_code(request, value)
     if code is None:
         return {"of": _name(request), **_bytes(value)}

@@ -90,7 +90,7 @@ def import_capture(
 ) -> dict[str, object]:
     """Import a capture; return what to report of it. Raise DjiError, ConfigError."""
     packages, key = options.packages or config.packages, options.key or config.key
-    seconds, tick_ns = _told_seconds(path, packages, key)
+    seconds, tick_ns = _receiver_seconds(path, packages, key)
     if options.start_ns is None:
         placed = _placed(path, seconds, round(config.rtk.delay_s * 1e9))
     else:
@@ -103,22 +103,24 @@ def import_capture(
             newest_ns = max(newest_ns, reading.stamp_ns)
             sink.take(newest_ns, reading)
     counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
-    told = list(_complaints(counts, run.telemetry.counts, placed.timeline))
-    _check_use(path, number, placed.timeline, told)
+    complaints = list(_complaints(counts, run.telemetry.counts, placed.timeline))
+    _check_use(path, number, placed.timeline, complaints)
     return {
         "kind": "capture",
         "time": placed.said,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
-        "warnings": [*([placed.warning] if placed.warning else []), *told],
+        "warnings": [*([placed.warning] if placed.warning else []), *complaints],
         "damage": None,
     }
 
 
-def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
+def _check_use(
+    path: Path, readings: int, timeline: CaptureTimeline, complaints: list[str]
+) -> None:
     """Raise DjiError if the capture has no readings, or none with a time."""
     if not readings:
-        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
+        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *complaints)))
     if timeline.newest_ns is None:
         raise DjiError(
             f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
@@ -142,7 +144,7 @@ def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
     return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
 
 
-def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
+def _receiver_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
     """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them."""
     seconds = _seconds(path, packages, key, MILLISECOND_NS)
     if not _are_long(seconds):
@@ -152,8 +154,8 @@ def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, in
 
 def _are_long(seconds: WholeSeconds) -> bool:
     """Return whether most of the receivers' seconds, at least two, show ticks of 2.5 ms."""
-    told = [is_long(*pair) for pair in seconds.seconds_ns]
-    return len(told) > 1 and sum(told) > len(told) / 2
+    are_long = [is_long(*pair) for pair in seconds.seconds_ns]
+    return len(are_long) > 1 and sum(are_long) > len(are_long) / 2
 
 
 def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
@@ -163,18 +165,18 @@ def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
     for frame, readings in run.readings(silent):
         if run.timeline.restarts and found.shift_ns is not None:
             break  # after a restart the offset is another
-        words = _words(frame, run.table) if readings else None
-        if words is None:
+        date_time = _date_and_time(frame, run.table) if readings else None
+        if date_time is None:
             continue
-        found.take(readings[-1].stamp_ns, *words)
-        number += words != known
-        known = words
+        found.take(readings[-1].stamp_ns, *date_time)
+        number += date_time != known
+        known = date_time
         if number > _SECONDS:
             break
     return found
 
 
-def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
+def _date_and_time(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
     """Return a frame's date and time of day: RTK's, else that of the ordinary GPS.
 
     Return None if it has neither.
@@ -189,7 +191,9 @@ def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
         values = {} if push is None else push.values
         if "GPS_DATE" in values and "GPS_TIME" in values:
             found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
-    return next((words for words in found if utc_from_words(*words, 0) is not None), None)
+    return next(
+        (date_time for date_time in found if utc_from_words(*date_time, 0) is not None), None
+    )
 
 
 def _complaints(

@@ -56,19 +56,19 @@ def import_flight(
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
         if is_bag:
-            told = import_ros1(path, sink, namespace, pictures, progress)
+            imported = import_ros1(path, sink, namespace, pictures, progress)
         else:
-            told = import_capture(path, sink, config, capture, progress)
+            imported = import_capture(path, sink, config, capture, progress)
         sink.finish()
-    return {"input": str(path), "output": os.fspath(output)} | _result(path, told, sink)
+    return {"input": str(path), "output": os.fspath(output)} | _result(path, imported, sink)
 
 
-def _result(path: Path, told: dict[str, object], sink: ImportSink) -> dict[str, object]:
-    own, damage = told.pop("warnings"), told.pop("damage")
+def _result(path: Path, imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
+    own, damage = imported.pop("warnings"), imported.pop("damage")
     assert isinstance(own, list)
     warnings = [*own, *sink.interpreter.warnings]
     return {
-        **told,
+        **imported,
         "written": {name: vars(seen) for name, seen in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,
         "warnings": warnings,

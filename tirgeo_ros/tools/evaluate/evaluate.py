@@ -105,7 +105,7 @@ def evaluate(
         stills,
         notes,
         flight.error(methods),
-        flight.looking.findings(),
+        flight.checks.findings(),
     )
 
 
@@ -173,9 +173,9 @@ class _Flight:
         given: Experiment,
         namespace: str,
         truth: Truth | None,
-        looking: FlightChecks,
+        checks: FlightChecks,
     ) -> None:
-        self.looking = looking
+        self.checks = checks
         self.missing: dict[str, str] = {}  # method -> reason, for absent topics
         self.faults: dict[str, str] = {}
         self.notes: list[str] = []
@@ -184,7 +184,7 @@ class _Flight:
             namespace,
             pictures=True,
             camera=given_camera(setups[-1].overlay),
-            checks=looking,
+            checks=checks,
         )
         self.series = SensorSeries()
         self._reader = reader
@@ -193,7 +193,7 @@ class _Flight:
         self._truth = truth
         self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
         if self._runs:
-            self._runs[-1].poses.checks = looking
+            self._runs[-1].poses.checks = checks
         self.recorded.add(self.series)
         self._check_any(self._runs)
 
@@ -255,8 +255,10 @@ class _Flight:
             reasons: dict[str, list[str]] = {}
             for method, reason in (self.missing | self.faults).items():
                 reasons.setdefault(reason, []).append(method)
-            said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
-            raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")
+            reasons_text = "; ".join(
+                f"{', '.join(names)}: {why}" for why, names in reasons.items()
+            )
+            raise CalibrationError(f"{self._reader.path}: no method can be run: {reasons_text}")
 
     def error(self, methods: Sequence[MethodResult]) -> str | None:
         """Return what makes the run a failure although there is a result, or None."""

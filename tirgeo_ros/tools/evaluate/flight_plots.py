@@ -29,11 +29,11 @@ def flight_plots(found: Evaluation) -> Iterator[Plot]:
 def _attitudes(found: Evaluation, best: MethodResult) -> Iterator[Plot]:
     """Yield Figures 18 to 20."""
     start_ns = int(best.body.stamp_ns[0])
-    told = found.sensors.autopilot
+    autopilot = found.sensors.autopilot
     made, axes = figure(WIDTH_IN, 5.6, 3, 1, sharex=True)
     for k, panel in enumerate(axes):
-        if len(told):
-            panel.plot(*_degrees(told, k, start_ns), color=COLOURS[1], label="autopilot")
+        if len(autopilot):
+            panel.plot(*_degrees(autopilot, k, start_ns), color=COLOURS[1], label="autopilot")
         panel.plot(*_degrees(best.body, k, start_ns), color=COLOURS[0], label=best.method)
         panel.set_ylabel(f"{_AXES[k]}, deg")
     axes[0].legend(ncols=2)
@@ -43,16 +43,16 @@ def _attitudes(found: Evaluation, best: MethodResult) -> Iterator[Plot]:
         "The aircraft's attitude as the autopilot has it and as the filter has it (Figure 18).",
         [svg(made)],
     )
-    if len(told) > 1:
-        yield _corrections(told, best.body, start_ns)
+    if len(autopilot) > 1:
+        yield _corrections(autopilot, best.body, start_ns)
     if len(found.sensors.gimbal) > 1 and len(best.camera):
         yield _camera_heading(found.sensors.gimbal, best, start_ns)
 
 
-def _corrections(told: Attitudes, body: Attitudes, start_ns: int) -> Plot:
-    keep = (body.stamp_ns >= told.stamp_ns[0]) & (body.stamp_ns <= told.stamp_ns[-1])
+def _corrections(autopilot: Attitudes, body: Attitudes, start_ns: int) -> Plot:
+    keep = (body.stamp_ns >= autopilot.stamp_ns[0]) & (body.stamp_ns <= autopilot.stamp_ns[-1])
     stamps = body.stamp_ns[keep]
-    before = [np.interp(stamps, told.stamp_ns, np.unwrap(angle)) for angle in told.rpy.T]
+    before = [np.interp(stamps, autopilot.stamp_ns, np.unwrap(angle)) for angle in autopilot.rpy.T]
     corrections = np.degrees(wrap_pi(body.rpy[keep] - np.stack(before, axis=-1)))
     which = thinned(stamps)
     made, axes = figure(WIDTH_IN, 3.0)

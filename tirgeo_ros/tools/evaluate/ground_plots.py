@@ -26,7 +26,7 @@ def ground_plots(found: Evaluation) -> Iterator[Plot]:
     if any(method.located for method in found.methods):
         yield _vectors(found)
         yield _distribution(found)
-        yield _belief(found)
+        yield _sigma_against_error(found)
     yield _track(found)
 
 
@@ -99,15 +99,15 @@ def _distribution(found: Evaluation) -> Plot:
     )
 
 
-def _belief(found: Evaluation) -> Plot:
+def _sigma_against_error(found: Evaluation) -> Plot:
     methods = [method for method in found.methods if method.located]
     made, axes = figure(WIDTH_IN, 4.2)
     for number, method in enumerate(methods):
-        told = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
+        predicted = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
         true = [one.distance_m for one in method.located]
         inside = sum(one.is_inside for one in method.located)
         label = f"{method.method}: {inside} of {len(true)} inside"
-        axes.plot(told, true, ".", color=COLOURS[number % len(COLOURS)], label=label)
+        axes.plot(predicted, true, ".", color=COLOURS[number % len(COLOURS)], label=label)
     sigmas = [math.sqrt(np.trace(one.covariance_en)) for m in methods for one in m.located]
     line = np.array([min(sigmas), max(sigmas)])
     axes.plot(line, math.sqrt(CHI2_95 / 2) * line, color="#888888", linestyle=":")

@@ -131,8 +131,10 @@ def _method_column(method: MethodResult) -> list[str]:
 def _tests_table(found: Evaluation) -> str:
     rows = [(one.first, one.second, _p_value(one.p_value, one.note)) for one in found.tests]
     table = _table(("method", "beside", "p-value"), rows)
-    said = "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
-    return f"{table}\n<p>{said}</p>"
+    explanation = (
+        "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
+    )
+    return f"{table}\n<p>{explanation}</p>"
 
 
 def _p_value(value: float | None, note: str) -> str:
@@ -148,8 +150,8 @@ def _points_table(found: Evaluation) -> str:
     ]
     foot = ["mean", *[_metres(method.errors.mean_point_rmse_m) for method in found.methods]]
     table = _table(("point", *[name for name, _ in columns]), rows, foot)
-    said = "Root mean square over a point's observations, m (Equation 24, Table 6)."
-    return f"{table}\n<p>{said}</p>"
+    explanation = "Root mean square over a point's observations, m (Equation 24, Table 6)."
+    return f"{table}\n<p>{explanation}</p>"
 
 
 def _metres(value: float | None) -> str:

@@ -112,7 +112,7 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
     The names of the values carry their units.
     """
     navigation = outputs.last("ekf_node: navigation")
-    told = outputs.last("overlay_node: overlay")
+    overlay = outputs.last("overlay_node: overlay")
     first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
     mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
     frame_ms = outputs.numbers("overlay_node: topics", "tirgeo/overlay/image latency [ms]")
@@ -120,7 +120,7 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
     return {
         "method": navigation.get("method"),
         "state": navigation.get("state"),
-        "overlay": {k: int(v) for k, v in told.items() if v.isdecimal()},
+        "overlay": {k: int(v) for k, v in overlay.items() if v.isdecimal()},
         "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
         "heading_sigma_deg": fmean(sigmas) if sigmas else None,
         "frame_latency_ms": median(frame_ms) if frame_ms else None,

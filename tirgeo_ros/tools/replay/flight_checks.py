@@ -175,7 +175,7 @@ class FlightChecks:
     def _failures(self) -> list[Finding]:
         if not self._failed:
             return []
-        told, number = self._failed.most_common(1)[0]
-        evidence = f"a check failed {number} times: {told}"
+        kind, number = self._failed.most_common(1)[0]
+        evidence = f"a check failed {number} times: {kind}"
         mend = "report it with this flight; other findings stand"
         return [Finding("check_failed", Severity.CAUTION, evidence, "tirgeo itself", mend)]
