@@ -21,7 +21,7 @@ from pathlib import Path
 FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts them there
 _SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
 _LOCK = "_el"
-#: A younger file may be still in creation and not locked yet.
+#: A younger file may still be in creation, and not locked yet.
 _YOUNG_S = 2.0
 
 

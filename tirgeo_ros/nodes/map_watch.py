@@ -21,7 +21,7 @@ from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapChild, MapContents
 from tirgeo_ros.nodes.unless_stopped import done_or_stopped
 
-# Stop() kills the child; the thread can then only hang on a file that does not respond.
+# ``stop`` kills the child; the thread can then only hang on a file that does not respond.
 _JOIN_S = 1.0
 Signature = list[tuple[str, int, int] | None]
 

@@ -72,7 +72,7 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
-#: What is missing without a topic whose message type may be not installed.
+#: What is missing without a topic whose message type may not be installed.
 _LOST = {
     "rtk_yaw": "no rtk/heading",
     "gps_details": "no accuracy and no kind of fix on gps/fix",

@@ -125,7 +125,7 @@ class Result:
     outliers: list[Outlier]
     noise_factor: float
     residual_px: tuple[float, float]  # rms before and after
-    # Rmse before, after, and of each point from the others only.
+    # rmse before, after, and of each point from the others only.
     ground_m: tuple[float, float, float]
     nodes: dict[str, dict[str, Value]]
 

@@ -48,7 +48,7 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for module in modules:
         verb = module.add_parser(subparsers)
-        if hasattr(module, "run"):  # else it has verbs of its own
+        if hasattr(module, "run"):  # else it has sub-verbs
             complete(verb, module)
     return parser
 

@@ -13,7 +13,7 @@ from tirgeo_ros.tools.evaluate.result import Evaluation
 
 #: A figure does not resolve more instants than this.
 _MOST_INSTANTS = 1500
-#: Width of a figure, in: narrow enough to be readable on a telephone.
+#: Width of a figure (inches): narrow enough to be readable on a telephone.
 WIDTH_IN = 4.4
 
 
