@@ -1,4 +1,4 @@
-"""``python -m tirgeo_ros.nodes NAME --ros-args ...``: a node where no executable is installed."""
+"""Run a node that is not installed: ``python -m tirgeo_ros.nodes NAME --ros-args ...``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line of a node: its parameter files, read before rcl does, and rcl's complaints."""
+"""Check a node's command line and parameter files before rcl does, and rewrite rcl's errors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from tirgeo_ros.io.parameters.parameter_file import load_parameters
 
 
 def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """The parameter files on a command line, in order."""
+    """Return the paths of the parameter files on a command line, in order."""
     return [b for a, b in pairwise(arguments) if a == "--params-file"]
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Read each parameter file first, for rcl's own complaints name neither key nor cure.
+    """Read and check each parameter file before rcl does.
 
-    Raises ConfigError naming file and key. A node that was given another name is left to rcl.
+    rcl's own error messages do not name the key and do not say what to do.
+    Raise ConfigError naming file and key. A node that was given a name without a configuration is
+    not checked here: rcl checks it.
     """
     if any(argument.startswith("__node:=") for argument in arguments):
         name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
@@ -45,13 +47,13 @@ def _namespace(arguments: Sequence[str]) -> str:
 
 @contextmanager
 def explained(arguments: Sequence[str]) -> Iterator[None]:
-    """Turn what rclpy raises for wrong arguments and parameters into a ConfigError."""
+    """Convert what rclpy raises for wrong arguments and parameters into a ConfigError."""
     try:
         yield
     except (ParameterException, NameValidationException) as error:
         raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
     except RuntimeError as error:
-        # rcl's errors have no class of their own in the public API.
+        # rcl's errors are not importable from the public API, so they are compared by name.
         if type(error).__name__ not in {
             "RCLError",
             "UnknownROSArgsError",
@@ -67,7 +69,7 @@ def _where(arguments: Sequence[str]) -> str:
 
 
 def _one_line(error: Exception) -> str:
-    # Where in rcl's own source it was found helps nobody here.
+    # The position in rcl's C source does not help the user.
     text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
     mixed = "Sequence should be of same type" in text
     return f"{text}: write every number of a list with a decimal point" if mixed else text

@@ -33,18 +33,19 @@ from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.serial_aircraft import SerialAircraft
 from tirgeo_ros.nodes.topics import advertise, message_class
 
-#: In all; a reader that lost nothing may answer only at the next heartbeat, every 3 s.
+#: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
+#: every 3 s.
 _ACKNOWLEDGE_S = 5.0
-#: A live bag begins so much later, when its first messages have been read and moved.
+#: A live bag starts this much later, so that its first messages are read and restamped in time.
 _LEAD_S = 0.5
-#: What is said before the number of nanoseconds.
+#: Log text before the number of nanoseconds.
 SHIFTED = "live: stamps are later than the bag's by"
 
-Due = tuple[int, Callable[[], None]]  # bag time in ns, and what happens then
+Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
 
 
 class BagPlayer(Node):
-    """One bag, its publishers and its clock; live also the aircraft that speaks on a port."""
+    """Play one bag: its publishers, its clock and, if live, the simulated aircraft on a port."""
 
     def __init__(self) -> None:
         super().__init__("bag_player")
@@ -66,7 +67,7 @@ class BagPlayer(Node):
         return SerialAircraft(port, config.simulated_aircraft, config.aircraft, spoken)
 
     def play(self, stop: threading.Event) -> int:
-        """Wait for subscribers, play, wait for acknowledgement; the exit code."""
+        """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
         attend = self._aircraft.attend if self._aircraft else lambda: True
         if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
             self.get_logger().warning(shown(f"playing without {self._missing()}"))
@@ -102,7 +103,7 @@ class BagPlayer(Node):
         self.get_logger().info(shown(f"played {count} messages of {self._config.bag}"))
 
     def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
-        """What is to be given out, in order of the bag's time."""
+        """Yield the calls to make, in order of bag time (ns)."""
         published = self._published(start_ns, shift_ns)
         if self._aircraft is None:
             return published
@@ -162,5 +163,5 @@ def _check(config: BagPlayerConfig) -> None:
 
 
 def main() -> int:
-    """Run the node until the bag ends; the exit code."""
+    """Run the node until the bag ends; return the exit code."""
     return run("bag_player", BagPlayer, BagPlayer.play)

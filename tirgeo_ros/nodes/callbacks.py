@@ -1,4 +1,4 @@
-"""Callbacks that do not end their node: what goes wrong in one is counted, named and told."""
+"""Wrap callbacks so that an exception does not end the node: it is counted, named and logged."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tirgeo_ros.core.types.quoted_text import shown
 from tirgeo_ros.nodes.monitor import Monitor
 
 _THROTTLE_S = 10.0
-#: The signature of a callback to which rclpy tells times and numbers beside the message.
-_TOLD = inspect.Signature(
+#: The signature of a callback that takes a message and its MessageInfo (times and numbers).
+_WITH_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
 
@@ -26,12 +26,13 @@ _TOLD = inspect.Signature(
 def guarded(
     node: Node, monitor: Monitor, name: str, work: Callable[..., None]
 ) -> Callable[..., bool]:
-    """Return ``work`` as a callback that raises nothing, and says whether it went well.
+    """Return ``work`` as a callback that raises nothing and returns whether it succeeded.
 
-    ``name`` is its topic, or what it does.
-    A TirgeoError is bad data: a count (``unreadable``) with its reason, and a warning every ten
-    seconds at most. Any other exception is a fault of this program: a count (``failed``), an
-    error in the diagnostics from then on, and for each place in the program one traceback.
+    ``name`` is the callback's topic, or what it does.
+    A TirgeoError means bad data: it is counted (``unreadable``) with its reason, and a warning is
+    logged at most every ten seconds. Any other exception is a fault of this program: it is counted
+    (``failed``), the diagnostics show an error from then on, and one traceback is logged for each
+    place in the program.
     """
     warned_s = float("-inf")
 
@@ -46,7 +47,7 @@ def guarded(
                 node.get_logger().warning(f"{name}: {error}")
         except Exception as error:  # noqa: BLE001 an aircraft in flight keeps the rest of its node
             if monitor.failed(name, _kind(error)):
-                node.get_logger().error(f"{name}: {_told(error)}")
+                node.get_logger().error(f"{name}: {_fault_text(error)}")
         else:
             return True
         return False
@@ -55,33 +56,33 @@ def guarded(
 
 
 def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
-    """Return ``work(message, info)`` as the callback of a subscription, under any executor."""
+    """Return ``work(message, info)`` as the callback of a subscription, for any executor."""
 
     def take(message: Any, info: Any = None) -> None:
-        # The events executor gives both as one pair, the others as two arguments.
+        # The events executor passes both as one pair, the other executors as two arguments.
         if isinstance(message, tuple):
             message, info = message
         work(message, info)
 
-    take.__signature__ = _TOLD  # type: ignore[attr-defined]
+    take.__signature__ = _WITH_INFO  # type: ignore[attr-defined]
     return take
 
 
 def steady_timer(
     node: Node, monitor: Monitor, name: str, period_s: float, work: Callable[[], None]
 ) -> Timer:
-    """Return a timer by the steady clock, also under ``use_sim_time``, that calls ``work``."""
+    """Return a timer that calls ``work`` by the steady clock, also under ``use_sim_time``."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(period_s, guarded(node, monitor, name, work), clock=clock)
 
 
 def _kind(error: Exception) -> str:
-    """What was raised, and where: exceptions of one kind are one fault."""
+    """Return the type and place of an exception: equal strings are the same fault."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__} at {place.filename.rpartition('/')[2]}:{place.lineno}"
 
 
-def _told(error: Exception) -> str:
+def _fault_text(error: Exception) -> str:
     frames = "".join(traceback.format_tb(error.__traceback__))
     return (
         "a fault in this program; the node goes on, and counts it from here on. Please report:\n"

@@ -1,11 +1,12 @@
-"""Removes the segments of shared memory that Fast DDS left behind of processes that died.
+"""Remove the shared memory segments that Fast DDS left behind for processes that died.
 
 A process that is killed cannot remove its files in /dev/shm, 17 MB each with this package's
-profile, and nobody else does: they are memory lost until the computer starts again. Fast DDS holds
-a lock (flock) on a file beside each segment (``_el``) for as long as the process lives; where none
-is held, the owner is dead. A segment's name is drawn at random, so a dead one never lives again.
+profile, and nothing else removes them: the memory is lost until the computer restarts. Fast DDS
+holds a lock (flock) on a file beside each segment (``_el``) for as long as the process lives. If
+nobody holds the lock, the owner is dead. A segment's name is random, so a dead one is never used
+again.
 Ports are left alone: their names are numbers, which the next process may take at any moment, and
-Fast DDS itself makes a dead one anew.
+Fast DDS itself recreates a dead port.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from pathlib import Path
 FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts them there
 _SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
 _LOCK = "_el"
-#: What is younger may be in the making, and not yet locked.
+#: A younger file may still be in creation, and not locked yet.
 _YOUNG_S = 2.0
 
 
 def remove_dead(folder: Path = FOLDER) -> list[str]:
-    """Remove the segments whose owners are dead; their names.
+    """Remove the segments whose owners are dead; return their names.
 
-    What belongs to other users, or is gone meanwhile, is passed over.
+    Files of other users, and files that disappear meanwhile, are skipped.
     """
     names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
     segments = filter(_SEGMENT.fullmatch, names)
@@ -52,7 +53,10 @@ def _young(path: Path) -> bool:
 
 
 def _locked(path: Path) -> bool:
-    """Whether somebody holds the lock of a file; one that cannot be opened counts as held."""
+    """Return whether some process holds the lock of a file.
+
+    A file that cannot be opened counts as held.
+    """
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:

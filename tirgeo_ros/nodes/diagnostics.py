@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics: once a second of real time, and when it must."""
+"""Publish a node's diagnostics: once a second of real time, and at once when the node asks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PERIOD_S = 1.0
 
 
 class Diagnostics:
-    """Publishes the items that ``items()`` gives, and the monitor's, on a steady timer."""
+    """Publish the items that ``items()`` returns and the monitor's item, on a steady timer."""
 
     def __init__(
         self,
@@ -30,11 +30,12 @@ class Diagnostics:
         self._monitor = monitor
         self._items = items
         self._publisher = advertise(node, "/diagnostics", output())
-        # Real time also under use_sim_time: a clock that stands still is worth a report.
+        # Real time also under use_sim_time: a stopped simulation clock must not stop the
+        # diagnostics.
         self._timer = steady_timer(node, monitor, "diagnostics", PERIOD_S, self._report)
 
     def publish(self, items: list[DiagnosticItem]) -> None:
-        """Publish items at once. The rates of topics need their second."""
+        """Publish items at once, without the monitor's: its rates need a full period."""
         now_ns = self._node.get_clock().now().nanoseconds
         self._publisher.publish(self._messages.diagnostics(now_ns, items))
 
@@ -42,15 +43,15 @@ class Diagnostics:
         items: list[DiagnosticItem] = []
         try:
             items = self._items()
-        finally:  # where these fail, that is said in what follows
+        finally:  # if ``items()`` raises, the monitor's item reports it
             self.publish([*items, self._monitor.item(item_name(self._node, "topics"))])
 
 
 def item_name(node: Node, subject: str) -> str:
-    """``/namespace/node: subject``, as diagnostic aggregators expect."""
+    """Return ``/namespace/node: subject``, as diagnostic aggregators expect."""
     return f"{node.get_fully_qualified_name()}: {subject}"
 
 
 def counts_item(name: str, counts: Mapping[str, int], message: str = "ok") -> DiagnosticItem:
-    """An item that is a table of counts."""
+    """Return a diagnostic item of level OK that holds a table of counts."""
     return DiagnosticItem(name, OK, message, {key: str(number) for key, number in counts.items()})

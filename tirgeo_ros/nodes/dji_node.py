@@ -21,7 +21,7 @@ from tirgeo_ros.nodes.topics import advertise, message_class
 
 
 class DjiNode(Node):
-    """One source of readings, one Interpreter, and the topics that the aircraft gives."""
+    """Connect one source of readings, one Interpreter and the aircraft's topics."""
 
     def __init__(self) -> None:
         super().__init__("dji_node")
@@ -30,8 +30,8 @@ class DjiNode(Node):
         self._messages = Messages(message_class)
         self._monitor = Monitor()
         self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in SENSED_TOPICS}
-        self._lock = threading.Lock()  # the port is read beside the executor
-        self._told: set[str] = set()
+        self._lock = threading.Lock()  # the port is read in a thread beside the executor
+        self._warned: set[str] = set()
         if config.source == "serial":
             self._source: SerialSource | PsdkSource = SerialSource(
                 self, config, self._take, self._monitor
@@ -41,7 +41,7 @@ class DjiNode(Node):
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def serve(self, stop: threading.Event) -> int:
-        """Read the source until told to stop; the exit code."""
+        """Read the source until ``stop`` is set; return the exit code."""
         self._source.serve(stop)
         return 0
 
@@ -69,11 +69,11 @@ class DjiNode(Node):
         return [*self._source.items(), own]
 
     def _warn_once(self, warning: str) -> None:
-        if warning not in self._told:
-            self._told.add(warning)
+        if warning not in self._warned:
+            self._warned.add(warning)
             self.get_logger().warning(warning)
 
 
 def main() -> int:
-    """Run the node; the exit code."""
+    """Run the node; return the exit code."""
     return run("dji_node", DjiNode, DjiNode.serve)

@@ -38,7 +38,7 @@ _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 
 
 class EkfNode(Node):
-    """One Navigation with its topics."""
+    """Connect one Navigation with its topics."""
 
     def __init__(self) -> None:
         super().__init__("ekf_node")
@@ -60,11 +60,12 @@ class EkfNode(Node):
         self._fix = advertise(self, "tirgeo/fix", output())
         self._origin = advertise(self, "tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
-        # Of what the method takes alone: an idle subscription would cost time at every message.
+        # Only the sources that the method uses: an unused subscription costs time at every
+        # message.
         for source in sources:
             topic, decode = NAVIGATION_INPUTS[source]
             self._inbox.subscribe(topic, partial(self._take, topic, decode), sensor_input())
-        # The absence of others is the filter's to tell: it knows which of them it misses.
+        # Only the IMU is expected here: the filter itself reports which other inputs it misses.
         self._monitor.expects(_IMU)
         self._restart = guarded(self, self._monitor, "reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
@@ -117,5 +118,5 @@ class EkfNode(Node):
 
 
 def main() -> int:
-    """Run the node; the exit code."""
+    """Run the node; return the exit code."""
     return run("ekf_node", EkfNode)

@@ -1,4 +1,4 @@
-"""How long frames take from their arrival to their picture's leaving."""
+"""Measure the latency from a frame's arrival to the publication of its picture."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ _FRAMES = 100
 
 
 class FrameTimes:
-    """Latencies of the newest hundred pictures, by this machine's steady clock."""
+    """Hold the latencies of the newest hundred pictures, by this machine's steady clock."""
 
     def __init__(self) -> None:
         self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_FRAMES)  # stamp (ns), time
         self._took_s: deque[float] = deque(maxlen=_FRAMES)
 
     def arrived(self, stamp_ns: int) -> None:
-        """A frame came."""
+        """Record the arrival of a frame."""
         self._arrived_s.append((stamp_ns, time.monotonic()))
 
     def left(self, stamp_ns: int) -> float:
-        """Its picture went out: seconds since its arrival; 0 for one that is not remembered."""
+        """Record that its picture was published; return seconds since arrival, 0 if unknown."""
         now_s = time.monotonic()
         took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
         self._took_s.append(took_s)
@@ -29,7 +29,7 @@ class FrameTimes:
 
     @property
     def values(self) -> dict[str, str]:
-        """Median and 95th percentile in ms, and the newest frame's stamp in s, for diagnostics."""
+        """Return median and 95th percentile (ms) and the newest frame's stamp (s) as texts."""
         newest = {"newest_frame": _seconds(self._arrived_s[-1][0])} if self._arrived_s else {}
         ranked_ms = [1e3 * took_s for took_s in sorted(self._took_s)]
         return newest | {
@@ -40,7 +40,7 @@ class FrameTimes:
 
 
 def _seconds(stamp_ns: int) -> str:
-    """To the nanosecond."""
+    """Return a stamp in seconds, with nine decimals."""
     return "{}.{:09d}".format(*divmod(stamp_ns, 1_000_000_000))
 
 

@@ -31,7 +31,7 @@ from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 
 class GimbalNode(Node):
-    """One GimbalComposer with its topics."""
+    """Connect one GimbalComposer with its topics."""
 
     def __init__(self) -> None:
         super().__init__("gimbal_node")
@@ -57,9 +57,9 @@ class GimbalNode(Node):
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)
         self._listen("gimbal/attitude", self._take_attitude)
-        self._imu: Any = None  # the subscription, while it is listened to
+        self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
-        self._told = ""
+        self._logged_composition = ""
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def _listen(self, topic: str, take: Any) -> Any:
@@ -77,7 +77,7 @@ class GimbalNode(Node):
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        if self._imu is not None:  # the checks compare it with the joints' angles all the same
+        if self._imu is not None:  # the checks below compare it with the joint angles in any case
             self._publish(self._composer.add_attitude(sample))
         self._setup.take(self._checks.reported, sample)
 
@@ -97,9 +97,9 @@ class GimbalNode(Node):
 
     def _items(self) -> list[DiagnosticItem]:
         composition = self._composer.composition
-        if composition != self._told:
+        if composition != self._logged_composition:
             self.get_logger().info(f"composition: {composition}")
-            self._told = composition
+            self._logged_composition = composition
         self._listen_for_paper()
         name = item_name(self, "camera pose")
         values = self._composer.diagnostics | self._arrivals.diagnostics
@@ -107,7 +107,10 @@ class GimbalNode(Node):
         return [item, self._setup.item()]
 
     def _listen_for_paper(self) -> None:
-        """The IMU, which the composition "paper" needs: given up while encoders drive."""
+        """Subscribe to the IMU, which the composition "paper" needs.
+
+        Unsubscribe while encoders are used.
+        """
         if self._composer.composition != "encoders":
             self._imu = self._imu or self._listen("imu/data", self._take_autopilot)
         elif self._imu is not None:
@@ -117,5 +120,5 @@ class GimbalNode(Node):
 
 
 def main() -> int:
-    """Run the node; the exit code."""
+    """Run the node; return the exit code."""
     return run("gimbal_node", GimbalNode)

@@ -1,4 +1,4 @@
-"""``NODE --help``, without ROS: what a node does, its topics, its parameters, how to set them."""
+"""Print ``NODE --help`` without ROS: what a node does, its topics, its parameters, their use."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WIDTH = 99
 _NONE = _UNSET, _EMPTY = "unset", "empty"
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
 
-#: Topics of the contract by node: those that go in and those that come out.
+#: Topics of the contract by node: inputs, then outputs.
 TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
     "dji_node": ((), (*SENSED_TOPICS, "/diagnostics")),
     "ekf_node": (
@@ -40,7 +40,7 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
 
 
 def help_text(name: str, arguments: Sequence[str] = ()) -> str:
-    """Return the help of a node; ``arguments`` are its command line."""
+    """Return the help of a node; ``arguments`` is its command line."""
     whole = HELP_ALL in arguments
     parts = [_described(name)]
     if name in TOPICS:
@@ -53,10 +53,10 @@ def help_text(name: str, arguments: Sequence[str] = ()) -> str:
 
 
 def _described(name: str) -> str:
-    """Return the name and what the node's module says of itself; reading it needs no ROS."""
+    """Return the name and the docstring of the node's module; reading it needs no ROS."""
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    told = ast.get_docstring(ast.parse(source)) or ""
-    return f"{name}: {told}".replace("``", "")
+    docstring = ast.get_docstring(ast.parse(source)) or ""
+    return f"{name}: {docstring}".replace("``", "")
 
 
 def _topics(title: str, topics: Sequence[str]) -> str:
@@ -65,7 +65,10 @@ def _topics(title: str, topics: Sequence[str]) -> str:
 
 
 def _parameters(name: str, whole: bool) -> str:
-    """Return parameters with default and meaning; those of groups by name alone if not whole."""
+    """Return the parameters with default and description.
+
+    For groups only the names unless ``whole``.
+    """
     lines, groups = ["Parameters, with defaults:"], dict[str, list[str]]()
     for one in parameters_of(NODE_CONFIGS[name]):
         group, _, rest = one.name.rpartition(".")
@@ -96,7 +99,10 @@ def _wrapped(text: str, indent: int, more: int | None = None) -> list[str]:
 
 
 def as_yaml(value: Value) -> str:
-    """Return a default as it is written in YAML; ``unset`` and ``empty`` where there is none."""
+    """Return a default as it is written in YAML.
+
+    ``unset`` for nan, ``empty`` for an empty value.
+    """
     if isinstance(value, tuple):
         return f"[{', '.join(map(as_yaml, value))}]" if value else _EMPTY
     if isinstance(value, bool):

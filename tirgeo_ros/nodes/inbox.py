@@ -1,9 +1,9 @@
-"""Messages of several topics, handled in the order in which they arrived.
+"""Handle the messages of several topics in the order of their arrival.
 
-An executor does not keep that order where a node cannot follow. The events executor remembers one
-event a message, and takes for each the oldest message that its topic's queue still has: once a
-queue has run over, that is a later one, and stays so until the node has caught up. The
-single-threaded executor takes one message of each topic in turn, so the rare ones come first.
+An executor does not keep that order when a node is too slow. The events executor stores one event
+per message, and for each event takes the oldest message that is still in the topic's queue. Once a
+queue has overflowed, that is a later message, until the node has caught up. The single-threaded
+executor takes one message of each topic in turn, so messages of slow topics come too early.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from tirgeo_ros.nodes.callbacks import told
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.topics import subscribe
 
-#: So many messages are handled before the executor has its turn: timers, services, more messages.
+#: Number of messages handled before the executor runs again: timers, services, more messages.
 _AT_ONCE = 4
 
 
 class _Waiting(NamedTuple):
-    """A message as its bytes, and the node's time when it was taken.
+    """Hold a message as its bytes, and the node's time (ns) at which it was taken.
 
-    As an object a message of the IMU takes 1.8 kB, as bytes 0.6: what the longest queue has taken
-    stays with the process.
+    An IMU message takes 1.8 kB as an object and 0.6 kB as bytes. The process keeps the memory of
+    its longest queue.
     """
 
     receive: Callable[[Any], None]
@@ -37,26 +37,31 @@ class _Waiting(NamedTuple):
 
 
 class Inbox:
-    """Subscriptions of a node; whichever the executor serves, all that waits is taken.
+    """Subscribe for a node and take all waiting messages, whichever topic the executor serves.
 
-    Of each topic as many messages wait as its queue holds; older ones are given up.
+    Each topic keeps as many waiting messages as its queue holds; older ones are dropped and
+    counted.
     """
 
     def __init__(self, node: Node, monitor: Monitor) -> None:
         self._node, self._monitor = node, monitor
         self._order: ArrivalOrder[_Waiting] = ArrivalOrder()
-        # Of each topic: its depth, what takes a message and its numbers, and what puts them here.
+        # For each topic: its depth, the function that takes a message with its info, and the
+        # callback that puts it into the order.
         self._sources: list[tuple[int, Callable[[], Any], Callable[..., None]]] = []
         self._taking = self._resumes = False
         self.taken_ns = 0
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """How many messages of each topic were given up, as values of a diagnostic."""
+        """Return how many messages of each topic were dropped, as values of a diagnostic."""
         return {f"given_up.{topic}": str(n) for topic, n in self._order.given_up.items()}
 
     def subscribe(self, topic: str, handle: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
+        """Have ``handle`` called with each message in its turn.
+
+        ``taken_ns`` is then its arrival (ns).
+        """
         deferred = partial(self._deferred, topic)
         made = subscribe(self._node, topic, handle, qos, self._monitor, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
@@ -68,7 +73,7 @@ class Inbox:
         clock = self._node.get_clock()
 
         def put(data: bytes, info: Any) -> None:
-            # Not every middleware says when a message was received.
+            # Not every middleware gives the time of reception.
             arrived_ns = info["received_timestamp"] or info["source_timestamp"]
             waiting = _Waiting(receive, data, clock.now().nanoseconds)
             self._order.put(topic, arrived_ns, waiting)
@@ -78,7 +83,7 @@ class Inbox:
         return told(put)
 
     def _work(self) -> None:
-        """Handle what arrived first, and go on later where more waits."""
+        """Handle the messages that arrived first, and schedule another call if more wait."""
         self._resumes = False
         self._take()
         for _ in range(_AT_ONCE):
@@ -92,7 +97,7 @@ class Inbox:
             self._node.executor.create_task(self._work)
 
     def _take(self) -> None:
-        """Take what waits in the queues of the middleware."""
+        """Take the messages that wait in the queues of the middleware."""
         self._taking = True
         try:
             for most, take, put in self._sources:

@@ -1,4 +1,4 @@
-"""Whether what a node needs is there, and of its type: else nothing comes, and nobody says why."""
+"""Check that the topics a node needs are published and have the right type."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.monitor import Monitor
 
-#: Findings are asked for once a second: nodes find each other within 4 s (the start of a graph).
+#: The checks run once a second: nodes discover each other within 4 s (at the start of a graph).
 _PATIENCE = 5
 
 
 class InputChecks:
-    """Asks the graph who publishes what a node has not heard, once other messages come to it.
+    """Ask the graph who publishes the topics that a node has not heard, once other messages come.
 
-    ``needed``: topics of the contract; of several in a group, one will do.
+    ``needed``: groups of topics of the contract; one topic of a group is enough.
     """
 
     def __init__(self, node: Node, monitor: Monitor, *needed: Sequence[str]) -> None:
         self._node, self._monitor = node, monitor
         self._needed = needed
-        self._waited = 0  # findings since anything came
+        self._waited = 0  # calls of findings() since anything came
 
     def findings(self) -> list[Finding]:
-        """Return topics of another type at once; those that nobody publishes after a while."""
+        """Return findings: for a wrong type at once, for topics nobody publishes after a while."""
         heard = self._monitor.heard_of()
         missed = [topics for topics in self._needed if not heard.intersection(topics)]
         if not missed:
@@ -42,7 +42,8 @@ class InputChecks:
         names = node.get_topic_names_and_types()
         types = {name: kinds[0] for name, kinds in names if node.count_publishers(name)}
         graph = Recording(types, contract, node.get_namespace(), live=True)
-        for topic, wanted in contract.items():  # of these the node's own type is there too
+        # The list above also contains the type of the node's own subscription.
+        for topic, wanted in contract.items():
             infos = node.get_publishers_info_by_topic(topic)
             kinds = {info.topic_type for info in infos}
             types.pop(graph.name(topic), None)
@@ -56,11 +57,11 @@ def _is_type(finding: Finding) -> bool:
 
 
 class Known:
-    """Findings that are known from the start, once anything comes."""
+    """Report findings that are known from the start, once any message has come."""
 
     def __init__(self, monitor: Monitor, found: Sequence[Finding]) -> None:
         self._monitor, self._found = monitor, found
 
     def findings(self) -> Sequence[Finding]:
-        """Return them."""
+        """Return the findings, or none before the first message."""
         return self._found if self._monitor.heard else ()

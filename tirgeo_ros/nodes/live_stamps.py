@@ -1,4 +1,4 @@
-"""Stamps of recorded messages moved in time, wherever in a message they stand."""
+"""Shift the stamps of recorded messages in time, wherever they are in a message."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tirgeo_ros.io.messages import stamp_ns
 
 
 def moved(message: Any, shift_ns: int) -> Any:
-    """The same message, its headers' stamps later by ``shift_ns``; no stamp stays none."""
+    """Add ``shift_ns`` to the stamps of all headers, in place; return the message. 0 stays 0."""
     if shift_ns:
         _move(message, shift_ns)
     return message

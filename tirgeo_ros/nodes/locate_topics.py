@@ -1,4 +1,4 @@
-"""Clicks on the picture in, ground points out: the topics of ``tirgeo/locate``."""
+"""Convert clicks on the picture into ground points: the topics of ``tirgeo/locate``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CLICKS = 10
 
 
 class LocateTopics:
-    """The Clicks of an overlay with their topics; ``values`` are for the diagnostics."""
+    """Connect the Clicks of an overlay with their topics; ``values`` is for the diagnostics."""
 
     def __init__(self, node: Node, clicks: Clicks, monitor: Monitor) -> None:
         self._clicks = clicks
@@ -26,12 +26,12 @@ class LocateTopics:
         self._fix = advertise(node, "tirgeo/locate/fix", output())
         self._point = advertise(node, "tirgeo/locate/point", output())
         self._refused = ""
-        # Best effort, so that a viewer of any kind fits.
+        # Best effort, so that any publisher is compatible.
         subscribe(node, "tirgeo/locate/pixel", self._take, sensor_input(_CLICKS), monitor)
 
     @property
     def values(self) -> dict[str, str]:
-        """How many clicks were located and refused, and why the last was."""
+        """Return how many clicks were located and refused, and why the last one was refused."""
         found = {f"clicks_{name}": str(n) for name, n in sorted(self._clicks.counts.items())}
         return found | ({"last_click_refused": self._refused} if self._refused else {})
 

@@ -1,4 +1,4 @@
-"""Has the map read and laid while a node runs, and again when its files or the plane change."""
+"""Read the map and place it in the plane while a node runs, again when files or plane change."""
 
 from __future__ import annotations
 
@@ -21,34 +21,35 @@ from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapChild, MapContents
 from tirgeo_ros.nodes.unless_stopped import done_or_stopped
 
-_JOIN_S = 1.0  # the child is killed: what still holds the thread is a file that does not answer
+# ``stop`` kills the child; the thread can then only hang on a file that does not respond.
+_JOIN_S = 1.0
 Signature = list[tuple[str, int, int] | None]
 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """What came of a laying."""
+    """Hold the result of one attempt to place the map in the plane."""
 
     result: LaidMap | TirgeoError
-    contents: MapContents | None  # of files that have changed; None where they have not
+    contents: MapContents | None  # set if the files have changed, else None
 
 
 @final
 class MapWatch:
-    """The map of ``config.map``; a context in which it is read, laid and kept up.
+    """Hold the map of ``config.map`` and keep it up to date, as a context manager.
 
-    Entering it raises what the first reading raises, and returns before its end where a stop
-    signal comes. ``plane`` says where the map is to be laid, once it is known; ``look`` tells
-    that it may have changed. Files and style are looked at now and then. Reading, laying and
-    waiting happen in a thread of its own, with a child process; ``changed`` hands over what came
-    of it. ``counts``: ``reloads`` and ``reload_errors``.
+    Entering raises what the first reading raises; it returns early when a stop signal comes.
+    ``plane`` returns the tangent plane in which the map is placed, or None before it is known;
+    ``look`` says that it may have changed. The map's files and its style are checked periodically.
+    A thread with a child process does the reading, placing and waiting; ``changed`` returns the
+    result. ``counts``: ``reloads`` and ``reload_errors``.
     """
 
     def __init__(
         self, node: Node, config: OverlayConfig, plane: Callable[[], TangentPlane | None]
     ) -> None:
         self.counts = {"reloads": 0, "reload_errors": 0}
-        self.error = ""  # of the newest change; empty where the map is as its files are
+        self.error = ""  # of the newest change; empty if the map is up to date
         self._node = node
         self._config = config
         self._plane = plane
@@ -57,23 +58,23 @@ class MapWatch:
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
-        self._wrong: Exception | None = None  # with it
+        self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
         self._seen: Signature = []
         self._tried: tuple[Signature, TangentPlane] | None = None
-        self._held = True  # what was read has not been laid
+        self._unplaced = True  # the child holds a map that is not placed in a plane yet
 
     def __enter__(self) -> MapWatch:
-        """Read the map, if there is one, and begin to look."""
+        """Read the map, if there is one, and start to watch it."""
         if self._config.map:
             self._thread.start()
-            if done_or_stopped(self._first) and self._wrong is not None:
+            if done_or_stopped(self._first) and self._first_error is not None:
                 self._thread.join()
-                raise self._wrong
+                raise self._first_error
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop looking; a map that is being read is given up."""
+        """Stop watching; a reading in progress is abandoned."""
         self._stop.set()
         self._wake.set()
         self._child.stop()
@@ -81,11 +82,11 @@ class MapWatch:
             self._thread.join(_JOIN_S)
 
     def look(self) -> None:
-        """The plane may have changed."""
+        """Check the map again soon: the plane may have changed."""
         self._wake.set()
 
     def changed(self) -> LaidMap | None:
-        """A newly laid map, once; what has become wrong or right again is logged, once."""
+        """Return a newly placed map, once, or None; log each new error and each reload once."""
         try:
             found = self._found.get_nowait()
         except Empty:
@@ -99,22 +100,22 @@ class MapWatch:
         self.error = ""
         if found.contents is not None:
             self.counts["reloads"] += 1
-            self._tell("the map has changed and was read again", found.contents)
+            self._log_contents("the map has changed and was read again", found.contents)
         return found.result
 
-    def _tell(self, words: str, contents: MapContents) -> None:
+    def _log_contents(self, words: str, contents: MapContents) -> None:
         self._node.get_logger().info(shown(f"{words}: {contents.features} features"))
         for note in contents.left_out:
             self._node.get_logger().warning(shown(note))
 
     def _run(self) -> None:
-        # One thread for all: the child ends with the thread that began it.
+        # One thread for all: the child process ends with the thread that started it.
         try:
             self._seen = self._signature()
-            self._tell(self._config.map, self._child.read(self._config))
+            self._log_contents(self._config.map, self._child.read(self._config))
         except Exception as error:  # noqa: BLE001  raised again where the node begins
-            self._wrong = error
-            self._tell_said()
+            self._first_error = error
+            self._log_child_output()
             return
         finally:
             self._first.set()
@@ -134,30 +135,37 @@ class MapWatch:
             self._found.put(self._laid(signature, plane))
 
     def _laid(self, signature: Signature, plane: TangentPlane) -> _Found:
-        """``signature`` is from before the reading, for a file may still be growing."""
-        changed, held = signature != self._seen, self._held
-        self._seen, self._held = signature, False
+        """Read the map if needed and place it in the plane.
+
+        ``signature`` is the files' state before the reading. The state is taken before, because a
+        file may still be growing.
+        """
+        changed, unplaced = signature != self._seen, self._unplaced
+        self._seen, self._unplaced = signature, False
         try:
-            contents = self._child.read(self._config) if changed or not held else None
+            contents = self._child.read(self._config) if changed or not unplaced else None
             return _Found(self._child.lay(plane), contents if changed else None)
         except TirgeoError as error:
-            self._tell_said()
+            self._log_child_output()
             return _Found(error, None)
 
-    def _tell_said(self) -> None:
-        """The words of a child that failed: a fault of ours has its traceback there."""
+    def _log_child_output(self) -> None:
+        """Log the error output of a child that failed: it holds the traceback of a fault."""
         if self._child.said and not self._stop.is_set():
             self._node.get_logger().error(f"the map's reader said:\n{self._child.said}")
 
     def _signature(self) -> Signature:
-        """Of the map's files and its style's; of none where they are never looked at."""
+        """Return the state of the files of the map and its style.
+
+        Empty if they are never checked.
+        """
         if not self._config.reload_s:
             return []
         return [_state(path) for path in map_files(self._config.map, self._config.style)]
 
 
 def _state(path: Path) -> tuple[str, int, int] | None:
-    """Name, time of change and size of a file; None for one that is not there."""
+    """Return name, modification time (ns) and size (bytes) of a file; None if it is absent."""
     try:
         status = path.stat()
     except OSError:

@@ -49,20 +49,20 @@ from tirgeo_ros.nodes.setup_checks import SUBJECT, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 from tirgeo_ros.nodes.unless_stopped import unless_stopped
 
-#: How often frames that wait for their poses are looked at again.
+#: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
-#: Of what comes while a frame is drawn the newest alone is wanted.
+#: Only the newest of the frames that arrive during drawing is wanted.
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
 
 
 class OverlayNode(Node):
-    """One Overlay with its topics."""
+    """Connect one Overlay with its topics."""
 
     def __init__(self) -> None:
         super().__init__("overlay_node")
-        cv2.setNumThreads(1)  # the work of a frame is too small to share
+        cv2.setNumThreads(1)  # a frame is too little work for several threads
         self._config = declare(self, OverlayConfig)
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
@@ -81,15 +81,15 @@ class OverlayNode(Node):
         self._setup = SetupChecks(
             self, self._monitor, inputs, self._map_checks, self._picture_checks
         )
-        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by their items' names
+        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
-        self._told: tuple[str, ...] = ()  # notes on the map as it lies
+        self._logged_notes: tuple[str, ...] = ()  # notes on the current map
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
         self._times = FrameTimes()
-        self._numbers: list[SentNumbers] = []  # of the topics of frames
+        self._numbers: list[SentNumbers] = []  # of the frame topics
         self._arrivals = Arrivals()
         self._image = advertise(self, "tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = advertise(self, "tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
@@ -100,7 +100,7 @@ class OverlayNode(Node):
         self._subscribe()
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
-        gc.freeze()  # a large map is not searched for garbage while the video runs
+        gc.freeze()  # keep a large map out of garbage collection while the video runs
 
     def _load_ground(self) -> Ground | None:
         ground = unless_stopped(partial(ground_of, self._config))
@@ -158,10 +158,10 @@ class OverlayNode(Node):
             self._setup.take(self._map_checks.plane, plane)
             self._setup.take(self._picture_checks.plane, plane)
 
-    def _tell_notes(self) -> None:
-        if self._overlay.notes != self._told:
-            self._told = self._overlay.notes
-            for note in self._told:
+    def _log_notes(self) -> None:
+        if self._overlay.notes != self._logged_notes:
+            self._logged_notes = self._overlay.notes
+            for note in self._logged_notes:
                 self.get_logger().warning(shown(note))
 
     def _take_diagnostics(self, message: Any) -> None:
@@ -176,7 +176,7 @@ class OverlayNode(Node):
                 self._overlay.set_verdict(worst)
 
     def _subject(self, name: str) -> str:
-        """What an item of a node of this namespace is about; empty for any other."""
+        """Return the subject of an item of a node in this namespace; empty for any other item."""
         node, _, subject = name.partition(": ")
         namespace = self.get_namespace().rstrip("/")
         return subject if node.rpartition("/")[0] == namespace else ""
@@ -198,7 +198,7 @@ class OverlayNode(Node):
             self._overlay.set_map(changed)
             self._setup.take(self._map_checks.map, changed)
             gc.freeze()
-            self._tell_notes()
+            self._log_notes()
         elif self.resources.error:
             self._overlay.map_failed()
             self._setup.take(self._map_checks.failed, self.resources.error)
@@ -235,5 +235,5 @@ class OverlayNode(Node):
 
 
 def main() -> int:
-    """Run the node; the exit code."""
+    """Run the node; return the exit code."""
     return run("overlay_node", OverlayNode)

@@ -1,4 +1,4 @@
-"""The configuration dataclasses as ROS parameters: declared, checked, resolved once at start."""
+"""Declare the configuration dataclasses as ROS parameters, checked and resolved once at start."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _ROS_OWN = ("use_sim_time", "start_type_description_service")  # rclpy checks th
 def declare(node: Node, kind: type[T]) -> T:
     """Declare every parameter of ``kind`` on the node, read-only, and return their values.
 
-    Raises ConfigError, naming the key and the parameter file, for an unknown name, a wrong type
-    or a value out of range. A whole number for a double is converted.
+    Raise ConfigError, naming the key and the parameter file, for an unknown name, a wrong type or
+    a value out of range. A whole number for a double is converted.
     """
     config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
     values = values_of(config)
@@ -38,14 +38,14 @@ def declare(node: Node, kind: type[T]) -> T:
 
 
 def given_names(node: Node, kind: type) -> frozenset[str]:
-    """Return the names of those parameters of ``kind`` that somebody set."""
+    """Return the names of those parameters of ``kind`` that a file or the command line sets."""
     own = {parameter.name for parameter in parameters_of(kind)}
     return frozenset(own.intersection(_given(node, kind)))
 
 
 def _given(node: Node, kind: type) -> dict[str, object]:
-    """The values from files and command line that are this node's to judge."""
-    # rclpy has no public way to see overrides that are not declared yet.
+    """Return the values from files and command line, without those that belong to other nodes."""
+    # rclpy has no public access to overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
     return {
@@ -63,13 +63,13 @@ def _of_another(name: str) -> bool:
 
 def _plain(given: RosParameter, own: Parameter | None) -> object:
     if given.value is None and own is not None and isinstance(own.default, tuple):
-        return ()  # rcl reads an empty list as nothing
+        return ()  # rcl reads an empty list as None
     return given.value
 
 
 def _ros_value(value: Value) -> object:
     if isinstance(value, tuple):
-        # An empty list has no type of its own; the type alone declares it.
+        # rclpy cannot infer the type of an empty list, so it is declared by type only.
         return list(value) if value else RosParameter.Type.DOUBLE_ARRAY
     return value
 
@@ -85,7 +85,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     if type(parameter.default) is int:
         made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
     elif isinstance(parameter.default, float) and not math.isnan(parameter.default):
-        # A range would refuse nan, which is how a value is left unset.
+        # A range would refuse nan, which marks an unset value.
         made.floating_point_range = [
             FloatingPointRange(from_value=float(low), to_value=float(high))
         ]

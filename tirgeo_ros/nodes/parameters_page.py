@@ -48,11 +48,11 @@ _COLUMNS = """\
 | parameter | type | unit | range | default | meaning |
 | --- | --- | --- | --- | --- | --- |"""
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
-_AIRCRAFT = "aircraft"  # the group that is given once, for all nodes
+_AIRCRAFT = "aircraft"  # the group that is written once, for all nodes
 
 
 def parameters_page() -> str:
-    """Return the page: the aircraft's places, then one section a node and one table a group."""
+    """Return the page: the aircraft's group, then a section per node and a table per group."""
     links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
     parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
     parts += _group(_AIRCRAFT, AircraftConfig, "", _aircraft())
@@ -66,7 +66,7 @@ def parameters_page() -> str:
 
 
 def _aircraft() -> list[Parameter]:
-    """Return the group ``aircraft`` as the nodes that have it hold it."""
+    """Return the parameters of the group ``aircraft``, collected from all nodes that have it."""
     every = [one for kind in NODE_CONFIGS.values() for one in parameters_of(kind)]
     found = {one.name: one for one in every if _group_name(one) == _AIRCRAFT}
     return list(found.values())
@@ -77,7 +77,7 @@ def _group_name(one: Parameter) -> str:
 
 
 def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter]) -> Iterator[str]:
-    """Yield a group's heading and what its dataclass says, then its table."""
+    """Yield a group's heading and its dataclass's docstring, then its table."""
     if holder:
         text = " ".join((inspect.getdoc(holder) or "").split()).replace("``", "`")
         yield f"### `{name}.*`{whose}\n\n{text}\n"
@@ -104,7 +104,7 @@ def _range(one: Parameter) -> str:
 
 
 def _bound(value: float) -> str:
-    """Return a bound without an exponent where its zeros can be counted."""
+    """Return a bound as text, without an exponent if it is a whole number below 1e7."""
     whole = value == int(value) and (abs(value) < 1e7 or isinstance(value, int))
     return str(int(value)) if whole else f"{value:g}"
 

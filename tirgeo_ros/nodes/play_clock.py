@@ -1,4 +1,4 @@
-"""The time of a bag that is being played: a line through real time, and ticks along it."""
+"""Convert between bag time and real time while a bag is played, and publish clock ticks."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 
 class PlayClock:
-    """Bag time that runs at ``rate`` from the first stamp asked for.
+    """Run bag time at ``rate`` times real time from the first stamp that is waited for.
 
-    ``tick(bag_ns)`` is called every ``1 / tick_rate_hz`` of real time, between messages too; the
+    ``tick(bag_ns)`` is called every ``1 / tick_rate_hz`` of real time, between messages too. The
     ticks never go back and never pass the message that is waited for.
     """
 
@@ -22,11 +22,14 @@ class PlayClock:
         self._next_tick_s = 0.0
 
     def begin(self, bag_ns: int, in_s: float) -> None:
-        """Bag time will be ``bag_ns`` in so many seconds; else it begins with the first wait."""
+        """Start bag time so that it is ``bag_ns`` in ``in_s`` seconds.
+
+        Else the first wait starts it.
+        """
         self._begin = (time.monotonic() + in_s, bag_ns)
 
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:
-        """Sleep and tick until the bag's time is ``bag_ns``; False if stopped before."""
+        """Sleep and tick until bag time reaches ``bag_ns``; return False if stopped before."""
         if self._begin is None:
             self._begin = (time.monotonic(), bag_ns)
         due_s = self._begin[0] + (bag_ns - self._begin[1]) * 1e-9 / self._rate
@@ -42,7 +45,7 @@ class PlayClock:
         if now_s < self._next_tick_s or self._begin is None:
             return
         self._next_tick_s += self._period_s
-        if self._next_tick_s <= now_s:  # a stall, or the start: missed ticks are left out
+        if self._next_tick_s <= now_s:  # after a stall, or at the start, missed ticks are skipped
             self._next_tick_s = now_s + self._period_s
         elapsed_ns = max(0, round((now_s - self._begin[0]) * self._rate * 1e9))
         self._tick(min(self._begin[1] + elapsed_ns, limit_ns))

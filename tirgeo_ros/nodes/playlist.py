@@ -1,4 +1,4 @@
-"""Which topics of a bag are played, under which names, and who listens to them."""
+"""Choose which topics of a bag are played and under which names, and wait for subscribers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DEPTH = 100
 _STEADY_S = 1.0
 _POLL_S = 0.05
 _LATCHED = ("tirgeo/origin", "tf_static")
-#: What the running graph makes itself: played again it would meet its own copy.
+#: Topics that the running graph publishes itself; the recorded ones would conflict with them.
 _OUTPUTS = ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose")
 _OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
@@ -28,12 +28,13 @@ _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
 def publishers_for(
     node: Node, topics: Mapping[str, str], wanted: str, otherwise: Collection[str] = ()
 ) -> dict[str, Publisher]:
-    """A publisher for each topic of a bag (name -> type) that is to be played.
+    """Return a publisher for each topic of a bag (name -> type) that is to be played.
 
-    ``wanted`` names topics, separated by commas; empty = all that the graph does not make itself.
-    ``otherwise`` are those of the bag that are played in another way. Names are published
-    relative, so the node's namespace applies. A type that is not installed is passed over with a
-    warning. Raises BagError for a wanted topic that the bag lacks.
+    ``wanted`` names topics, separated by commas; empty = all that the graph does not publish
+    itself. ``otherwise`` names topics of the bag that are played in another way. Topics are
+    published with relative names, so the node's namespace applies. A type that is not installed is
+    skipped with a warning. Raise BagError for a wanted topic that the bag lacks, or if there is
+    nothing to play.
     """
     found = {}
     for topic in _chosen(topics, names(wanted)):
@@ -52,9 +53,9 @@ def publishers_for(
 
 
 def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
-    """The topics of a bag that are the aircraft's, of those to be played: name -> type.
+    """Return the aircraft's topics among those of a bag that are to be played: name -> type.
 
-    Raises BagError where there is none.
+    Raise BagError if there is none.
     """
     chosen = _chosen(topics, names(wanted))
     found = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in SENSED_TOPICS}
@@ -64,7 +65,7 @@ def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
 
 
 def names(listed: str) -> list[str]:
-    """The relative names in a list that is separated by commas."""
+    """Return the relative names in a list separated by commas."""
     return [name.strip().lstrip("/") for name in listed.split(",") if name.strip()]
 
 
@@ -79,13 +80,16 @@ def _chosen(topics: Mapping[str, str], wanted: Sequence[str]) -> list[str]:
 
 
 def _made_by_graph(name: str) -> bool:
-    # A bag recorded in a namespace carries it in front.
+    # A bag recorded in a namespace has the namespace as a prefix of each name.
     own = name[name.find("tirgeo/") :] if "tirgeo/" in name else name
     return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
 
 
 class Audience:
-    """The subscribers of some publishers; ``awaited`` names topics that need one, or is empty."""
+    """Watch the subscribers of some publishers.
+
+    ``awaited`` names topics that need one, or is empty.
+    """
 
     def __init__(self, node: Node, publishers: Sequence[Publisher], awaited: str) -> None:
         self._publishers = list(publishers)
@@ -95,7 +99,7 @@ class Audience:
             raise ConfigError(f"parameter wait_for: {', '.join(sorted(unknown))} is not played")
 
     def missing(self) -> str:
-        """The topics without a subscriber that are waited for, for a person."""
+        """Return which awaited topics lack a subscriber, as text for a person."""
         counts = self._counts()
         absent = sorted(name for name in self._awaited if not counts[name])
         return f"a subscriber of {', '.join(absent)}" if absent else "any steady subscriber"
@@ -103,9 +107,10 @@ class Audience:
     def wait(
         self, timeout_s: float, stop: threading.Event, attend: Callable[[], bool] = lambda: True
     ) -> bool:
-        """Whether the awaited subscribers came, and none came or went for a second.
+        """Wait until the awaited subscribers are there and none came or went for a second.
 
-        ``attend`` is called all the while and says whether others that are awaited are there.
+        Return False after ``timeout_s`` without them, else True, also when ``stop`` is set.
+        ``attend`` is called repeatedly and returns whether other awaited readers are there.
         """
         begin = changed = time.monotonic()
         counts = self._counts()

@@ -1,7 +1,7 @@
-"""The topics of psdk_ros2 as dji_node's source, with its state for a person.
+"""Read the topics of psdk_ros2 as dji_node's source, and report its state.
 
-Its own package of messages, psdk_interfaces, is asked for two topics and only if it is there; the
-others are of standard types.
+Two topics need psdk_ros2's own message package, psdk_interfaces, and are used only if it is
+installed. The other topics have standard types.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
 from tirgeo_ros.nodes.qos import sensor_input
 from tirgeo_ros.nodes.topics import message_class, subscribe
 
-#: How often values of RTK that wait for their flags are looked after.
+#: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
 Values = Callable[[Any], Any]
 
@@ -55,7 +55,7 @@ def _gps_details(m: Any) -> tuple[float, Vector]:
     return m.fix_state, (m.horizontal_accuracy, m.vertical_accuracy, m.speed_accuracy)
 
 
-#: Topic to type, and to what PsdkRoad takes of a message.
+#: Topic name -> its type, and the function that extracts the values for PsdkRoad.
 _TOPICS: dict[str, tuple[str, Values]] = {
     "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
     "imu": ("sensor_msgs/msg/Imu", _imu),
@@ -72,12 +72,12 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
-#: What goes missing with a topic whose type need not be installed.
+#: What is missing without a topic whose message type may not be installed.
 _LOST = {
     "rtk_yaw": "no rtk/heading",
     "gps_details": "no accuracy and no kind of fix on gps/fix",
 }
-#: Without these there is no picture to lay a map on.
+#: Without these topics no map can be drawn on the picture.
 _NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
 _INSTALL = (
     "{lost}, as psdk_interfaces is not installed here: source the workspace that psdk_ros2 was "
@@ -90,7 +90,7 @@ _SILENT = (
 
 
 class PsdkSource:
-    """Subscribes to psdk_ros2 and gives the readings of its messages to ``take``."""
+    """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
     def __init__(
         self,
@@ -99,12 +99,12 @@ class PsdkSource:
         take: Callable[[list[Reading]], None],
         monitor: Monitor,
     ) -> None:
-        """Raise ConfigError for a prefix that names no topic."""
+        """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take, self._monitor = node, take, monitor
         self._road = PsdkRoad()
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
-        self._told: list[str] = []
+        self._logged: list[str] = []
         missing = [topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
         for topic in _TOPICS:
@@ -113,22 +113,22 @@ class PsdkSource:
         for topic in _NEEDED:
             monitor.expects(self._prefix + topic)
         self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
-        self._tell()
+        self._log_changes()
 
     @staticmethod
     def serve(stop: threading.Event) -> None:
-        """Wait until told to stop: the node's executor does the work."""
+        """Wait until ``stop`` is set: the node's executor does the work."""
         stop.wait()
 
     def items(self) -> list[DiagnosticItem]:
-        """What a person should know; a change of it is logged."""
-        said = self._tell()
+        """Return the source's diagnostic item; log any change of its warnings."""
+        warnings = self._log_changes()
         values = {name: str(number) for name, number in self._road.counts.items()}
-        name, message = item_name(self._node, "psdk"), "; ".join(said) or "ok"
-        return [DiagnosticItem(name, WARN if said else OK, message, values)]
+        name, message = item_name(self._node, "psdk"), "; ".join(warnings) or "ok"
+        return [DiagnosticItem(name, WARN if warnings else OK, message, values)]
 
     def handle(self, topic: str, message: Any) -> None:
-        """A message of psdk_ros2 came; ``topic`` without the prefix."""
+        """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
         on_topic = getattr(self._road, f"on_{topic}")
         values = _TOPICS[topic][1](message)
@@ -155,19 +155,19 @@ class PsdkSource:
         if readings:
             self._take(readings)
 
-    def _tell(self) -> list[str]:
-        """What should be set right; the log has when each begins and is over."""
+    def _log_changes(self) -> list[str]:
+        """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
-        said = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
-        said += [self._lost] if self._lost else []
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
+        warnings += [self._lost] if self._lost else []
         logger = self._node.get_logger()
-        for text in said:
-            if text not in self._told:
+        for text in warnings:
+            if text not in self._logged:
                 logger.warning(text)
-        for over in (f"over: {text}" for text in self._told if text not in said):
+        for over in (f"over: {text}" for text in self._logged if text not in warnings):
             logger.info(over)
-        self._told = said
-        return said
+        self._logged = warnings
+        return warnings
 
 
 def _is_installed(typename: str) -> bool:
@@ -179,7 +179,7 @@ def _is_installed(typename: str) -> bool:
 
 
 def _checked(prefix: str) -> str:
-    """The prefix with its slash."""
+    """Return the prefix with its slash; raise ConfigError if it makes no valid topic name."""
     topics = f"{prefix.rstrip('/')}/" if prefix else ""
     try:
         validate_topic_name(f"{topics}imu")

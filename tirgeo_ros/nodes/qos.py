@@ -1,33 +1,33 @@
-"""Quality of service: sensor data best effort, outputs reliable, the origin latched."""
+"""Define quality of service: sensor data best effort, outputs reliable, the origin latched."""
 
 from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-#: Of streams whose every sample counts: 2 s of an IMU at 400 Hz. A node that stands still for so
-#: long finds all of it, if the transport holds as much (``config/fastdds.xml``).
+#: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
+#: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
 STREAM_DEPTH = 800
-#: A frame that waits behind another is already late.
+#: A frame that waits behind another is already too late.
 IMAGE_DEPTH = 2
 OUTPUT_DEPTH = 20
 
 
 def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
-    """For a topic from a sensor, which a publisher of any kind fits."""
+    """Return the profile for a topic from a sensor, compatible with any publisher."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
     )
 
 
 def output(depth: int = OUTPUT_DEPTH) -> QoSProfile:
-    """For a topic that this package publishes; also for reading one without loss."""
+    """Return the profile for a topic that this package publishes, or reads without loss."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
     )
 
 
 def latched() -> QoSProfile:
-    """For a topic whose last message a late reader gets too."""
+    """Return the profile for a topic whose last message a late subscriber still gets."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1,

@@ -16,13 +16,13 @@ from tirgeo_ros.nodes.qos import latched, output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import message_class
 
-#: Enough for a pause of the disk.
+#: Deep enough for a pause of the disk.
 _DEPTH = 500
 _CONTRACT = {topic.lstrip("/"): topic for topic in TOPIC_TYPES}
 
 
 class Recorder(Node):
-    """Raw subscriptions and one bag, whose log times are those of the node's clock."""
+    """Record raw subscriptions into one bag; log times are those of the node's clock."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
@@ -46,7 +46,7 @@ class Recorder(Node):
 
         def write(data: bytes) -> None:
             now_ns = self.get_clock().now().nanoseconds
-            if now_ns > 0:  # before the first /clock there is no time to write down
+            if now_ns > 0:  # before the first /clock message there is no valid time
                 self.resources.write(resolved, typename, data, now_ns)
 
         qos = latched() if topic == "tirgeo/origin" else output(_DEPTH)
@@ -54,5 +54,5 @@ class Recorder(Node):
 
 
 def main() -> int:
-    """Run the node; the exit code."""
+    """Run the node; return the exit code."""
     return run("recorder", Recorder)

@@ -1,8 +1,8 @@
-"""One way to run a node: start, spin in a thread, stop on a signal, exit code.
+"""Run a node: start it, spin it in a thread, stop it on a signal, return the exit code.
 
-rclpy's own signal handlers end badly now and then when a signal meets ``spin`` in the main
-thread, or when two come within a tenth of a second. Here they are off: the signals stay blocked
-(``start``), the main thread asks for those that are pending, and a node never sees one.
+rclpy's own signal handlers sometimes fail when a signal meets ``spin`` in the main thread, or when
+two signals come within a tenth of a second. Here they are off: the signals stay blocked
+(``start``), the main thread polls for pending ones, and a node never sees a signal.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Work = Callable[[Any, threading.Event], int]
 def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
     """Build a node and spin it until a stop signal or the end of ``work(node, stop)``.
 
-    Returns the exit code: 0 when stopped, ``work``'s answer when that ends by itself, 1 with one
-    line on stderr for a TirgeoError. The node's ``resources``, a context manager, where it has
-    them, are open meanwhile.
+    Return the exit code: 0 when stopped, the result of ``work`` when it ends by itself, 1 with one
+    line on stderr for a TirgeoError. The node's ``resources``, a context manager, if it has them,
+    are open meanwhile.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
@@ -48,11 +48,11 @@ def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
 
 
 def make_executor(context: Any = None) -> Any:
-    """The events executor where there is one, else the single-threaded one.
+    """Return the events executor if rclpy has it, else the single-threaded one.
 
-    The single-threaded one looks at every entity at every message, and a node has a dozen in its
-    parameter services alone. Cores on a flight at 100 Hz, events against single-threaded:
-    ekf_node 0.21 / 0.33, gimbal_node 0.13 / 0.28, recorder 0.07 / 0.23.
+    The single-threaded executor checks every entity at every message, and a node has a dozen in
+    its parameter services alone. CPU cores used on a flight at 100 Hz, events against
+    single-threaded: ekf_node 0.21 / 0.33, gimbal_node 0.13 / 0.28, recorder 0.07 / 0.23.
     """
     try:
         from rclpy.experimental import EventsExecutor  # noqa: PLC0415  absent before Jazzy 7.1.4
@@ -110,10 +110,10 @@ def _until_stopped(node: Node, work: Work | None) -> int:
 
 
 def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
-    """Wait until a job is done; the signal that came before, if one did.
+    """Wait until a job is done; return the stop signal that came before, or None.
 
-    Not by ``sigtimedwait``: where the process is stopped meanwhile and goes on (Ctrl-Z and fg, a
-    computer that slept), Python's gives a signal that never came.
+    ``sigtimedwait`` is not used: if the process is stopped meanwhile and continued (Ctrl-Z and fg,
+    a computer that slept), Python's version returns a signal that never came.
     """
     while not wait(jobs, _POLL_S, FIRST_COMPLETED).done:
         if not signal.sigpending().isdisjoint(STOP_SIGNALS):
@@ -122,7 +122,7 @@ def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
 
 
 def _spin(executor: Any, stop: threading.Event) -> int:
-    # Only spin_once delivers in the events executor of these versions; spin() does not.
+    # In these versions of the events executor only spin_once delivers messages; spin() does not.
     with suppress(ExternalShutdownException):
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.5)

@@ -1,6 +1,7 @@
-"""How many messages of a topic never came, by the numbers that their sender gives them.
+"""Count the messages of a topic that never came, by their publication sequence numbers.
 
-What gave way to a newer one in a shallow queue, or was lost on the way, is told by nothing else.
+Only these numbers show messages that a newer one replaced in a shallow queue, or that were lost in
+transport.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from tirgeo_ros.nodes.callbacks import told
 
 
 class SentNumbers:
-    """Follows the numbers of one sender's messages, and of the one that comes after it.
+    """Track the sequence numbers of one publisher's messages, or of the publisher after it.
 
-    ``sent`` are those since the first that came, ``missed`` those of them that did not come. A
-    number that goes back is a new sender's. Two senders at once make no sense of either.
+    ``sent`` counts messages since the first that came, ``missed`` those of them that did not come.
+    A number that goes back means a new publisher. With two publishers at once both counts are
+    wrong.
     """
 
     def __init__(self) -> None:
@@ -23,18 +25,18 @@ class SentNumbers:
         self._last = 0
 
     def heard(self, number: int) -> None:
-        """Take the number of a message that came."""
+        """Count the message with this sequence number, and those missed before it."""
         skipped = number - self._last - 1 if 0 < self._last < number else 0
         self.missed += skipped
         self.sent += skipped + 1
         self._last = number
 
     def listening(self, receive: Callable[[Any], None]) -> Callable[..., None]:
-        """``receive`` as the callback of a subscription that tells the numbers."""
+        """Return ``receive`` as the callback of a subscription that also counts the numbers."""
 
         def take(message: Any, info: Any) -> None:
             number = info.get("publication_sequence_number") if info else None
-            if number is not None:  # not every middleware numbers them
+            if number is not None:  # not every middleware numbers messages
                 self.heard(number)
             receive(message)
 

@@ -1,4 +1,4 @@
-"""The aircraft's part of a bag, played as bytes on a port that is not there."""
+"""Play the aircraft's part of a bag as bytes on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tirgeo_ros.nodes.topics import message_class
 
 
 class SerialAircraft:
-    """An aircraft on a pseudo-terminal, for one program that reads it."""
+    """Simulate an aircraft on a pseudo-terminal, for one program that reads it."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class SerialAircraft:
         places: AircraftConfig,
         topics: Mapping[str, str],
     ) -> None:
-        """``topics`` of the bag, name -> type. Raises DjiError if the port cannot be made."""
+        """Open the port; ``topics`` of the bag, name -> type. Raise DjiError if that fails."""
         self.terminal = PseudoTerminal(path)
         self._topics = topics
         self._arrivals = Arrivals()
@@ -36,25 +36,25 @@ class SerialAircraft:
         self._aircraft = Aircraft(config, places=places)
 
     def attend(self) -> bool:
-        """Answer what the host has asked; whether it has the port open."""
+        """Answer what the host has asked; return whether it has the port open."""
         self.terminal.write(self._aircraft.answer(self.terminal.read()))
         return self.terminal.is_open
 
     def send(self, data: bytes) -> None:
-        """Write a frame, as far as somebody reads, and answer the host."""
+        """Write a frame, as far as a program reads it, and answer the host."""
         self.terminal.write(data)
         self.attend()
 
     def frames(
         self, reader: BagReader, start_ns: int, shift_ns: int
     ) -> Iterator[tuple[int, bytes]]:
-        """Frames with the times at which they are due in the bag, whose time now is later."""
+        """Yield frames with the bag times (ns) at which they are due; their stamps are shifted."""
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
             yield time_ns - shift_ns, data
 
     @property
     def losses(self) -> str:
-        """What of the flight did not get through, in one line, or an empty string."""
+        """Return what of the flight was not transmitted, in one line, or an empty string."""
         counts = dict(self._aircraft.counts)
         found = {"samples that make no sense": counts.get("invalid", 0)}
         found["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
@@ -70,7 +70,8 @@ class SerialAircraft:
             try:
                 message = deserialize_message(item.data, message_class(item.typename))
                 sample = SENSED_SAMPLES[topic](message)
-            except (MessageError, RuntimeError):  # RuntimeError: rclpy's, of bytes that are cut
+            # RuntimeError: rclpy raises it for truncated bytes.
+            except (MessageError, RuntimeError):
                 self._unreadable[topic] += 1
                 continue
             sample = self._arrivals.stamped(topic, sample, item.log_time_ns)

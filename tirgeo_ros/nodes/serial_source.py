@@ -1,4 +1,4 @@
-"""The serial port of the aircraft as dji_node's source, with its state for a person."""
+"""Read the aircraft's serial port as dji_node's source, and report its state."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import item_name
 from tirgeo_ros.nodes.monitor import Monitor
 
-#: Longest wait for bytes: so often a link that is silent is looked after.
+#: Longest wait for bytes (s), so the period at which a silent link is checked.
 _WAIT_S = 0.02
 
 
 class SerialSource:
-    """One port, what comes through it, and what the host sends."""
+    """Read one port, decode its bytes, and send the host's requests."""
 
     def __init__(
         self,
@@ -47,11 +47,11 @@ class SerialSource:
         self._link = SerialLink(config.port, config.baud)
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
         self._openings = 0
-        self._lock = threading.Lock()  # diagnostics look at what the reading changes
+        self._lock = threading.Lock()  # the diagnostics read what the reading thread changes
         self._host_message = ""
 
     def serve(self, stop: threading.Event) -> None:
-        """Read until told to stop. Nothing that happens to the cable, or comes by it, ends it."""
+        """Read until ``stop`` is set. No cable fault and no received data ends the loop."""
         try:
             while not stop.is_set():
                 if not self._turn():
@@ -71,24 +71,24 @@ class SerialSource:
             readings += self._road.take(
                 data, arrival_ns, now_s, round(self._link.gathered_s * 1e9)
             )
-            # Where nobody hears it, what is asked would only count as not answered.
+            # On a closed port a request would only count as unanswered.
             is_open = self._link.state is LinkState.OPEN
             to_send = self._road.due(now_s) if is_open else b""
             report = self._look(now_s)
         if to_send:
             self._link.write(to_send)
         self._take(readings)
-        self._tell(report)
+        self._log_changes(report)
 
     def _look(self, now_s: float) -> LinkReport | None:
         link, road = self._link, self._road
         counts = road.bytes, road.frames, road.locked
         return self._watch.look(now_s, link.state, link.message, *counts)
 
-    def _tell(self, report: LinkReport | None) -> None:
-        """Log what has changed, each once."""
+    def _log_changes(self, report: LinkReport | None) -> None:
+        """Log each change of the link's state and of the host's message once."""
         if report is not None:
-            # Two lines of code: rclpy holds that one line logs with one severity.
+            # Two separate calls: rclpy allows only one severity per line of code.
             if report.level is Level.OK:
                 self._node.get_logger().info(shown(report.message))
             else:
@@ -98,7 +98,7 @@ class SerialSource:
             self._node.get_logger().info(shown(self._host_message))
 
     def items(self) -> list[DiagnosticItem]:
-        """The state of the link, and counts of what came through it."""
+        """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
             values = self._road.diagnostics

@@ -1,4 +1,4 @@
-"""A node's checks of its set-up: what they find in diagnostics, and go or no go in the log."""
+"""Run a node's checks of its set-up: findings to the diagnostics, go or no go to the log."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 
 SUBJECT = "set-up"
 LEVELS = {Severity.NOTE: OK, Severity.CAUTION: WARN, Severity.STOP: ERROR}
-#: What is no longer found stays for so many reports, a second each: a person is to read it.
+#: A finding that is gone stays for this many reports, one per second, so that a person can read
+#: it.
 _HELD = 10
-#: All is well once nothing was found in so many reports with data.
+#: The set-up is logged as good after this many reports with data and nothing worse than a note.
 _SETTLED = 10
 
 
 class Checks(Protocol):
-    """What ``core.checks`` has for a node."""
+    """Define what the checks of ``core.checks`` offer to a node."""
 
     def findings(self) -> Sequence[Finding]:
-        """Return what is wrong by all that came."""
+        """Return the findings from all data so far."""
 
 
 class SetupChecks:
-    """Asks a node's checks once a report; a fault in one of them leaves the node as it is.
+    """Run a node's checks once per report; a fault in a check does not stop the node.
 
-    The item ``NODE: set-up`` has the worst finding's level and the verdict; its values are all
-    findings, each under its check's name, its severity before it.
+    The item ``NODE: set-up`` has the worst finding's level, and the verdict as its message. Its
+    values are all findings: the check's name -> severity and line.
     """
 
     def __init__(self, node: Node, monitor: Monitor, *checks: Checks) -> None:
@@ -41,20 +42,21 @@ class SetupChecks:
         self._logger = node.get_logger()
         self._monitor = monitor
         self._checks = checks
-        self._held: dict[str, tuple[Finding, int]] = {}  # and for how many reports it is absent
-        self._told: Severity | None = None
+        # With the number of reports since it was last found.
+        self._recent: dict[str, tuple[Finding, int]] = {}
+        self._logged: Severity | None = None
         self._quiet = 0  # reports without a finding
-        #: ``take(checks.pose, pose)`` calls a check with what came.
+        #: ``take(checks.pose, pose)`` passes new data to a check.
         self.take: Callable[..., bool] = guarded(node, monitor, SUBJECT, _call)
         self._renew = guarded(node, monitor, SUBJECT, self._ask)
 
     def item(self) -> DiagnosticItem:
-        """Return the item for diagnostics; a change of go or no go is logged."""
+        """Return the item for diagnostics; log a change of the verdict."""
         self._renew()
-        found = sorted_findings(finding for finding, _ in self._held.values())
+        found = sorted_findings(finding for finding, _ in self._recent.values())
         worst = found[0].severity if found else Severity.NOTE
         verdict = shown(verdict_line(found))
-        self._tell(worst, verdict)
+        self._log_verdict(worst, verdict)
         return DiagnosticItem(
             self._name,
             LEVELS[worst],
@@ -66,20 +68,20 @@ class SetupChecks:
         found = {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
-            for name, (finding, reports) in self._held.items()
+            for name, (finding, reports) in self._recent.items()
             if name not in found and reports < _HELD
         }
-        self._held = absent | {name: (finding, 0) for name, finding in found.items()}
+        self._recent = absent | {name: (finding, 0) for name, finding in found.items()}
 
-    def _tell(self, worst: Severity, verdict: str) -> None:
-        if worst is Severity.NOTE and self._told is None:
+    def _log_verdict(self, worst: Severity, verdict: str) -> None:
+        if worst is Severity.NOTE and self._logged is None:
             self._quiet += self._monitor.heard
             if self._quiet < _SETTLED:
                 return
-        if worst is self._told:
+        if worst is self._logged:
             return
-        self._told, line = worst, f"{SUBJECT}: {verdict}"
-        # Three lines of code: rclpy raises where one line logs with two severities.
+        self._logged, line = worst, f"{SUBJECT}: {verdict}"
+        # Three separate calls: rclpy raises if one line of code logs with two severities.
         if worst is Severity.STOP:
             self._logger.error(line)
         elif worst is Severity.CAUTION:

@@ -1,8 +1,8 @@
-"""The executables: signals are held back before anything slow is imported.
+"""Define the executables; block the stop signals before anything slow is imported.
 
-A stop signal that comes while modules load, or a second one on the heels of the first, must
-neither end in a traceback nor leave half a file. So all are blocked from the first line on, in
-every thread, and ``runner`` takes them when it is ready to.
+A stop signal that comes while modules load, or a second one shortly after the first, must not end
+in a traceback or leave an incomplete file. So all stop signals are blocked from the first line on,
+in every thread, and ``runner`` takes them when it is ready.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 from tirgeo_ros.io.files.stop_signals import stop_signals
 
 STOP_SIGNALS = stop_signals()
-#: Of mallopt (malloc.h), and values that hold some tens of pictures of 1 MB.
+#: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 
@@ -29,8 +29,9 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
         sys.stdout.write(help_text(name, sys.argv[1:]))
         return 0
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
-    # Matrices of 15 rows gain nothing from threads, and idle ones spin.
+    # A shell ignores SIGINT for background jobs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # Matrices of 15 rows gain nothing from threads, and idle threads use CPU time by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_memory()
     try:
@@ -44,11 +45,11 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
 
 
 def keep_memory() -> None:
-    """Have the C library keep what is freed for the next picture.
+    """Make the C library keep freed memory for the next picture.
 
-    By itself it gives a picture's buffers back to the system and takes new ones for the next,
-    page by page: where nothing large lies in memory over a thousand faults a picture, and half of
-    the time that passing one on takes.
+    By default it returns a picture's buffers to the system and requests new ones for the next,
+    page by page. Without a large block in memory that costs over a thousand page faults per
+    picture, and half of the time that it takes to pass a picture on.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
@@ -59,25 +60,25 @@ def keep_memory() -> None:
 
 
 def dji_node() -> int:
-    """Aircraft to topics."""
+    """Run dji_node (aircraft to topics); return the exit code."""
     return start("dji_node")
 
 
 def ekf_node() -> int:
-    """Navigation filter."""
+    """Run ekf_node (navigation filter); return the exit code."""
     return start("ekf_node")
 
 
 def gimbal_node() -> int:
-    """Camera pose."""
+    """Run gimbal_node (camera pose); return the exit code."""
     return start("gimbal_node")
 
 
 def overlay_node() -> int:
-    """Map on video."""
+    """Run overlay_node (map on video); return the exit code."""
     return start("overlay_node")
 
 
 def bag_player() -> int:
-    """Bag to topics."""
+    """Run bag_player (bag to topics); return the exit code."""
     return start("bag_player")

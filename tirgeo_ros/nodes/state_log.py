@@ -1,4 +1,4 @@
-"""The estimator's states and resets in a node's log, each once."""
+"""Log the estimator's states and resets, each change once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BEST_FIRST = (
 
 
 class StateLog:
-    """Tells a logger what changed in the estimator's status."""
+    """Log changes of the estimator's status."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
@@ -26,10 +26,10 @@ class StateLog:
         self._resets: dict[str, int] = {}
 
     def note(self, status: NavigationStatus) -> bool:
-        """Log a new state (a worse one as a warning) and resets; whether there was any."""
+        """Log a new state (a worse one as a warning) and resets; return whether there was any."""
         moved = status.state is not self._state
         if moved:
-            self._tell(status, worse=self._is_worse(status.state))
+            self._log_state(status, worse=self._is_worse(status.state))
         reset = [name for name, n in status.resets.items() if n > self._resets.get(name, 0)]
         if reset:
             text = f"reset by {', '.join(reset)}: {status.last_reset}"
@@ -38,19 +38,22 @@ class StateLog:
         return moved or bool(reset)
 
     def note_reason(self, status: NavigationStatus) -> None:
-        """Log another reason for the same state. Not for each sample: it may hold a number."""
+        """Log a new reason for the same state.
+
+        Do not call this for each sample: a reason may contain a number, so it would log each time.
+        """
         if status.reason != self._reason:
-            self._tell(status, worse=False)
+            self._log_state(status, worse=False)
 
     def _is_worse(self, state: FilterState) -> bool:
         before = self._state
         return before is not None and _BEST_FIRST.index(state) > _BEST_FIRST.index(before)
 
-    def _tell(self, status: NavigationStatus, *, worse: bool) -> None:
+    def _log_state(self, status: NavigationStatus, *, worse: bool) -> None:
         self._state, self._reason = status.state, status.reason
         reason = f": {status.reason}" if status.reason else ""
         text = f"{status.method}: {status.state.value}{reason}"
-        # Two lines of code: rclpy raises where one line logs with two severities.
+        # Two separate calls: rclpy raises if one line of code logs with two severities.
         if worse:
             self._logger.warning(text)
         else:

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions by contract topic: type, quality of service, overrides, counts."""
+"""Create publishers and subscriptions of contract topics, with type, QoS, overrides and counts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tirgeo_ros.nodes.monitor import Monitor
 
 @cache
 def message_class(typename: str) -> type:
-    """The rclpy class of ``package/msg/Name``; ConfigError if its package is not installed."""
+    """Return the rclpy class of ``package/msg/Name``; raise ConfigError if it is not installed."""
     package, _, name = typename.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
@@ -32,7 +32,7 @@ def message_class(typename: str) -> type:
 
 
 def advertise(node: Node, topic: str, qos: QoSProfile) -> Publisher:
-    """A publisher of a contract topic whose quality of service a parameter can override."""
+    """Return a publisher of a contract topic whose quality of service a parameter can override."""
     kind = message_class(TOPIC_TYPES[topic])
     with_overrides = QoSOverridingOptions.with_default_policies()
     return _made(
@@ -51,12 +51,13 @@ def subscribe(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """A subscription to a contract topic, whose messages do not end the node (``guarded``).
+    """Return a subscription to a contract topic; a failing callback does not end the node.
 
-    Those that DDS says were lost on the way are counted, where it says so: not those that gave
-    way to a newer one in a shallow queue. ``typename`` is for a topic that is not of the contract;
-    ``wrapped`` makes the callback from that which takes a message; where this is ``raw``, it takes
-    the bytes, from which the message is made when ``handle`` is to have it.
+    The callback is ``guarded``. Messages that DDS reports as lost in transport are counted, if the
+    middleware reports them; messages replaced by a newer one in a shallow queue are not among
+    them. ``typename`` is for a topic outside the contract. ``wrapped`` makes the subscription's
+    callback from the one that takes a message. With ``raw`` that one takes the bytes, and the
+    message is decoded just before ``handle``.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
     monitor.listens(topic)
@@ -90,14 +91,14 @@ def subscribe(
 def _message(kind: type, data: bytes) -> Any:
     try:
         return deserialize_message(data, kind)
-    except RuntimeError:  # of the middleware
+    except RuntimeError:  # raised by the middleware
         raise MessageError(f"{len(data)} bytes are no {kind.__name__}") from None
 
 
 def _with_losses(
     create: Callable[[SubscriptionEventCallbacks], Subscription], lost: Callable[[Any], None]
 ) -> Subscription:
-    """A subscription that tells of losses, where the middleware does."""
+    """Return a subscription that reports losses, if the middleware supports it."""
     try:
         return create(SubscriptionEventCallbacks(message_lost=lost))
     except UnsupportedEventTypeError:

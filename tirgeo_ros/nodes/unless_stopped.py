@@ -1,4 +1,4 @@
-"""Work before a node runs, which a stop signal ends."""
+"""Run work before a node spins, so that a stop signal can interrupt it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _POLL_S = 0.05
 
 
 def stop_is_due() -> bool:
-    """Whether a stop signal has come that ``runner`` has not taken yet."""
+    """Return whether a stop signal is pending that ``runner`` has not taken yet."""
     return bool(signal.sigpending() & set(STOP_SIGNALS))
 
 
 def done_or_stopped(done: threading.Event) -> bool:
-    """Wait for ``done``: False where a stop signal came before."""
+    """Wait for ``done``; return False if a stop signal comes before."""
     while not done.wait(_POLL_S):
         if stop_is_due():
             return False
@@ -27,9 +27,9 @@ def done_or_stopped(done: threading.Event) -> bool:
 
 
 def unless_stopped(work: Callable[[], T]) -> T | None:
-    """What ``work`` returns or raises, in a thread; None where a stop signal comes before.
+    """Run ``work`` in a thread; return or raise its result, or None if a stop signal comes first.
 
-    The thread is left behind then: it ends with the process.
+    In that case the thread is left behind: it ends with the process.
     """
     done = threading.Event()
     found: list[T] = []

@@ -1,7 +1,8 @@
-"""The error budget over a camera's picture: the work of ``tirgeo budget``.
+"""Compute the error budget over a camera's picture: the work of ``tirgeo budget``.
 
-The paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2) beside the derivative of the
-ground point by the whole pose, with any lens and covariance.
+It gives the paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2), and a general form
+from the derivative of the ground point with respect to the whole pose, with any lens and
+covariance.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ STEP_PX = 4
 
 @dataclass(frozen=True)
 class Sigmas:
-    """Errors that go into a budget: Table 1 of the paper, and Table 8 for the gimbal."""
+    """Hold the input errors of a budget: Table 1 of the paper, and Table 8 for the gimbal."""
 
     east_error_m: float = 1.2846
     north_error_m: float = 0.9342
@@ -43,7 +44,7 @@ class Sigmas:
     pitch_error_deg: float = 0.4839
 
 
-#: Which of ahead, right, down and the turns about them make a factor.
+#: Factor -> indices of the pose covariance: ahead, right, down and the rotations about them.
 _PARTS = {
     "position": [0, 1],
     "height": [2],
@@ -56,7 +57,7 @@ _PARTS = {
 
 @dataclass(frozen=True)
 class Setting:
-    """What a budget is of. Raises CalibrationError for a view that sees no ground."""
+    """Hold the input of a budget. Raise CalibrationError for a view that sees no ground."""
 
     camera: Camera = XT2
     height_m: float = 20.0  # of the camera above the ground
@@ -64,20 +65,22 @@ class Setting:
     speed_m_s: float = 3.0  # ahead
     sigmas: Sigmas = field(default_factory=Sigmas)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
-    #: (6, 6) of a filter's poses, along ahead, right, down; None: what the sigmas make.
+    #: (6, 6) covariance of a filter's poses, along ahead, right, down; None: use the sigmas.
     pose_covariance_a: Array | None = None
 
     @property
     def covariances_a(self) -> dict[str, Array]:
-        """(6, 6) along ahead, right, down, m2 and phi rad2, by what is wrong of the pose."""
+        """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
         if self.pose_covariance_a is not None:
             return {name: _only(self.pose_covariance_a, k) for name, k in _PARTS.items()}
         sigmas, depression = self.sigmas, math.radians(self.depression_deg)
-        axis_a = np.array([math.cos(depression), 0.0, math.sin(depression)])  # roll is about it
+        # Roll is about the optical axis.
+        axis_a = np.array([math.cos(depression), 0.0, math.sin(depression)])
         roll, tilt = np.zeros((6, 6)), np.zeros(6)
         roll[3:, 3:] = math.radians(sigmas.roll_error_deg) ** 2 * np.outer(axis_a, axis_a)
         tilt[4] = math.radians(sigmas.pitch_error_deg)
-        level = np.zeros(6)  # north is ahead: which is does not matter to the sum of both
+        # North is taken as ahead: the sum of both errors does not depend on it.
+        level = np.zeros(6)
         level[:2] = sigmas.north_error_m, sigmas.east_error_m
         height, heading = np.zeros(6), np.zeros(6)
         height[2], heading[5] = sigmas.height_error_m, math.radians(sigmas.heading_error_deg)
@@ -92,11 +95,11 @@ class Setting:
 
     @property
     def rates_a(self) -> Array:
-        """(6,) m/s and rad/s of the camera, along which an error of time acts."""
+        """Return the camera's velocity and rotation rate (6,), m/s, rad/s: for time errors."""
         return np.array([self.speed_m_s, 0, 0, 0, 0, 0])
 
     def __post_init__(self) -> None:
-        """Check that ground is seen, and that errors are errors."""
+        """Check that the camera sees ground, and that the errors are valid."""
         if not 0 < self.height_m < math.inf:
             raise CalibrationError(
                 f"the camera is {self.height_m:g} m above the ground: give more"
@@ -119,10 +122,10 @@ def _only(covariance: Array, which: list[int]) -> Array:
 
 @dataclass(frozen=True)
 class Budget:
-    """Root mean square errors on the ground by factor, over the picture.
+    """Hold root mean square errors on the ground by factor, over the picture.
 
-    ``closed`` and ``general`` are pictures (rows, columns) in m, one pixel for ``STEP_PX`` of the
-    camera's, nan over the horizon; ``closed`` is the paper's, with a pinhole camera.
+    ``closed`` and ``general`` are pictures (rows, columns) in m, one pixel for ``STEP_PX`` pixels
+    of the camera, nan above the horizon. ``closed`` is the paper's form, with a pinhole camera.
     """
 
     setting: Setting
@@ -131,13 +134,13 @@ class Budget:
 
     @property
     def ground_share(self) -> float:
-        """What part of the picture lies below the horizon; the rows are of that part."""
+        """Return the share of the picture below the horizon; ``rows`` covers only that part."""
         return float(np.isfinite(self.general["pose"]).mean())
 
     def rows(self) -> list[dict[str, object]]:
-        """One line a factor and form: in the middle, mean, median, 95 % and largest, m.
+        """Return one row per factor and form: middle, mean, median, 95 % and largest error, m.
 
-        The middle is None where it lies over the horizon.
+        The middle is None if it is above the horizon.
         """
         forms = {"closed": self.closed, "general": self.general}
         return [
@@ -164,7 +167,7 @@ def _summary(picture: Array) -> dict[str, object]:
 
 
 def budget(setting: Setting) -> Budget:
-    """Equations 15 to 21 over the picture, and the general form."""
+    """Compute Equations 15 to 21 over the picture, and the general form."""
     uv, shape = pixel_grid(setting.camera, STEP_PX)
     view = GroundView.of(
         setting.camera, looking(math.radians(setting.depression_deg)), setting.height_m, uv
@@ -197,7 +200,7 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
 
 
 def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
-    """Covariances (N, 2, 2) by factor; the picture's way is to the north."""
+    """Return covariances (N, 2, 2), m2, by factor; the camera looks to the north."""
     given, none = setting.confidence, np.zeros((6, 6))
     others = {
         "latency": view.covariance(
@@ -211,7 +214,7 @@ def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
 
 
 def budget_csv(made: Budget) -> str:
-    """The rows, to a tenth of a millimetre."""
+    """Return the rows as CSV, to a tenth of a millimetre."""
     out = io.StringIO()
     rows = made.rows()
     writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")

@@ -1,4 +1,4 @@
-"""A budget of what a command or a flight gives: the numbers, a table and the maps of Fig. 4-5."""
+"""Compute a budget from options or a flight, and write its table and the maps of Fig. 4-5."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tirgeo_ros.tools.presentation.plots import figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-#: Values by the names of Setting and Sigmas.
+#: Values by the names of the fields of Setting and Sigmas.
 Given = dict[str, float]
 
 _TITLES = {
@@ -45,11 +45,11 @@ def make_budget(
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
-    """The budget; of a flight's own errors, view and camera where there is a bag.
+    """Compute the budget; with a bag, from the flight's own errors, view and camera.
 
-    ``given`` and ``camera``, a calibration file, stand before what the bag tells. Writes
-    budget.csv and the maps to the folder ``output`` where there is one. Raises BagError,
-    CameraError, ConfigError, CalibrationError.
+    ``given`` and ``camera``, a calibration file, override the bag's values. Write budget.csv and
+    the maps to the folder ``output`` if it is given. Raise BagError, CameraError, ConfigError,
+    CalibrationError.
     """
     configs = node_configs(params, namespace, camera=camera)
     if output is not None:
@@ -75,7 +75,7 @@ def make_budget(
     if flight is not None:
         filtered = dataclasses.replace(setting, pose_covariance_a=flight.track.covariance_a)
         rows = [row for row in budget(filtered).rows() if row["form"] == "general"]
-        result |= {"flight": _told(flight), "rows_of_the_filter": rows}
+        result |= {"flight": _table_1(flight), "rows_of_the_filter": rows}
     if output is not None:
         result["output"] = _written(Path(output), made)
     return result
@@ -84,25 +84,28 @@ def make_budget(
 def _of_flight(
     setting: Setting, flight: MeasuredFlight, ground_m: float, given: Given, bag: PathLike
 ) -> Setting:
-    """The flight's camera, view and errors; those that it does not tell stay."""
+    """Return the setting with the flight's camera, view and errors, as far as it gives them.
+
+    Raise CalibrationError if the height of the ground is not known.
+    """
     if math.isnan(ground_m) and "height_m" not in given:
         raise CalibrationError(
             f"{os.fspath(bag)}: height of the ground not known: give --height, or "
             "ground_height_m in --params"
         )
-    told = {name: value for name, value in _told(flight).items() if name in _ERRORS}
+    measured = {name: value for name, value in _table_1(flight).items() if name in _ERRORS}
     view = {
         "depression_deg": math.degrees(flight.track.depression_rad),
         "speed_m_s": flight.track.speed_m_s,
     }
     if "height_m" not in given:
         view["height_m"] = flight.track.height_m - ground_m
-    known = {name: value for name, value in told.items() if math.isfinite(value)}
+    known = {name: value for name, value in measured.items() if math.isfinite(value)}
     return _with(dataclasses.replace(setting, camera=flight.camera), known | view)
 
 
-def _told(flight: MeasuredFlight) -> Given:
-    """Table 1 of a flight, and of how many samples."""
+def _table_1(flight: MeasuredFlight) -> Given:
+    """Return Table 1 of a flight, with the numbers of samples."""
     errors = flight.errors
     return {
         "east_error_m": errors.east_m,
@@ -122,7 +125,7 @@ def _with(setting: Setting, values: Given) -> Setting:
 
 
 def _written(folder: Path, made: Budget) -> list[str]:
-    """The files that were made: the table and the maps."""
+    """Write the table and the maps; return their paths."""
     sigmas = made.setting.sigmas
     maps = {
         "height": (made.closed["height"], sigmas.height_error_m),
@@ -138,7 +141,7 @@ def _written(folder: Path, made: Budget) -> list[str]:
 
 
 def error_map(picture: Array, title: str) -> bytes:
-    """A PNG of errors (rows, columns) in m over the camera's picture, as Figures 4 and 5."""
+    """Return a PNG of errors (rows, columns), m, over the camera's picture, as Figures 4, 5."""
     made, axes = figure(6.4, 4.6)
     rows, columns = picture.shape
     extent = (-0.5, columns * STEP_PX - 0.5, rows * STEP_PX - 0.5, -0.5)

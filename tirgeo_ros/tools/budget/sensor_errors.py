@@ -1,6 +1,7 @@
-"""What a flight's ordinary GPS and autopilot are off by (Ren et al. 2022, Eq. 22 and Table 1).
+"""Measure the errors of a flight's ordinary GPS and autopilot (Ren et al. 2022, Eq. 22, Table 1).
 
-RTK is the truth for the positions, the filter with the dual-antenna heading that for the heading.
+RTK is the truth for the positions; the filter with the dual-antenna heading is the truth for the
+heading.
 """
 
 from __future__ import annotations
@@ -33,36 +34,36 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.recorded_flight import load_recording
 from tirgeo_ros.tools.replay.registration import Registration
 
-#: The filter's heading is judged by from here on, s.
+#: The heading is compared with the filter's only from this time on, s.
 SETTLED_S = 20.0
-_LONGEST_GAP_NS = 1_000_000_000  # between two RTK positions, to interpolate across
+_LONGEST_GAP_NS = 1_000_000_000  # longest interval between two RTK positions to interpolate across
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """Root mean squares of Equation 22; nan where the bag has nothing to tell it from."""
+    """Hold root mean square errors of Equation 22; nan if the bag lacks the data."""
 
     east_m: float
     north_m: float
     height_m: float
     heading_rad: float
-    positions: int  # of the GPS that were compared
-    headings: int  # of the autopilot
+    positions: int  # GPS positions compared
+    headings: int  # autopilot headings compared
 
 
 @dataclass(frozen=True)
 class CameraTrack:
-    """How a flight's camera looked at the ground, by the filter: medians."""
+    """Hold the view of a flight's camera by the filter: medians."""
 
     height_m: float  # ellipsoidal, of the camera
     depression_rad: float  # of the optical axis below the horizon
     speed_m_s: float
-    covariance_a: Array  # (6, 6) mean of the poses, turned to ahead, right, down
+    covariance_a: Array  # (6, 6) mean over the poses, along ahead, right, down
 
 
 @dataclass(frozen=True)
 class MeasuredFlight:
-    """What a bag tells of its flight."""
+    """Hold what is measured from a bag."""
 
     camera: Camera
     errors: SensorErrors
@@ -78,7 +79,7 @@ def measured_flight(
     *,
     camera: Camera | None = None,
 ) -> MeasuredFlight:
-    """Equation 22 over a bag, and the camera's way. Raises BagError."""
+    """Compute Equation 22 from a bag, and the camera's track. Raise BagError."""
     recording = load_recording(Path(bag), namespace, progress, camera=camera)
     samples = recording.samples
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})
@@ -110,7 +111,10 @@ def gps_less_rtk_n(
     plane: TangentPlane,
     ekf: EkfConfig,
 ) -> Array:
-    """(N, 3) NED, m: each GPS position less the RTK's of that instant, both of the IMU."""
+    """Return GPS minus RTK positions (N, 3), NED, m, both reduced to the IMU.
+
+    RTK is interpolated to the instants of the GPS.
+    """
     kept = [p for p in positions if p.source is Source.GPS_POSITION or p.status is FixStatus.FIXED]
     rtk = [p for p in kept if p.source is Source.RTK_POSITION]
     gps = [p for p in kept if p.source is Source.GPS_POSITION]
@@ -133,7 +137,10 @@ def _of_imu(
     plane: TangentPlane,
     lever_arm_b: Array,
 ) -> tuple[npt.NDArray[np.int64], Array]:
-    """Stamps and places (N, 3) of the IMU, by the antenna's and the autopilot's attitude."""
+    """Return stamps (ns) and positions (N, 3), NED, m, of the IMU.
+
+    They are the antenna's, reduced by the lever arm and the autopilot's attitude.
+    """
     stamps = np.array([p.stamp_ns for p in positions], np.int64)
     _, first = np.unique(stamps, return_index=True)  # in order of time, each once
     chosen = [positions[k] for k in first]
@@ -149,7 +156,10 @@ def _of_imu(
 
 
 def _heading_errors(bodies: Sequence[BodyPose], imu: Sequence[ImuSample]) -> Array:
-    """(N,) the autopilot's heading less the filter's, of the same stamps, once settled."""
+    """Return the autopilot's heading minus the filter's (N,), rad, at equal stamps.
+
+    Stamps before the filter has settled are left out.
+    """
     autopilot = {sample.stamp_ns: sample.autopilot_q_nb for sample in imu}
     start_ns = bodies[0].stamp_ns + round(SETTLED_S * 1e9)
     pairs = [
@@ -159,18 +169,18 @@ def _heading_errors(bodies: Sequence[BodyPose], imu: Sequence[ImuSample]) -> Arr
     ]
     if not pairs:
         return np.empty(0)
-    told, filtered = (euler_from_quat(np.array([pair[k] for pair in pairs])) for k in (0, 1))
-    return np.asarray(wrap_pi(told[:, 2] - filtered[:, 2]))
+    reported, filtered = (euler_from_quat(np.array([pair[k] for pair in pairs])) for k in (0, 1))
+    return np.asarray(wrap_pi(reported[:, 2] - filtered[:, 2]))
 
 
 def _settled(cameras: Sequence[CameraPose], start_ns: int) -> Sequence[CameraPose]:
-    """The poses once the filter has settled; all of a flight that is shorter."""
+    """Return the poses after the filter has settled; all poses of a shorter flight."""
     late = [pose for pose in cameras if pose.stamp_ns >= start_ns + SETTLED_S * 1e9]
     return late if len(late) > 1 else cameras
 
 
 def camera_track(cameras: Sequence[CameraPose], plane: TangentPlane) -> CameraTrack:
-    """Of two poses or more, in order of time."""
+    """Return the track of at least two poses, in order of time."""
     places_n = np.array([pose.position_n for pose in cameras])
     times_s = np.array([(pose.stamp_ns - cameras[0].stamp_ns) * 1e-9 for pose in cameras])
     axes_n = matrix_from_quat(np.array([pose.q_nc for pose in cameras]))[:, :, 2]
@@ -185,7 +195,7 @@ def camera_track(cameras: Sequence[CameraPose], plane: TangentPlane) -> CameraTr
 
 
 def _mean_covariance(cameras: Sequence[CameraPose], heading_rad: Array) -> Array:
-    """(6, 6) along ahead, right, down."""
+    """Return the mean covariance of the poses (6, 6) along ahead, right, down."""
     turn = np.zeros((len(cameras), 6, 6))
     level = matrix_from_euler(np.zeros_like(heading_rad), np.zeros_like(heading_rad), heading_rad)
     turn[:, :3, :3] = turn[:, 3:, 3:] = level.transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""Antennas, delays and the level of the IMU from a flight: ``tirgeo calibrate aircraft``."""
+"""Estimate antennas, delays and the IMU's level from a flight: ``tirgeo calibrate aircraft``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tirgeo_ros.tools.calibrate.aircraft_result import parameter_text, summary
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-#: What may be held, and what that means.
+#: Names of ``hold`` and the parameters that each holds.
 HOLDS = {
     "antenna": PARAMETERS[ANTENNA],
     "baseline": PARAMETERS[DIRECTION],
@@ -27,7 +27,8 @@ HOLDS = {
     "velocity_delay": ("velocity_delay",),
     "heading_delay": ("heading_delay",),
     "level": LEVEL,
-    "rtk": ("rtk",),  # the delay of its positions: that of the IMU is found instead
+    # Holds the delay of its positions, so that the IMU's delay is estimated instead.
+    "rtk": ("rtk",),
 }
 _USUAL_RUNS = 18
 
@@ -42,10 +43,11 @@ def calibrate_aircraft(
     plot: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Find the aircraft's parameters that a flight shows, write them to ``output``; a summary.
+    """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
-    ``hold`` are keys of HOLDS, which stay as ``params`` has them. ``plot`` is a PNG of the
-    innovations. Raises CalibrationError where the flight tells nothing, BagError, ConfigError.
+    ``hold`` lists keys of HOLDS, whose parameters keep the values in ``params``. ``plot`` is the
+    path of a PNG of the innovations. Raise CalibrationError if the flight determines no parameter,
+    BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
@@ -57,7 +59,7 @@ def calibrate_aircraft(
     runs = FlightRuns(read.recorded, config)
     try:
         found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_told(found)
+        _check_determined(found)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
@@ -88,7 +90,7 @@ def _numbers(read: ReadAircraft) -> dict[str, object]:
     }
 
 
-def _check_told(found: AircraftFit) -> None:
+def _check_determined(found: AircraftFit) -> None:
     if found.told:
         return
     reasons: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""A recorded flight in memory, for a calibration that goes over it many times."""
+"""Read a recorded flight into memory, for a calibration that filters it many times."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEAST_S = 20.0
 
 @dataclass(frozen=True)
 class ReadAircraft:
-    """A flight, and what had to be left out of it."""
+    """Hold a flight, its length (s) and notes on what was left out of it."""
 
     recorded: Recorded
     seconds: float
@@ -34,7 +34,7 @@ class ReadAircraft:
 def read_aircraft(
     reader: BagReader, namespace: str, max_gap_s: float, progress: Report
 ) -> ReadAircraft:
-    """Read a bag once. Raises BagError where a needed topic is absent, CalibrationError."""
+    """Read a bag once. Raise BagError if a needed topic is absent, or CalibrationError."""
     topics = _topics(reader, namespace)
     imu: list[ImuSample] = []
     aids: dict[tuple[Source, int], Aiding] = {}
@@ -55,12 +55,12 @@ def read_aircraft(
 
 
 def topics_name(source: Source) -> str:
-    """The contract topic of a source."""
+    """Return the contract topic of a source."""
     return NAVIGATION_INPUTS[source][0]
 
 
 def _topics(reader: BagReader, namespace: str) -> dict[str, Source]:
-    """Resolved name to source of what is there."""
+    """Return the sources in the bag: resolved topic name -> source."""
     present = reader.topics()
     found = {}
     for source in _SOURCES:
@@ -100,7 +100,7 @@ def _piece(
     max_gap_s: float,
     left_out: Counter[str],
 ) -> ReadAircraft:
-    """The longest part without a gap."""
+    """Return the longest part without a gap; raise CalibrationError if it is too short."""
     notes = [f"left out: {number} {what}" for what, number in left_out.items()]
     begin, end = longest_piece(imu, max_gap_s) if imu else (0, 0)
     piece = imu[begin:end]

@@ -1,4 +1,4 @@
-"""Innovations of a flight before and after the aircraft was calibrated."""
+"""Plot the innovations of a flight before and after the calibration of the aircraft."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ _PANELS = {
 
 
 def innovation_plot(found: AircraftFit) -> bytes:
-    """A PNG: innovations over time by source, and those of headings over the nose's azimuth.
+    """Return a PNG: innovations over time by source, and those of headings over the azimuth.
 
-    A vertical axis is logarithmic beyond three times what is left, where much was far beyond.
+    A vertical axis is logarithmic beyond three times the remaining rms, if some innovations are
+    far outside.
     """
     sources = [source for source in _PANELS if source in found.after.nis()]
     by_azimuth = Source.RTK_HEADING in sources
@@ -56,7 +57,7 @@ def _panel(panel: Any, found: AircraftFit, source: Source) -> None:
 
 
 def _zoom(panel: Any, usual: float) -> None:
-    """Logarithmic beyond what is usual, where anything is far beyond."""
+    """Make the axis logarithmic beyond 3 ``usual``, if anything exceeds 15 ``usual``."""
     if max(map(abs, panel.get_ylim())) > _FAR * usual:
         panel.set_yscale("symlog", linthresh=3 * usual)
 

@@ -1,4 +1,4 @@
-"""What a calibration of the aircraft found, as numbers for a program and as a parameter file."""
+"""Hold the result of an aircraft calibration, as numbers and as a parameter file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ALL, _EKF = "", "ekf_node"
 _UNITS = ("m",) * 3 + ("deg",) * 2 + ("ms",) * 3
 _PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
 _DIGITS = {"m": 3, "deg": 2, "ms": 1}
-#: Parameter of the nodes -> what it is made of.
+#: Parameter of the nodes -> the estimated parameters that it is made of.
 _KEYS = {
     "aircraft.rtk_antenna_m": PARAMETERS[ANTENNA],
     "aircraft.second_antenna_m": PARAMETERS[DIRECTION],
@@ -44,22 +44,22 @@ _KEYS = {
     "heading.delay_s": PARAMETERS[7:8],
     "aircraft.imu_rpy_deg": LEVEL,
 }
-_LENGTH_M = 1.0  # of a baseline that nobody has given
+_LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
 class Estimate(NamedTuple):
-    """One parameter, in its unit."""
+    """Hold one parameter, in its unit."""
 
     unit: str
     before: float
     found: float
     sigma: float
-    left_out: float  # rms change where a sixth of the flight is left out
+    left_out: float  # rms change when a sixth of the flight is left out
 
 
 @dataclass(frozen=True)
 class Result:
-    """All that is told of a calibration."""
+    """Hold the full result of a calibration."""
 
     estimates: dict[str, Estimate]
     untold: dict[str, str]
@@ -68,7 +68,7 @@ class Result:
     notes: list[str]
 
     def as_dict(self) -> dict[str, object]:
-        """For a program."""
+        """Return the result as plain values for JSON."""
         return {
             "parameters": {name: one._asdict() for name, one in self.estimates.items()},
             "not_told": self.untold,
@@ -79,7 +79,10 @@ class Result:
 def summary(
     config: EkfConfig, found: AircraftFit, level: Level | None, hold: Collection[str]
 ) -> Result:
-    """The result of a fit; ``level`` is None where the autopilot's attitude is absent."""
+    """Return the result of a fit.
+
+    ``level`` is None if the bag has no attitude of the autopilot.
+    """
     estimates = {name: _estimate(found, PARAMETERS.index(name)) for name in found.told}
     untold = dict(found.untold)
     turn = np.zeros(3)
@@ -102,7 +105,11 @@ def _estimate(found: AircraftFit, k: int) -> Estimate:
 def _add_level(
     level: Level | None, estimates: dict[str, Estimate], untold: dict[str, str]
 ) -> Array:
-    """(2,) the turn (FRD, rad) that is told, zero where it is not."""
+    """Return the IMU's turn about x and y (2,), FRD, rad.
+
+    Zero where the flight does not determine it.
+    It adds to ``estimates`` and ``untold``.
+    """
     if level is None:
         untold |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
         return np.zeros(2)
@@ -119,21 +126,21 @@ def _add_level(
 
 
 class _Nodes:
-    """The nodes' parameters that a fit leads to."""
+    """Compute the nodes' parameters from a fit."""
 
     def __init__(
-        self, config: EkfConfig, found: AircraftFit, told: Collection[str], turn: Array
+        self, config: EkfConfig, found: AircraftFit, determined: Collection[str], turn: Array
     ) -> None:
         self._config, self._aircraft = config, config.aircraft
-        self._found, self._told = found, told
-        self._rotation = matrix_from_rotvec(turn)  # onto the body, FRD
+        self._found, self._determined = found, determined
+        self._rotation = matrix_from_rotvec(turn)  # turns vectors onto the body axes, FRD
         self._level = bool(turn.any())
 
-    def _tells(self, names: Collection[str]) -> bool:
-        return any(name in self._told for name in names)
+    def _determines(self, names: Collection[str]) -> bool:
+        return any(name in self._determined for name in names)
 
     def made(self, *, rtk_held: bool) -> dict[str, dict[str, Value]]:
-        """By node."""
+        """Return the parameters by node."""
         nodes = {_ALL: self._places(), _EKF: self._delays(rtk_held=rtk_held)}
         return {node: values for node, values in nodes.items() if values}
 
@@ -141,11 +148,11 @@ class _Nodes:
         values: dict[str, Value] = {}
         lever_b = self._rotation @ flu_from_frd(self._found.values[ANTENNA])
         antenna_m = np.array(self._aircraft.imu_m) + flu_from_frd(lever_b)
-        moved = self._tells(PARAMETERS[ANTENNA]) or self._level
+        moved = self._determines(PARAMETERS[ANTENNA]) or self._level
         if moved:
             values["aircraft.rtk_antenna_m"] = antenna_m.tolist()
         has_baseline = bool(self._aircraft.second_antenna_m)
-        if self._tells(PARAMETERS[DIRECTION]) or (moved and has_baseline):
+        if self._determines(PARAMETERS[DIRECTION]) or (moved and has_baseline):
             given_m = self._aircraft.baseline_b
             length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
             direction = np.array(direction_b(*self._found.values[DIRECTION].tolist()))
@@ -162,24 +169,24 @@ class _Nodes:
         position_s, velocity_s, heading_s = self._found.values[5:].tolist()
         imu_s = imu_delay_s(self._config)
         values: dict[str, Value] = {}
-        told = {name: name in self._told for name in PARAMETERS[5:]}
+        determined = {name: name in self._determined for name in PARAMETERS[5:]}
         has_velocities = "no rtk/vel" not in self._found.untold.get("velocity_delay", "")
-        if told["position_delay"]:
+        if determined["position_delay"]:
             if rtk_held:
                 imu_s = self._config.rtk.delay_s - position_s
                 values["imu.delay_s"] = imu_s
             else:
                 values["rtk.delay_s"] = imu_s + position_s
-        if told["velocity_delay"] or (told["position_delay"] and has_velocities):
+        if determined["velocity_delay"] or (determined["position_delay"] and has_velocities):
             values["rtk.velocity_delay_s"] = velocity_s - position_s
         has_headings = "no rtk/heading" not in self._found.untold.get("heading_delay", "")
-        if told["heading_delay"] or ("rtk.delay_s" in values and has_headings):
-            values["heading.delay_s"] = imu_s + heading_s  # unset, it would be that of rtk
+        if determined["heading_delay"] or ("rtk.delay_s" in values and has_headings):
+            values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
         return {name: _rounded(value) for name, value in values.items()}
 
 
 def _rounded(value: Value) -> Value:
-    """To tenths of millimetres and milliseconds, and of thousandths of a degree."""
+    """Round to 4 decimals: 0.1 mm, 0.1 ms or 0.0001 deg."""
     if isinstance(value, float):
         return round(value, 4) + 0.0
     assert isinstance(value, list)
@@ -207,7 +214,10 @@ def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
 
 
 def parameter_text(bag_in: PathLike, result: Result) -> str:
-    """A parameter file of what was found, with how well, and what was not, under its head."""
+    """Return a parameter file of the estimates.
+
+    Its head lists their sigmas, and the parameters that the flight does not determine.
+    """
     lines = [f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}."]
     lines += [_line(name, one) for name, one in result.estimates.items()]
     for key, names in _KEYS.items():

@@ -1,7 +1,7 @@
-"""Noise parameters of an IMU from hours at rest: the work of ``tirgeo calibrate allan``.
+"""Estimate noise parameters of an IMU from hours at rest: ``tirgeo calibrate allan``.
 
-The axes x, y, z are those of the messages (forward, left, up). The filter's own (forward, right,
-down) differ in sign alone, which noise has none of: the parameters are the same.
+The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
+down) differ only in sign, which does not change noise parameters.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ def calibrate_allan(
     moved: bool = False,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Find the noise of an IMU at rest between two times (s) since its first message.
+    """Estimate the noise of an IMU at rest between two times (s) since its first message.
 
-    Writes parameters for ekf_node, a plot (beside ``output`` as ``.png`` unless named) and, if
-    asked, the curves as CSV: all of them or none. A record that moved is refused unless ``moved``
-    says to take it. Raises BagError, CalibrationError.
+    Write parameters for ekf_node, a plot (beside ``output`` as ``.png`` unless named) and, if
+    asked, the curves as CSV: all of them or none. A record with movement is refused unless
+    ``moved`` is true. Raise BagError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture, csv), CalibrationError)
@@ -68,10 +68,10 @@ def calibrate_allan(
     ramps = (slopes * steady).tolist()
     fits = [analysis.fit(channel, ramp) for channel, ramp in enumerate(ramps)]
     axes = [axis_of(name, fit) for name, fit in zip(CHANNELS, fits, strict=True)]
-    told = _told(record, analysis)
+    numbers = _record_numbers(record, analysis)
     parameters = parameters_of(fits)
     head = _HEAD.format(
-        name=Path(bag).name, hours=analysis.span_s / 3600, rate=told["rate_hz"]
+        name=Path(bag).name, hours=analysis.span_s / 3600, rate=numbers["rate_hz"]
     ) + table(axes)
     files: dict[PathLike, str | bytes] = {
         output: parameters_yaml({"ekf_node": parameters}, head),
@@ -84,7 +84,7 @@ def calibrate_allan(
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **told,
+        **numbers,
         "axes": axes,
         "parameters": parameters,
         "warnings": warnings,
@@ -94,9 +94,9 @@ def calibrate_allan(
 
 
 def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
-    """What ekf_node takes of gyroscope and accelerometer (6 axes).
+    """Return the parameters of ekf_node for gyroscope and accelerometer (6 axes).
 
-    A term that the record does not show stands with its upper bound.
+    A term that the record does not show is written with its upper bound.
     """
     found: dict[str, Value] = {}
     for walk, sensor, three in (
@@ -126,24 +126,24 @@ def _analysis(reader: BagReader, record: RestRecord) -> AllanAnalysis:
     return analysis
 
 
-def _told(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
-    grid, told = record.grid, record.grid.irregularities
+def _record_numbers(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
+    grid, counts = record.grid, record.grid.irregularities
     return {
         "topic": record.topic,
         "messages": record.messages,
-        "samples": told.samples,
+        "samples": counts.samples,
         "rate_hz": 1e9 / grid.mean_step_ns,
         "span_s": analysis.span_s,
         "jitter_ms": grid.jitter_ns * 1e-6,
         "irregular": {
             "unreadable": record.unreadable,
-            "not_finite": told.not_finite,
-            "repeated_stamps": told.repeated,
-            "late_stamps": told.late,
-            "gaps": told.gaps,
-            "missing": told.missing,
-            "splits": told.splits,
-            "same_as_before": told.identical,
+            "not_finite": counts.not_finite,
+            "repeated_stamps": counts.repeated,
+            "late_stamps": counts.late,
+            "gaps": counts.gaps,
+            "missing": counts.missing,
+            "splits": counts.splits,
+            "same_as_before": counts.identical,
         },
     }
 

@@ -1,4 +1,4 @@
-"""The Allan deviation of each axis as a picture and as a table of numbers."""
+"""Write the Allan deviation of each axis as a picture and as a CSV table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer"}
 
 
 def curves_png(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> bytes:
-    """Deviations with 95 % bands, the fit, its asymptotes and the filter's model."""
+    """Return a PNG: deviations with 95 % bands, fit, its asymptotes and the filter's model."""
     made, axes = figure(12.0, 7.2, 2, 3, sharex=True, sharey="row")
     for channel, (axis, fit) in enumerate(zip(axes.flat, fits, strict=True)):
         _draw(axis, analysis.tau_s, fit)
@@ -66,7 +66,10 @@ def _asymptote(axis: Any, name: str, tau_s: Array, line: Array) -> None:
 
 
 def curves_csv(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> str:
-    """A line for each averaging time: of each axis deviation, band, fit, degrees of freedom."""
+    """Return CSV, a line per averaging time: of each axis deviation, band, fit, freedom.
+
+    The last of each axis is its number of degrees of freedom.
+    """
     columns: list[Any] = [analysis.tau_s]
     header = ["tau_s"]
     for name, fit in zip(CHANNELS, fits, strict=True):

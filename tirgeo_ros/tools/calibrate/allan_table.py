@@ -1,4 +1,4 @@
-"""What an Allan analysis found on each axis, for programs and for people."""
+"""Format the result of an Allan analysis of each axis, for programs and for people."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import Any
 
 from tirgeo_ros.core.calibration.allan.noise_fit import FLICKER_FLOOR, NoiseFit, Term
 
-#: Of gyroscope and accelerometer: its unit.
+#: Sensor -> the unit of its samples.
 UNITS = {"gyro": "rad/s", "accel": "m/s2"}
 _WALKS = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
 _COLUMNS = ("axis", "N", "B", "min", "min/0.664", "at [s]", "K", "bias sigma", "bias time [s]")
 
 
 def axis_of(name: str, fit: NoiseFit) -> dict[str, Any]:
-    """The result of one axis, in SI units; None for what the record does not show."""
+    """Return the result of one axis, in SI units.
+
+    None for a term that the record does not show.
+    """
     bias = fit.bias
     return {
         "axis": name,
@@ -39,7 +42,7 @@ def axis_of(name: str, fit: NoiseFit) -> dict[str, Any]:
 
 
 def table(axes: Sequence[Mapping[str, Any]]) -> str:
-    """The axes as lines of columns, the gyroscope's above the accelerometer's."""
+    """Return the axes as a text table, the gyroscope's above the accelerometer's."""
     lines = []
     for sensor, unit in UNITS.items():
         rows = [_row(axis) for axis in axes if axis["axis"].startswith(sensor)]

@@ -1,4 +1,4 @@
-"""What to warn of in a record at rest: movement, vibration, drift, its stamps, its length."""
+"""Warn of problems in a record at rest: movement, vibration, drift, its stamps, its length."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tirgeo_ros.core.calibration.allan.stillness import (
 from tirgeo_ros.tools.calibrate.allan_table import UNITS
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, ImuRecord, RestRecord
 
-#: No shorter piece of rest tells the noise.
+#: A shorter piece of rest does not determine the noise.
 LEAST_SPAN_S = 60.0
 _NAMED = 3  # intervals or lines that a warning lists
-_MUCH = 0.01  # share of missing, repeated or equal samples that is worth a word
-_SHAKY = 0.2  # jitter as a part of the time between samples
+_MUCH = 0.01  # share of missing, repeated or equal samples that causes a warning
+_SHAKY = 0.2  # jitter as a fraction of the time between samples
 _MISFIT = 2.0
-_LONG_S = 1.0  # averaging times that a sensor's own filter does not reach
+_LONG_S = 1.0  # averaging times that are not affected by a sensor's own filter
 
 
 def doubts(
@@ -35,7 +35,10 @@ def doubts(
     seconds: Seconds,
     ramps: Sequence[float],
 ) -> list[str]:
-    """One line each; ``ramps`` (6) are the slopes (unit/s) of axes that drift steadily, else 0."""
+    """Return the warnings, one line each.
+
+    ``ramps`` (6) are the slopes (unit/s) of axes with a steady drift, 0 for the others.
+    """
     lines = record.spectrum.lines() if record.spectrum else []
     return [
         *filter(None, [movement(seconds, record.from_s)]),
@@ -49,9 +52,9 @@ def doubts(
 
 
 def movement(seconds: Seconds, record_from_s: float) -> str:
-    """When and how much the IMU moved, and what to do; empty for a record at rest.
+    """Return when and how much the IMU moved, and what to do; empty for a record at rest.
 
-    Times are since the first message, as ``--from`` and ``--to`` count them.
+    Times are since the first message, as for ``--from`` and ``--to``.
     """
     found = movements(seconds)
     if not found:
@@ -135,17 +138,17 @@ def _length(analysis: AllanAnalysis, fits: Sequence[NoiseFit]) -> Iterator[str]:
 
 
 def sample_doubts(record: ImuRecord) -> Iterator[str]:
-    """What is wrong with the samples of any record, at rest or in flight."""
-    told = record.grid.irregularities
-    samples = max(told.samples, 1)
-    lost = told.missing + told.not_finite + record.unreadable
+    """Yield what is wrong with the samples of any record, at rest or in flight."""
+    counts = record.grid.irregularities
+    samples = max(counts.samples, 1)
+    lost = counts.missing + counts.not_finite + record.unreadable
     if lost > _MUCH * samples:
         yield f"{lost} samples beside {samples} are missing, unreadable or not finite"
-    if told.repeated + told.late > _MUCH * samples:
-        yield f"{told.repeated + told.late} stamps repeat the one before or go back: left out"
-    if told.identical > _MUCH * samples:
+    if counts.repeated + counts.late > _MUCH * samples:
+        yield f"{counts.repeated + counts.late} stamps repeat the one before or go back: left out"
+    if counts.identical > _MUCH * samples:
         yield (
-            f"{100 * told.identical / samples:.0f} % of the samples equal the one before: the "
+            f"{100 * counts.identical / samples:.0f} % of the samples equal the one before: the "
             "topic is faster than the sensor, or the sensor is coarse"
         )
 

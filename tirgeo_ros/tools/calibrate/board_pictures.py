@@ -1,4 +1,4 @@
-"""Pictures for calibrations: from files, from folders of them, or from a bag's thermal video."""
+"""Read pictures for calibrations: from files, from folders, or from a bag's thermal video."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
 
 
 class Taken(NamedTuple):
-    """A picture, or None where it cannot be read."""
+    """Hold a picture; its pixels are None if it cannot be read."""
 
     name: str
-    stamp_ns: int | None  # of a bag's picture
+    stamp_ns: int | None  # of a picture from a bag
     pixels: RawPixels | None
 
 
 def is_bag(paths: Sequence[Path]) -> bool:
-    """Whether a bag is given. Raises CalibrationError for one among other things."""
+    """Return whether the input is a bag. Raise CalibrationError for a bag among other inputs."""
     bags = [path for path in paths if path.suffix.lower() == ".mcap"]
     if bags and len(paths) > 1:
         raise CalibrationError(f"{bags[0]}: give a bag by itself, or pictures")
@@ -43,9 +43,9 @@ def is_bag(paths: Sequence[Path]) -> bool:
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
-    """The pictures' files: those given, and those in folders in the order of their numbers.
+    """Return the picture files: those given, and those in folders in the order of their numbers.
 
-    Raises CalibrationError for what is not there or holds no picture.
+    Raise CalibrationError for a path that does not exist, or a folder without pictures.
     """
     found: list[Path] = []
     for path in paths:
@@ -62,13 +62,16 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """``view_2`` before ``view_10``."""
+    """Return a sort key that puts ``view_2`` before ``view_10``."""
     parts = re.split(r"(\d+)", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:
-    """The pictures of files, in their order; names are told with as much of the path as needed."""
+    """Yield the pictures of files, in order.
+
+    They are named by file name, or by path if two files have the same name.
+    """
     short = len({path.name for path in files}) == len(files)
     for number, path in enumerate(files):
         progress(number, len(files))
@@ -76,7 +79,10 @@ def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken
 
 
 def _read(path: Path) -> RawPixels | None:
-    """(h, w) uint8 or uint16, or (h, w, 3) uint8. Raises CalibrationError for one too large."""
+    """Return pixels (h, w) uint8 or uint16, or (h, w, 3) uint8; None if it cannot be read.
+
+    Raise CalibrationError for a picture that is too large.
+    """
     try:
         pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
     except OSError:
@@ -86,14 +92,14 @@ def _read(path: Path) -> RawPixels | None:
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         return None
     if pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = pixels[..., 0]  # written by what knew colour pictures alone
+        pixels = pixels[..., 0]  # written as colour by a program that knows no 16 bit grey
     return np.asarray(pixels)
 
 
 class BoardVideo:
-    """The thermal pictures of a bag, and its camera.
+    """Read the thermal pictures of a bag, and its camera.
 
-    Raises BagError where there are no pictures.
+    Raise BagError if there are no pictures.
     """
 
     def __init__(self, bag: Path, namespace: str = "") -> None:
@@ -110,18 +116,18 @@ class BoardVideo:
 
     @property
     def damage(self) -> str | None:
-        """What of the bag was lost, once its pictures were read."""
+        """Return what of the bag was lost, or None, once its pictures were read."""
         return None if self.reader.damage is None else f"{self.reader.path}: {self.reader.damage}"
 
     def pictures(self, progress: Report) -> Iterator[Taken]:
-        """All pictures, in order; ``progress`` is told seconds."""
+        """Yield all pictures, in order; call ``progress`` with seconds."""
         first_ns, last_ns = self.reader.span_ns
         for message in self.reader.messages([self._pictures]):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
             yield self._picture(message)
 
     def camera(self) -> Camera:
-        """The camera of the first ``thermal/camera_info``. Raises BagError, CameraError."""
+        """Return the camera of the first ``thermal/camera_info``. Raise BagError, CameraError."""
         if self._info not in self.reader.topics():
             raise BagError(f"{self.reader.path}: topic absent: {self._info}; give --camera")
         message = next(iter(self.reader.messages([self._info])), None)
@@ -150,7 +156,7 @@ class BoardVideo:
 
 
 def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
-    """Of each so many seconds of a video the sharpest picture; what cannot be read comes too."""
+    """Yield the sharpest picture of each ``every_s`` of a video, and all unreadable ones."""
     best: tuple[float, Taken] | None = None
     begun_ns = 0
     for taken in pictures:
@@ -170,13 +176,13 @@ def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
 
 
 def _sharpness(pixels: RawPixels) -> float:
-    """Mean square of the slopes of the slightly calmed picture: noise counts little."""
+    """Return the mean square gradient of the slightly smoothed picture: noise counts little."""
     calm = cv2.GaussianBlur(grey_of(pixels).astype(np.float32), (0, 0), 1.0)
     return float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))
 
 
 def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
-    """Of a video so many pictures a second, as evenly as it has them; the unreadable come too."""
+    """Yield ``rate_hz`` pictures a second of a video, evenly spaced, and all unreadable ones."""
     due_ns: float | None = None
     step_ns = 1e9 / rate_hz
     for taken in pictures:

@@ -1,4 +1,4 @@
-"""Boresight, latency and their like from a recorded flight: ``tirgeo calibrate boresight``."""
+"""Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from tirgeo_ros.tools.calibrate.boresight_result import parameter_text, summary
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
-#: What is estimated where nothing is asked for, and what only if the flight can tell it.
+#: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
 IF_TOLD = "gimbal_north"
-#: How well an operator hits a point in a thermal picture, px, one standard deviation per axis.
+#: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
-_SEEN_SHARE = 4.0  # of LIMITS: beyond 2 deg of sigma a test of it means nothing
-_MOST_COST = 1.5  # times as uncertain as without a parameter that nobody asked for
-_SURE_SIGMAS = 3.0  # three in a thousand flights by chance
+_SEEN_SHARE = 4.0  # factor on LIMITS: beyond 2 deg of sigma its test is meaningless
+_MOST_COST = 1.5  # largest growth of sigma that an optional parameter may cause
+_SURE_SIGMAS = 3.0  # exceeded by chance in three of a thousand flights
 _FOLLOWED = (
     "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
     "nothing to find; leave it out"
@@ -53,12 +53,12 @@ def calibrate_boresight(
     camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Write the parameters that a flight over surveyed points shows; a summary.
+    """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
-    ``estimate`` are names of ``core.boresight.PARAMETERS``; None: USUAL, and IF_TOLD where the
-    flight can tell it. Those in ``hold`` stay as ``params`` has them. ``plot`` is a PNG of the
-    residuals. Raises CalibrationError where the flight cannot tell what is asked for, BagError,
-    ConfigError, SurveyError.
+    ``estimate`` are names of ``core.calibration.boresight.model.PARAMETERS``; None: USUAL, and
+    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``.
+    ``plot`` is the path of a PNG of the residuals. Raise CalibrationError if the flight cannot
+    determine what is asked for, BagError, ConfigError, SurveyError.
     """
     configs = node_configs(params, namespace, camera=camera)
     given = (bag_in, survey, observations, *paths_of(params), *configs.files)
@@ -110,10 +110,13 @@ def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
 
 
 def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, list[str]]:
-    """The fit, and notes on what was left out of it; ``strict``: nothing may be."""
+    """Return the fit, and notes on what was left out of it; ``strict``: leave nothing out.
+
+    Raise CalibrationError if a parameter is not determined well enough.
+    """
     check_numbers(read.sightings)
     notes = []
-    if not strict:  # the north can only add to what these leave open
+    if not strict:  # an estimated north could only increase the uncertainty of these
         usual = [name for name in wanted if name != IF_TOLD]
         _refuse(doubt(read.flight, read.sightings, usual, _foreseen(read, usual)))
     why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
@@ -138,7 +141,7 @@ def _foreseen(read: ReadFlight, wanted: Sequence[str]) -> Array:
 
 
 def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
-    """Why the gimbal's north is better held; None where it is told. Raises if ``strict``."""
+    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``."""
     if read.follows_north and strict:
         raise CalibrationError(_FOLLOWED)
     if read.follows_north:
@@ -158,14 +161,14 @@ def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> 
 
 
 def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Whether taking in the gimbal's north makes another parameter much less known."""
+    """Return whether estimating the gimbal's north makes another parameter much less certain."""
     others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
     alone = _foreseen(read, [wanted[k] for k in others]).diagonal()
     return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
 
 
 def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Whether the gimbal's north is seen, if not well, and is surely not as it is held."""
+    """Return whether the gimbal's north is observable and significantly off its held value."""
     if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is not None:
         return False
     trial = fit(read.flight, read.sightings, wanted)

@@ -1,7 +1,7 @@
-"""A recorded flight over surveyed points, read for a boresight calibration.
+"""Read a recorded flight over surveyed points for a boresight calibration.
 
-It goes through the nodes' core objects with the parameters as they are and, in the same pass, with
-a step of each that acts before the camera's pose is made.
+It runs through the nodes' core objects with the parameters as they are and, in the same pass, with
+a step in each parameter that acts before the camera pose is computed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _STEP_DEG = 1.0
 
 @dataclass(frozen=True)
 class ReadFlight:
-    """A flight that went through the filter, and what was seen of it."""
+    """Hold a flight that went through the filter, and the observations of its points."""
 
     flight: Flight
     plane: TangentPlane
@@ -38,11 +38,11 @@ class ReadFlight:
     lost: int  # observations of pictures without a pose
     ground_m: float  # median height of the points seen, ellipsoidal; nan without any
     by_encoders: bool
-    follows_north: bool  # the flight's own readings show the gimbal's north
+    follows_north: bool  # the composer used its own estimates of the gimbal's north
 
     @property
     def notes(self) -> list[str]:
-        """Which observations cannot be used."""
+        """Return notes on the observations that cannot be used."""
         found = []
         if self.unknown:
             found.append(f"{self.unknown} observations of points that the survey does not have")
@@ -61,7 +61,7 @@ def read_flight(
     click_sigma_px: float,
     progress: Report,
 ) -> ReadFlight:
-    """Read a bag once. Raises BagError, and CalibrationError where the filter makes no pose."""
+    """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
     recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
     passes = _passes(recorded, configs, wanted, seen)
     recorded.read_all(progress)
@@ -90,12 +90,12 @@ def _passes(
     wanted: Sequence[str],
     seen: Sequence[Observation],
 ) -> dict[str, FlightPoses]:
-    """The flight as it is, under an empty name, and with a step of those parameters wanted."""
+    """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
     instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
     passes = {"": recorded.registered(ekf, gimbal, instants_ns)}
     if "gimbal_north" in wanted:
-        # of the two, one acts: that of the composition in use
+        # Only one of the two has an effect: that of the composition in use.
         north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + _STEP_DEG)
         stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + _STEP_DEG)
         passes["gimbal_north"] = recorded.registered(ekf, stepped, instants_ns)
@@ -112,7 +112,10 @@ def _follows_north(composer: GimbalComposer) -> bool:
 
 
 def _unknown_north(composer: GimbalComposer, gimbal: GimbalConfig) -> float:
-    """Variance in the poses of a north that nothing showed: the configured one, rad2."""
+    """Return the variance (rad2) of the configured gimbal's north in the poses.
+
+    It is 0 if joint angles or the flight's own readings give the north.
+    """
     shown = composer.sees_joints or _follows_north(composer)
     return 0.0 if shown else math.radians(gimbal.north.sigma_deg) ** 2
 
@@ -141,7 +144,7 @@ def _with_sightings(
 
 
 def _has_pose(flight: Flight, stamp_ns: int) -> bool:
-    """With its motion, and in every pass."""
+    """Return whether a picture has a pose with its motion, in every run."""
     exposure_ns = stamp_ns - round(flight.latency_s * 1e9)
     everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
     found = [poses(exposure_ns) for poses in everywhere]

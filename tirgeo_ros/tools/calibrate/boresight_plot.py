@@ -1,4 +1,4 @@
-"""Residuals of a boresight calibration over the picture, before and after."""
+"""Plot the residuals of a boresight calibration over the picture, before and after."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
-#: The longest arrow of a panel is so long, px of the picture.
+#: Length of a panel's longest arrow, px of the picture.
 _LONGEST_PX = 60.0
 
 
 def residual_plot(camera: Camera, sightings: Sequence[Sighting], found: Fit) -> bytes:
-    """A PNG: at every observation an arrow to where its point was expected, left out ones too."""
+    """Return a PNG: an arrow from each observation to its point's expected pixel, outliers too."""
     uv = np.array([one.uv for one in sightings])
     made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)
     for panel, title, residuals in zip(
@@ -42,7 +42,7 @@ def _panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
         shown = part & np.isfinite(residuals[:, 0])
         if not shown.any():
             continue
-        # one that is left out may be hundreds of pixels off: its arrow is cut
+        # An outlier may be hundreds of pixels off: its arrow is cut.
         lengths = np.hypot(*residuals[shown].T)
         cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
         arrows = -residuals[shown] * times * cut

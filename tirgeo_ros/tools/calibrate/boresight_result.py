@@ -1,4 +1,4 @@
-"""What a boresight calibration found, as numbers for a program and as a parameter file."""
+"""Hold the result of a boresight calibration, as numbers and as a parameter file."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 
-#: Residuals larger than expected by this are worth a word.
+#: Residuals larger than expected by this factor cause a note.
 _MUCH = 2.0
-_UNITS = {"latency": "ms", "ground_height": "m"}  # the others: deg
+_UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
 _PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
 _BORESIGHT = "boresight_rpy_deg"
 _SECOND = "aircraft.second_antenna_m"
-_ALL = ""  # nodes
+_ALL = ""  # all nodes
 _PLACES = {
     "roll": ("gimbal_node", _BORESIGHT),
     "pitch": ("gimbal_node", _BORESIGHT),
@@ -40,7 +40,7 @@ _PLACES = {
 
 
 class Parameters:
-    """Where each of PARAMETERS stands among the nodes', and what it was in this flight."""
+    """Map each of PARAMETERS to a parameter of the nodes, and give its value in this flight."""
 
     def __init__(self, configs: NodeConfigs, read: ReadFlight) -> None:
         north = "yaw_zero_deg" if read.by_encoders else "north.bias_deg"
@@ -55,12 +55,12 @@ class Parameters:
         }
 
     def value(self, name: str) -> float:
-        """Of one of PARAMETERS, in the table's unit."""
+        """Return the value of one of PARAMETERS, in its unit (deg, ms or m)."""
         if name == "ground_height":
-            return self._ground_m  # its correction is counted from the survey's heights
+            return self._ground_m  # the correction is relative to the survey's heights
         if name == "heading_offset":
             direction_deg = self._aircraft.baseline_deg
-            assert direction_deg is not None  # looked at before the flight was read
+            assert direction_deg is not None  # checked before the flight was read
             return direction_deg
         node, key = self._places[name]
         given = values_of(self._configs[node])[key]
@@ -69,7 +69,7 @@ class Parameters:
         return float(given) * (_PER_UNIT["ms"] if name == "latency" else 1.0)
 
     def nodes(self, found: Mapping[str, float]) -> dict[str, dict[str, Value]]:
-        """Values by node and key, of what was found. ConfigError where one is out of its range."""
+        """Return estimates as node -> key -> value. Raise ConfigError for one out of range."""
         nodes: dict[str, dict[str, Value]] = {}
         for name, value in found.items():
             node, key = self._places[name]
@@ -88,14 +88,14 @@ class Parameters:
 
 
 def _turned_second_m(aircraft: AircraftConfig, turn_rad: float) -> list[float]:
-    """The second antenna's place when it is turned about the first, clockwise from above."""
+    """Return the second antenna's position (3,) m turned about the first, clockwise from above."""
     first, second = np.array(aircraft.rtk_antenna_m), np.array(aircraft.second_antenna_m)
     turned: list[float] = (first + rotation_z(-turn_rad) @ (second - first)).tolist()
     return turned
 
 
 class Estimate(NamedTuple):
-    """One parameter, in its unit of the table."""
+    """Hold one parameter, in its unit (deg, ms or m)."""
 
     name: str
     unit: str
@@ -105,7 +105,7 @@ class Estimate(NamedTuple):
 
 
 class Outlier(NamedTuple):
-    """An observation that agrees with no other."""
+    """Hold an observation that disagrees with the others."""
 
     id: str
     stamp_ns: int
@@ -114,7 +114,7 @@ class Outlier(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """All that is told of a calibration."""
+    """Hold the full result of a calibration."""
 
     composition: str
     estimates: list[Estimate]
@@ -125,12 +125,13 @@ class Result:
     outliers: list[Outlier]
     noise_factor: float
     residual_px: tuple[float, float]  # rms before and after
-    ground_m: tuple[float, float, float]  # rmse before, after, and each point by the others alone
+    # rmse before, after, and of each point from the others only.
+    ground_m: tuple[float, float, float]
     nodes: dict[str, dict[str, Value]]
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know of it."""
+        """Return notes for the user."""
         found = [
             f"left out {one.id} at {one.stamp_ns}: "
             + ("not in view" if one.off_px is None else f"{one.off_px:.0f} px off")
@@ -153,7 +154,10 @@ class Result:
         return found
 
     def as_dict(self) -> dict[str, object]:
-        """For a program; lengths in px and m."""
+        """Return the result as plain values for JSON.
+
+        Residuals in px, lengths on the ground in m.
+        """
         before, after = self.residual_px
         return {
             "composition": self.composition,
@@ -172,7 +176,7 @@ class Result:
 
 
 def summary(read: ReadFlight, configs: NodeConfigs, found: Fit) -> Result:
-    """The result of a fit. Raises ConfigError where a parameter would be out of its range."""
+    """Return the result of a fit. Raise ConfigError if a parameter would be out of its range."""
     used = [one for one, is_used in zip(read.sightings, found.used, strict=True) if is_used]
     names = {one.id for one in used}
     parameters = Parameters(configs, read)
@@ -196,7 +200,7 @@ def summary(read: ReadFlight, configs: NodeConfigs, found: Fit) -> Result:
 def _ground_m(
     read: ReadFlight, used: Sequence[Sighting], found: Fit
 ) -> tuple[float, float, float]:
-    """Errors on the ground before, after, and of each point by the others alone."""
+    """Return the rmse on the ground (m): before, after, and of each point from the others only."""
     ways = (
         dict.fromkeys(found.by_point, np.zeros(len(PARAMETERS))),
         dict.fromkeys(found.by_point, found.correction),
@@ -229,7 +233,7 @@ def _outliers(sightings: Sequence[Sighting], found: Fit) -> list[Outlier]:
 
 
 def parameter_text(bag_in: PathLike, result: Result) -> str:
-    """A parameter file of what was found, with how well under its head."""
+    """Return a parameter file of the estimates; its head lists their sigmas."""
     pixels_before, pixels_after = result.residual_px
     before, after, others = result.ground_m
     estimates = [

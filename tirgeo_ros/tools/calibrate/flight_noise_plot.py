@@ -1,4 +1,4 @@
-"""The spectrum of each axis of an IMU in flight, with what was read from it."""
+"""Plot the noise spectrum of each axis of an IMU in flight, with the densities read from it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tirgeo_ros.tools.calibrate.flight_noise_table import DENSITIES, HIGH, LOW
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 _TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer"}
-_LINES = 3  # marked on each axis
+_LINES = 3  # marked on each axis, at most
 
 
 def spectra_png(
     flying: Pieces, resting: Pieces, axes: Sequence[Mapping[str, Any]], what: str
 ) -> bytes:
-    """Density over frequency, its spread over the flight, and the densities that were found."""
+    """Return a PNG: density over frequency, its spread over the flight, found densities."""
     made, panels = figure(12.0, 7.2, 2, 3, sharex=True, sharey="row")
     made.suptitle(what)
     for channel, (panel, axis) in enumerate(zip(panels.flat, axes, strict=True)):
@@ -34,7 +34,7 @@ def spectra_png(
         for panel in panels.flat
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
     }
-    # Beneath the panels; 'outside lower center' is a word that Matplotlib 3.6 does not know.
+    # Below the panels; Matplotlib 3.6 does not know 'outside lower center'.
     made.supxlabel(" ", fontsize=12)
     made.legend(named.values(), named.keys(), loc="lower center", ncols=8, fontsize=8)
     return png(made)
@@ -43,7 +43,8 @@ def spectra_png(
 def _draw(
     panel: Any, flying: Pieces, resting: Pieces, axis: Mapping[str, Any], channel: int
 ) -> None:
-    shown = slice(1, -1)  # without the mean, which is taken out, and the last, which is half
+    # Without the mean, which was subtracted, and the last, which is half a bin.
+    shown = slice(1, -1)
     hz = flying.frequencies_hz[shown]
     low, median, high = np.percentile(flying.spectra[:, shown, channel], (LOW, 50, HIGH), axis=0)
     panel.axvspan(0, MOTION_HZ, color="#eeeeee", lw=0, label="motion: not looked at")

@@ -1,4 +1,4 @@
-"""What was measured of an IMU's noise in flight on each axis, for programs and for people."""
+"""Format the noise of an IMU in flight on each axis, for programs and for people."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS
 
 _UNITS = {"gyro": "rad/s", "accel": "m/s2"}
-#: Of gyroscope and accelerometer: the unit of its density.
+#: Sensor -> the unit of its noise density.
 DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
 _COLUMNS = (
     *("axis", "10 %", "median", "90 %", "2nd diff.", "at rest", "configured", "written"),
     *("rms", "peak", "clipped", "lines: Hz (amplitude)"),
 )
-#: What low and high stand for.
+#: Percentiles of low and high.
 LOW, HIGH = 10, 90
 _NAMED_LINES = 3
 
@@ -32,7 +32,7 @@ def axes_of(
     imu: ImuConfig,
     written: Sequence[float],
 ) -> list[dict[str, Any]]:
-    """The result of each axis (gyroscope x, y, z, accelerometer x, y, z) in SI units."""
+    """Return the result of each axis (gyroscope x, y, z, accelerometer x, y, z) in SI units."""
     low, median, high = np.percentile(flying.floors, (LOW, 50, HIGH), axis=0).tolist()
     rest = np.median(resting.floors, axis=0).tolist() if len(resting.starts_s) else [None] * 6
     configured = [*imu.angle_random_walk, *imu.velocity_random_walk]
@@ -63,7 +63,7 @@ def _rms(parts: Array) -> float:
 
 
 def table(axes: Sequence[Mapping[str, Any]]) -> str:
-    """The axes as lines of columns, the gyroscope's above the accelerometer's."""
+    """Return the axes as a text table, the gyroscope's above the accelerometer's."""
     lines = []
     for sensor, unit in _UNITS.items():
         rows = [_row(axis) for axis in axes if axis["axis"].startswith(sensor)]

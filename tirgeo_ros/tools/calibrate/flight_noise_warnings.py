@@ -1,4 +1,4 @@
-"""What to refuse and what to warn of in a record of an IMU in flight."""
+"""Refuse an unusable record of an IMU in flight, and warn of problems in others."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, FlightRecord
 
 LEAST_S = 20.0
 _LEAST_HZ = 40.0
-_SHAKY = 0.4  # jitter as a part of the time between samples
-_SLOPED = 3.0  # density of the lower half of the band over the upper's
+_SHAKY = 0.4  # jitter as a fraction of the time between samples
+_SLOPED = 3.0  # density of the band's lower half over that of its upper half
 
 
 def check(record: FlightRecord, pieces: Pieces) -> None:
-    """Raise CalibrationError for a record that tells no noise in flight; one line."""
+    """Raise CalibrationError (one line) for a record that does not show noise in flight."""
     grid, stream = record.grid, record.stream
     rate_hz = 1e9 / grid.mean_step_ns
     if rate_hz < _LEAST_HZ:
@@ -60,7 +60,7 @@ def check(record: FlightRecord, pieces: Pieces) -> None:
 
 
 def doubts(record: FlightRecord, flying: Pieces) -> list[str]:
-    """One line each."""
+    """Return the warnings, one line each."""
     return [
         *_clipped(record),
         *_colour(flying),
@@ -75,7 +75,7 @@ def _clipped(record: FlightRecord) -> Iterator[str]:
 
 
 def _colour(flying: Pieces) -> Iterator[str]:
-    """A floor that falls with frequency is the sensor's own filter, or vibration without lines."""
+    """Yield a warning if the floor falls with frequency: a sensor's filter, or broad vibration."""
     spectra = np.median(flying.spectra[:, flying.above_motion()], axis=0)
     half = len(spectra) // 2
     middle_hz = (MOTION_HZ + flying.frequencies_hz[-1]) / 2

@@ -1,6 +1,6 @@
-"""How still a gimbal holds its camera, from a video of a fixed checkerboard.
+"""Measure how still a gimbal holds its camera, from a video of a fixed checkerboard.
 
-The work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, Table 8).
+This is the work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, Table 8).
 """
 
 from __future__ import annotations
@@ -35,36 +35,36 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 AXES = ("roll", "pitch", "yaw")
 _FEWEST = 10
-#: A share of pictures without a board at which the numbers may not be those of the whole video.
+#: With more than this share of pictures without a board, the numbers may not represent the video.
 _MANY_LOST = 0.2
-#: The picture's noise tells on an axis where it makes so much of its standard deviation.
+#: Share of an axis's standard deviation from the picture's noise that causes a warning.
 _NOISY = 0.5
 _MOST_RMS_PX = 1.5
 
 
 @dataclass(frozen=True)
 class Attitudes:
-    """A camera's attitude against a fixed board, over N pictures."""
+    """Hold a camera's attitudes relative to a fixed board, over N pictures."""
 
     names: list[str]
     times_s: Array  # (N,) since the first picture
-    angles_rad: Array  # (N, 3) roll, pitch, yaw, without jumps of whole turns
-    sigmas_rad: Array  # (N, 3) standard deviations, of the picture's noise
+    angles_rad: Array  # roll, pitch, yaw, unwrapped
+    sigmas_rad: Array  # standard deviations from the picture's noise
     rms_px: Array  # (N,) reprojection errors
 
     @property
     def std_rad(self) -> Array:
-        """(3,) standard deviation of each axis about its mean."""
+        """Return the standard deviation of each axis about its mean (3,), rad."""
         return np.asarray(self.angles_rad.std(0, ddof=1))
 
     @property
     def still_rad(self) -> Array:
-        """(3,) the standard deviation that is left without the picture's noise."""
+        """Return the standard deviation of each axis without the picture's noise (3,), rad."""
         return np.asarray(np.sqrt(np.maximum(self.std_rad**2 - self.noise_rad**2, 0.0)))
 
     @property
     def noise_rad(self) -> Array:
-        """(3,) what of it the picture's noise makes, root mean square."""
+        """Return the rms of the picture's noise on each axis (3,), rad."""
         return np.asarray(np.sqrt((self.sigmas_rad**2).mean(0)))
 
 
@@ -79,12 +79,12 @@ def calibrate_gimbal(
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
-    """The standard deviation of a camera's roll, pitch and yaw; a summary.
+    """Measure the standard deviation of a camera's roll, pitch and yaw; return a summary.
 
-    ``inputs`` is a bag, of which ``rate_hz`` pictures a second are looked at, or pictures that
-    were taken at this rate. ``camera`` is a calibration file; without one the bag's own is used.
-    Writes the time series (CSV) and a plot where asked: both or none. Raises CalibrationError,
-    CameraError, BagError.
+    ``inputs`` is a bag, of which ``rate_hz`` pictures a second are used, or pictures that were
+    taken at this rate. ``camera`` is a calibration file; without one the bag's own is used. Write
+    the time series (CSV) and a plot if asked: both or none. Raise CalibrationError, CameraError,
+    BagError.
     """
     by_bag = is_bag(inputs)
     if camera is None and not by_bag:
@@ -117,7 +117,7 @@ def calibrate_gimbal(
 
 
 def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
-    """Pictures with the stamps of their places in the row."""
+    """Yield the pictures with stamps computed from their index and the rate."""
     for number, taken in enumerate(pictures):
         yield taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
 
@@ -125,9 +125,9 @@ def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
 def attitudes_in(
     pictures: Iterator[Taken], board: Checkerboard, camera: Camera
 ) -> tuple[Attitudes, BoardSightings]:
-    """The camera's attitude in every picture that shows the board, and why not in the others.
+    """Return the camera's attitude in each picture with the board, and the refused pictures.
 
-    Raises CalibrationError where the pictures are not the camera's.
+    Raise CalibrationError if the pictures have another size than the camera's calibration.
     """
     tracker, lost = BoardTracker(board, camera), BoardSightings()
     rows: list[tuple[str, int, Array, Array, float]] = []
@@ -210,7 +210,7 @@ def _warning(found: Attitudes, lost: BoardSightings, total: int) -> str | None:
 
 
 def attitudes_csv(found: Attitudes) -> str:
-    """One line a picture: time, angles and their standard deviations in degrees, error in px."""
+    """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
     rows = [["picture", "time_s", *names, "rms_px"]]
     numbers = np.degrees(np.hstack([found.angles_rad, found.sigmas_rad]))
@@ -222,7 +222,7 @@ def attitudes_csv(found: Attitudes) -> str:
 
 
 def attitudes_png(found: Attitudes) -> bytes:
-    """The angles about their means, over time (Ren et al. 2022, Fig. 29)."""
+    """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
     made, all_axes = figure(7.0, 6.0, rows=3, sharex=True)
     angles = np.degrees(found.angles_rad - found.angles_rad.mean(0))
     for number, (axes, name) in enumerate(zip(all_axes, AXES, strict=True)):

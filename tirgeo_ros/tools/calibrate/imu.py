@@ -1,7 +1,7 @@
-"""White noise of an IMU in flight: the work of ``tirgeo calibrate imu``.
+"""Estimate the white noise of an IMU in flight: the work of ``tirgeo calibrate imu``.
 
-The axes x, y, z are those of the messages (forward, left, up). The filter's own (forward, right,
-down) differ in sign alone, which noise has none of: the parameters are the same.
+The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
+down) differ only in sign, which does not change noise parameters.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-_ENOUGH_REST = 3  # pieces at rest that tell a density to 3 %
+_ENOUGH_REST = 3  # pieces at rest needed for a density that is accurate to 3 %
 _HEAD = """\
 Noise of the IMU in flight, {name}: {flying_s} s at {rate_hz:.2f} Hz, by tirgeo calibrate imu.
 
@@ -53,10 +53,10 @@ def calibrate_imu(
     plot: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Find the noise of an IMU in a flight between two times (s) since its first message.
+    """Estimate the noise of an IMU in a flight between two times (s) since its first message.
 
-    Writes parameters for ekf_node and a plot (beside ``output`` as ``.png`` unless named), both
-    or none; nothing without an output. ``params`` is what the densities are compared with. Raises
+    Write parameters for ekf_node and a plot (beside ``output`` as ``.png`` unless named), both or
+    none; nothing without an output. The densities are compared with those in ``params``. Raise
     BagError, ConfigError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if output and plot is None else plot
@@ -69,21 +69,21 @@ def calibrate_imu(
     flying, resting = _flown(reader, record)
     densities = floor_of(flying, resting, imu).tolist()
     axes = axes_of(flying, resting, record.clipping.counts, imu, densities)
-    told = _told(record, flying, resting)
+    numbers = _record_numbers(record, flying, resting)
     files: dict[PathLike, str | bytes] = {}
     if output is not None:
-        head = _HEAD.format(name=Path(bag).name, **told) + table(axes)
+        head = _HEAD.format(name=Path(bag).name, **numbers) + table(axes)
         files[output] = parameters_yaml({"ekf_node": parameters_of(densities)}, head)
     if picture is not None:
-        name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts have UTF-8 alone
-        what = f"{name}: {told['flying_s']} s in flight"
+        name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts take valid UTF-8 only
+        what = f"{name}: {numbers['flying_s']} s in flight"
         files[picture] = spectra_png(flying, resting, axes, what)
     write_files(files, CalibrationError)
     warnings = doubts(record, flying)
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **told,
+        **numbers,
         "axes": axes,
         "parameters": parameters_of(densities),
         "warnings": warnings,
@@ -93,7 +93,7 @@ def calibrate_imu(
 
 
 def parameters_of(densities: Sequence[float]) -> dict[str, Value]:
-    """What ekf_node takes of gyroscope and accelerometer (6 axes)."""
+    """Return the parameters of ekf_node for gyroscope and accelerometer (6 axes)."""
     return {
         "imu.angle_random_walk": list(densities[:3]),
         "imu.velocity_random_walk": list(densities[3:]),
@@ -101,11 +101,11 @@ def parameters_of(densities: Sequence[float]) -> dict[str, Value]:
 
 
 def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
-    """The densities (6,) to put under what the filter follows by itself.
+    """Return the densities (6,) below the noise that the filter follows by itself.
 
-    Of the calmest tenth of the flight: the floor between the lines, or what the filter takes there
-    from its second differences where that is less. Never less than configured, nor than the
-    sensor has at rest.
+    They come from the calmest tenth of the flight: the floor between the spectral lines, or what
+    the filter derives there from its second differences if that is less. They are never less than
+    configured, nor than the sensor's noise at rest.
     """
     floors, differences = np.percentile((flying.floors, flying.differences), LOW, axis=1)
     shares = np.repeat([imu.gyro_vibration_share, imu.accel_vibration_share], 3)
@@ -117,7 +117,7 @@ def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
 
 
 def _flown(reader: BagReader, record: FlightRecord) -> tuple[Pieces, Pieces]:
-    """Pieces in flight and pieces at rest."""
+    """Return the pieces in flight and the pieces at rest."""
     pieces = record.stream.pieces() if record.stream else PieceStream(1e9).pieces()
     try:
         check(record, pieces)
@@ -126,16 +126,16 @@ def _flown(reader: BagReader, record: FlightRecord) -> tuple[Pieces, Pieces]:
     return pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
 
 
-def _told(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
-    told, grid = record.grid.irregularities, record.grid
+def _record_numbers(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
+    counts, grid = record.grid.irregularities, record.grid
     return {
         "topic": record.topic,
         "messages": record.messages,
-        "samples": told.samples,
+        "samples": counts.samples,
         "rate_hz": 1e9 / grid.mean_step_ns,
         "jitter_ms": grid.jitter_ns * 1e-6,
         "flying_s": PIECE_S * len(flying.starts_s),
         "resting_s": PIECE_S * len(resting.starts_s),
         "skipped_s": PIECE_S * (record.stream.skipped if record.stream else 0),
-        "missing": told.missing,
+        "missing": counts.missing,
     }

@@ -1,4 +1,4 @@
-"""A record of an IMU, at rest or in flight, streamed from a bag into what tells its noise."""
+"""Stream an IMU record, at rest or in flight, from a bag into the estimators of its noise."""
 
 from __future__ import annotations
 
@@ -25,43 +25,43 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
 _TYPE = "sensor_msgs/msg/Imu"
-_BLOCK = 1 << 15  # messages decoded at a time
-_SLACK_S = 60.0  # messages logged so much after the last wanted stamp are not read
+_BLOCK = 1 << 15  # messages decoded together
+_SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
 _LEAST_HZ = 5.0
 _MOST_MISSING = 0.2
 
 
 @dataclass
 class ImuRecord:
-    """What has been read of a record; the streams are those of the core."""
+    """Hold what has been read of a record; the streams are those of the core."""
 
     topic: str  # resolved
-    from_s: float = 0.0  # begins so long after the first message
+    from_s: float = 0.0  # start of the record after the first message
     grid: SampleGrid = field(default_factory=SampleGrid)
     messages: int = 0
     unreadable: int = 0
     first_ns: int | None = None
 
     def add(self, block: ImuBlock) -> None:
-        """Take in messages. Raises CalibrationError where they show no rate."""
+        """Add messages. Raise CalibrationError if they have no regular rate."""
         self.unreadable += block.unreadable
         for piece in self.grid.add(block.stamps_ns, block.values):
             self.take(piece)
 
     def take(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive grid slots to the streams."""
 
 
 @dataclass
 class RestRecord(ImuRecord):
-    """Of an IMU at rest."""
+    """Hold the record of an IMU at rest."""
 
     allan: AllanStream = field(default_factory=AllanStream)
     seconds: SecondStream | None = None
     spectrum: SpectrumStream | None = None
 
     def take(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive grid slots to the streams."""
         if self.seconds is None or self.spectrum is None:
             self.seconds = SecondStream(self.grid.step_ns)
             self.spectrum = SpectrumStream(self.grid.step_ns)
@@ -72,14 +72,14 @@ class RestRecord(ImuRecord):
 
 @dataclass
 class FlightRecord(ImuRecord):
-    """Of an IMU in flight."""
+    """Hold the record of an IMU in flight."""
 
     grid: SampleGrid = field(default_factory=SampleRuns)
     stream: PieceStream | None = None
     clipping: Clipping = field(default_factory=Clipping)
 
     def add(self, block: ImuBlock) -> None:
-        """Take in messages. Raises CalibrationError where they show no rate."""
+        """Add messages. Raise CalibrationError if they have no regular rate."""
         super().add(block)
         finite = np.isfinite(block.values).all(axis=1)
         stamps_ns, rows = block.stamps_ns[finite].tolist(), block.values[finite]
@@ -87,7 +87,7 @@ class FlightRecord(ImuRecord):
             self.clipping.add(ImuSample(stamp_ns, values[3:], values[:3]))
 
     def take(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive grid slots to the stream."""
         if self.stream is None:
             self.stream = PieceStream(self.grid.step_ns)
         self.stream.add(piece)
@@ -104,8 +104,7 @@ def read_record(
 ) -> Record:
     """Fill a record from its topic, up to a time (s) since the topic's first message.
 
-    Raises BagError for a topic that is not there or no Imu, CalibrationError for a record that
-    nothing can be told from.
+    Raise BagError for a topic that is absent or no Imu, CalibrationError for an unusable record.
     """
     name = record.topic
     _check(reader, name)
@@ -148,8 +147,8 @@ def _blocks(reader: BagReader, name: str, to_s: float, progress: Report) -> Iter
 
 def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
     where = f"{reader.path}: {name}"
-    told, grid = record.grid.irregularities, record.grid
-    if not told.samples:
+    counts, grid = record.grid.irregularities, record.grid
+    if not counts.samples:
         raise CalibrationError(
             f"{where}: none of {record.messages} messages has a sample; look at --from and --to"
         )
@@ -158,9 +157,9 @@ def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
         raise CalibrationError(
             f"{where}: {rate_hz:.3g} samples a second are too few; record at 50 Hz or more"
         )
-    missing = told.missing + told.not_finite
-    if missing > _MOST_MISSING * (told.samples + missing):
+    missing = counts.missing + counts.not_finite
+    if missing > _MOST_MISSING * (counts.samples + missing):
         raise CalibrationError(
-            f"{where}: {missing} samples are missing or not finite beside {told.samples} good "
+            f"{where}: {missing} samples are missing or not finite beside {counts.samples} good "
             "ones; record again without loss, with the sensor's own stamps"
         )

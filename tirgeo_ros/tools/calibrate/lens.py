@@ -1,4 +1,4 @@
-"""A lens from pictures of a checkerboard: the work of ``tirgeo calibrate lens``."""
+"""Calibrate a lens from pictures of a checkerboard: the work of ``tirgeo calibrate lens``."""
 
 from __future__ import annotations
 
@@ -29,35 +29,35 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
 from tirgeo_ros.tools.calibrate.lens_plots import coverage_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_CELLS = (8, 6)  # in which a good set of views has corners
+_CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
 _FEW_VIEWS = 10
 _LEAST_COVERED = 0.7
 _LOW_TILT_DEG = 15.0
-_LOOSE = 0.5  # of a coefficient: its standard deviation
+_LOOSE = 0.5  # largest ratio of a coefficient's standard deviation to its value
 
 
 @dataclass
 class BoardSightings:
-    """The boards that were seen in pictures, and why not in the others."""
+    """Hold the boards that were seen in pictures, and why the other pictures were refused."""
 
     views: dict[str, Sighting] = field(default_factory=dict)
     refused: dict[str, Refused] = field(default_factory=dict)
-    size: tuple[int, int] = (0, 0)  # width, height of the pictures
+    size: tuple[int, int] = (0, 0)  # width, height of most pictures
 
     @property
     def pictures(self) -> int:
-        """Number of pictures."""
+        """Return the number of pictures."""
         return len(self.views) + len(self.refused)
 
     def leave(self, refused: dict[str, Refused]) -> None:
-        """Take views out."""
+        """Move views to the refused pictures."""
         for name, why in refused.items():
             del self.views[name]
             self.refused[name] = why
 
 
 def sightings_in(pictures: Iterator[Taken], board: Checkerboard) -> BoardSightings:
-    """Look for the board in every picture; those of another size than most are refused."""
+    """Look for the board in every picture; refuse pictures of another size than most."""
     seen = BoardSightings()
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
@@ -91,11 +91,11 @@ def calibrate_lens(
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Calibrate from pictures, folders of pictures, or a bag; a summary.
+    """Calibrate from pictures, folders of pictures, or a bag; return a summary.
 
-    Writes a calibration file and, if asked, a picture of what it stands on: both or none. Of a bag
-    the sharpest picture of every ``every_s`` seconds is looked at. At most ``max_views`` views,
-    the most different ones, are used. Raises CalibrationError, BagError.
+    Write a calibration file and, if asked, a plot of its views and errors: both or none. Of a bag
+    the sharpest picture of every ``every_s`` seconds is used. At most ``max_views`` views, the
+    most different ones, enter the fit. Raise CalibrationError, BagError.
     """
     by_bag = is_bag(inputs)
     check_outputs(files_of(inputs), (output, plot), CalibrationError)
@@ -128,13 +128,13 @@ def _check_seen(seen: BoardSightings) -> None:
 
 
 def reasons(seen: BoardSightings) -> str:
-    """``12 x no board, 3 x blurred``."""
+    """Return the reasons of refused pictures: ``12 x no board, 3 x blurred``."""
     counts = Counter(refused.reason.value for refused in seen.refused.values())
     return ", ".join(f"{number} x {reason}" for reason, number in counts.most_common())
 
 
 def covered_share(fit: LensFit, views: dict[str, Sighting]) -> float:
-    """Share of the picture's cells in which a used view has a corner."""
+    """Return the share of the picture's cells in which a used view has a corner."""
     corners = np.concatenate([views[name].corners_px for name in fit.views])
     size = np.array([fit.camera.width, fit.camera.height])
     cells = np.floor((corners + 0.5) / size * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
@@ -166,7 +166,7 @@ def _summary(fit: LensFit, seen: BoardSightings, spare: int) -> dict[str, object
 
 
 def _warning(fit: LensFit, covered: float) -> str | None:
-    """What makes the result less good than it looks, and what to do."""
+    """Return what makes the result less good than it looks, and what to do; None if nothing."""
     notes = []
     if len(fit.views) < _FEW_VIEWS:
         notes.append(f"{len(fit.views)} views are few: take 20")

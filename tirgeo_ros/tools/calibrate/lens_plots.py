@@ -1,4 +1,4 @@
-"""What a calibration of a lens stands on, as a picture."""
+"""Plot the views and errors of a lens calibration."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
 from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
-_ARROW_SHARE = 0.06  # of the picture's width: the usual arrow
+_ARROW_SHARE = 0.06  # length of a typical arrow as a share of the picture's width
 _MOST_NAMES = 40
 
 
 def coverage_png(fit: LensFit, views: Mapping[str, Sighting]) -> bytes:
-    """All corners on the frame with the errors enlarged, and the error of every view."""
+    """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
     made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
     _draw_corners(frame, fit, views)
     _draw_errors(bars, fit)
@@ -49,7 +49,7 @@ def _draw_corners(axes: Any, fit: LensFit, views: Mapping[str, Sighting]) -> Non
 
 
 def _round(number: float) -> float:
-    """The nearest of 1, 2, 5, 10, ... below."""
+    """Return the largest of 1, 2, 5, 10, ... that is not above the number."""
     power = 10 ** np.floor(np.log10(number))
     return float(max(step for step in (1, 2, 5) if step * power <= number * (1 + 1e-9)) * power)
 

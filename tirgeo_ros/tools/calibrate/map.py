@@ -1,4 +1,4 @@
-"""A vector map from features digitised on an orthophoto: the work of ``tirgeo calibrate map``."""
+"""Make a vector map from features digitised on an orthophoto: ``tirgeo calibrate map``."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from tirgeo_ros.io.surveys.control_points import ControlPoints, load_control_poi
 from tirgeo_ros.io.surveys.pixel_features import PixelFeatures
 from tirgeo_ros.tools.calibrate.map_residuals import residuals_png
 
-_GROSS = 4.0  # times the usual residual: of noise alone one point in 60000 is as far
-_LEAST_GROSS_PX = 0.1  # nobody hits a point better: smaller is rounding
+_GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
+_LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
 _NAMED = 5
 
 
@@ -42,11 +42,11 @@ def calibrate_map(
     image: PathLike | None = None,
     geotiff: PathLike | None = None,
 ) -> dict[str, object]:
-    """Lay features in pixels (GeoJSON) on the ground by control points; writes GeoJSON in WGS84.
+    """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
 
     ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. ``image`` is
-    written as ``geotiff`` first; of the rest all files are written or none. Raises SurveyError,
-    MapError, CalibrationError.
+    warped to ``geotiff`` first; of the other files all are written or none. Return a summary.
+    Raise SurveyError, MapError, CalibrationError.
     """
     named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
     check_outputs((vectors, points, survey, image), named, MapError)
@@ -106,7 +106,7 @@ def _check_folds(vectors: PathLike, features: PixelFeatures, folded: BoolArray) 
 
 
 def _pixel_size(found: PolynomialTransform, control: ControlPoints) -> float:
-    """Metres a pixel in the middle of the control points."""
+    """Return the pixel size (m) in the middle of the control points."""
     jacobian = found.jacobian(control.pixels.mean(axis=0)[None])[0]
     return math.sqrt(abs(float(np.linalg.det(jacobian))))
 
@@ -146,10 +146,10 @@ def _worst_sigma(found: PolynomialTransform, residuals: Residuals, pixels: Array
 
 
 def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
-    """Points whose left-out residual stands out."""
+    """Return the points whose leave-one-out residual is an outlier."""
     if math.isnan(residuals.sigma_m):
         return []
-    # A residual by the scatter that it ought to have: near the rim a point pulls the fit to it.
+    # A residual relative to its expected scatter: near the hull a point pulls the fit to itself.
     fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
     far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
     chosen = [int(k) for k in np.argsort(-fair) if far[k]][:_NAMED]

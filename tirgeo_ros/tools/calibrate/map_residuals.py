@@ -1,4 +1,4 @@
-"""A picture of what is left at the control points of an orthophoto."""
+"""Plot the residuals at the control points of an orthophoto."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.io.surveys.control_points import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
-_LONGEST = 0.12  # of the picture's width, that the longest residual is drawn
+_LONGEST = 0.12  # length of the longest residual, as a share of the picture's width
 
 
 def residuals_png(
@@ -22,7 +22,7 @@ def residuals_png(
     vertices: Array,
     outside: BoolArray,
 ) -> bytes:
-    """Control points with residuals enlarged, their hull, and the features' vertices (n, 2)."""
+    """Return a PNG: control points, residuals enlarged, hull, features' vertices (n, 2)."""
     made, axis = figure(8.0, 6.5)
     rim = np.vstack([found.hull_px, found.hull_px[:1]])
     axis.plot(*rim.T, color="#777777", lw=1.0, label="hull of the control points")

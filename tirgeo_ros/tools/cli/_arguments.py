@@ -1,4 +1,4 @@
-"""Arguments that several verbs have."""
+"""Define arguments that several verbs share."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
 
 def add_flight(parser: argparse.ArgumentParser) -> None:
-    """The recorded flight."""
+    """Add the argument of the recorded flight."""
     parser.add_argument("bag", type=Path, metavar="IN.mcap", help="the recorded flight")
 
 
 def add_survey(parser: argparse.ArgumentParser) -> None:
-    """Surveyed points and where they were seen."""
+    """Add the arguments of surveyed points and their observations."""
     parser.add_argument(
         "--survey", type=Path, metavar="GCPS", required=True, help="GeoJSON, or CSV id,lat,lon,h"
     )
@@ -33,7 +33,7 @@ def add_survey(parser: argparse.ArgumentParser) -> None:
 
 
 def add_parameters(parser: argparse.ArgumentParser) -> None:
-    """What the nodes would be given, and where their topics are."""
+    """Add the arguments of parameter files, calibration and namespace."""
     parser.add_argument(
         "--params",
         action="append",
@@ -51,7 +51,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
-    """How the aircraft's pose is found."""
+    """Add the argument of the method that computes the aircraft's pose."""
     parser.add_argument(
         "--method",
         metavar="M",
@@ -62,7 +62,10 @@ def add_method(parser: argparse.ArgumentParser) -> None:
 
 
 def add_ground(parser: argparse.ArgumentParser, otherwise: str = "") -> None:
-    """What lies under the map; ``otherwise`` says what does where nothing is given."""
+    """Add the arguments of the ground.
+
+    ``otherwise`` says in the help what is used without them.
+    """
     parser.add_argument(
         "--dem", metavar="TIF", help="elevation model of the ground; tiles of one with commas"
     )
@@ -76,13 +79,13 @@ def add_ground(parser: argparse.ArgumentParser, otherwise: str = "") -> None:
 
 
 def check_ground(args: argparse.Namespace) -> None:
-    """Raise UsageError for two grounds."""
+    """Raise UsageError if two grounds are given."""
     if args.dem is not None and args.ground_height is not None:
         raise UsageError("--dem and --ground-height are two grounds: give one")
 
 
 def add_window(parser: argparse.ArgumentParser) -> None:
-    """The part of a record that is measured."""
+    """Add the arguments of the part of a record that is measured."""
     parser.add_argument(
         "--from", dest="from_s", type=float, default=0.0, metavar="S", help="since the first"
     )
@@ -96,7 +99,7 @@ def add_verbose(
     describe_all: Callable[[Any], str],
     help: str,  # noqa: A002
 ) -> None:
-    """``-v``: in place of the short lines what ``describe_all`` makes of a result."""
+    """Add ``-v``, which prints ``describe_all(result)`` instead of the short lines."""
     parser.add_argument(
         "-v",
         "--verbose",

@@ -1,4 +1,4 @@
-"""The arguments that all calibrations with a checkerboard have."""
+"""Define the arguments that all calibrations with a checkerboard share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def add_pictures(parser: argparse.ArgumentParser) -> None:
-    """What is looked at."""
+    """Add the arguments of the pictures."""
     parser.add_argument(
         "pictures",
         type=Path,
@@ -19,7 +19,7 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
-    """What is looked for."""
+    """Add the arguments of the board."""
     parser.add_argument(
         "--board",
         required=True,

@@ -1,11 +1,11 @@
-"""A result as lines for a person: one a key, and what is left to ``-v``."""
+"""Format a result as lines for a person: one per key, the rest only with ``-v``."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-#: What is told of elsewhere than among the lines of a result.
+#: Key of a result that is printed elsewhere.
 _TOLD = "findings"
 
 
@@ -17,16 +17,16 @@ def lines(result: Mapping[str, object]) -> str:
 
 
 def not_used(refused: Mapping[str, str]) -> list[str]:
-    """A line: how many pictures were not used, by the reasons, each ``reason: detail``."""
+    """Return one line: how many pictures were not used, by reason, each ``reason: detail``."""
     if not refused:
         return []
     counts = Counter(why.partition(":")[0] for why in refused.values())
-    told = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
-    return [f"not used: {told}; -v names each"]
+    counted = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
+    return [f"not used: {counted}; -v names each"]
 
 
 def each_not_used(refused: Mapping[str, str]) -> str:
-    """A line for each picture that was not used."""
+    """Return a line for each picture that was not used."""
     return "\n".join(f"not used: {name}: {why}" for name, why in refused.items())
 
 

@@ -1,4 +1,4 @@
-"""What a verb's module imports: the type of ``subparsers`` and the error for wrong use."""
+"""Define what a verb's module imports: the type of ``subparsers`` and the error for wrong use."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  #
 
 
 class UsageError(Exception):
-    """Arguments that argparse alone cannot tell to be wrong: usage and exit code 2."""
+    """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
 
 
 def complete(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """Give a parser what all have that do work, and note the module that does it."""
+    """Give a verb's parser what all verbs share, and record the module that does the work."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "--json", action="store_true", help="print the result as one JSON object on stdout"

@@ -11,7 +11,7 @@ from tirgeo_ros.tools.cli._arguments import add_parameters
 from tirgeo_ros.tools.cli._verb import Subparsers
 from tirgeo_ros.tools.presentation.progress import Progress
 
-#: Option, name of the value, unit and what it is.
+#: Option, name of the value, unit, help text.
 _VALUES = (
     ("--height", "height_m", "M", "of the camera above the ground"),
     ("--tilt", "depression_deg", "DEG", "of the optical axis below the horizon"),
@@ -48,7 +48,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Make the budget."""
+    """Compute the budget; return it as plain values."""
     from tirgeo_ros.tools.budget.budget_files import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
@@ -65,12 +65,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The tables for a person."""
+    """Return the tables for a person."""
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
     if "flight" in result:
-        told = "\n".join(f"{name:<20}{_told(value)}" for name, value in result["flight"].items())
-        parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{told}")
+        measured = "\n".join(
+            f"{name:<20}{_measured(value)}" for name, value in result["flight"].items()
+        )
+        parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{measured}")
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
     sky = 1 - result["ground_share"]
     if sky > 0:
@@ -85,7 +87,7 @@ def describe(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-_WIDE = 1e6  # m: what does not fit the columns with its millimetres
+_WIDE = 1e6  # m: larger values do not fit the columns with their millimetres
 _COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 
@@ -100,7 +102,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _told(value: float) -> str:
+def _measured(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "not recorded; that of the paper is taken"
 
 

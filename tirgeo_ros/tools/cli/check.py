@@ -39,7 +39,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Check the flight."""
+    """Check the flight; return findings and numbers."""
     from tirgeo_ros.tools.replay.check import check  # noqa: PLC0415 heavy
 
     check_ground(args)
@@ -57,17 +57,17 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def finding_lines(_result: Mapping[str, object]) -> list[str]:
-    """Return nothing: ``describe`` has told of the findings."""
+    """Return nothing: ``describe`` has printed the findings."""
     return []
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """The findings, three lines each, then in a line what was checked."""
+    """Return the findings, three lines each, then one line on what was checked."""
     return _report(result, _checked_in_short(result))
 
 
 def describe_all(result: Mapping[str, Any]) -> str:
-    """The findings, three lines each, then all that was checked."""
+    """Return the findings, three lines each, then everything that was checked."""
     return _report(result, "\n".join(_checked(result)))
 
 
@@ -80,11 +80,11 @@ def _report(result: Mapping[str, Any], checked: str) -> str:
 
 def _checked_in_short(result: Mapping[str, Any]) -> str:
     checked = result["checked"]
-    told = (
+    summary = (
         f"checked over {checked['duration_s']:.1f} s: {len(checked['topics'])} topics, filter "
         f"{checked['method']} {checked['state']}; -v has each"
     )
-    return "\n".join([told, *_notes(result)])
+    return "\n".join([summary, *_notes(result)])
 
 
 def _notes(result: Mapping[str, Any]) -> list[str]:
@@ -92,7 +92,7 @@ def _notes(result: Mapping[str, Any]) -> list[str]:
 
 
 def _checked(result: Mapping[str, Any]) -> Iterator[str]:
-    """A line for each thing that was looked at."""
+    """Yield a line for each thing that was checked."""
     checked = result["checked"]
     yield f"checked over {checked['duration_s']:.1f} s:"
     for topic, one in checked["topics"].items():

@@ -37,7 +37,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Run the graph."""
+    """Run the graph; return the summary."""
     from tirgeo_ros.tools.graph.demo import check_place_of, demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain  # noqa: PLC0415 heavy
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, object]) -> str:
-    """The summary for a person; it ends with where to look."""
+    """Return the summary for a person; it ends with the files to look at."""
     folder = Path(str(result["video"])).parent
     cores = _number(_table(result["cores"]).get("total"))
     frames = f"{result['frames_in']} frames in, {result['frames_out']} out"
@@ -76,7 +76,7 @@ def describe(result: dict[str, object]) -> str:
 
 
 def _seen(result: dict[str, object]) -> str:
-    """What is seen there."""
+    """Return what is to be seen there."""
     drawn = _table(result["overlay"]).get("drawn", 0)
     if not drawn:
         return "no frame has the map: the reason is in each of them"
@@ -87,7 +87,7 @@ def _seen(result: dict[str, object]) -> str:
 
 
 def _against_truth(result: dict[str, object]) -> str:
-    """How far the camera's poses are off; empty where nobody knows."""
+    """Return how far the camera poses are off; empty without a truth."""
     truth = _table(result["camera_against_truth"])
     if not truth:
         return ""
@@ -100,7 +100,7 @@ def _table(value: object) -> dict[str, object]:
 
 
 def _found(result: dict[str, object]) -> list[str]:
-    """What was clicked on, and where it is."""
+    """Return a line for each located click."""
     found = result.get("found")
     return [
         "{target}: {latitude_deg:.6f}, {longitude_deg:.6f}, {off_m:.1f} m from where it is "

@@ -44,7 +44,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the frames."""
+    """Print the frames; return the exit code."""
     from tirgeo_ros.tools.convert.dump import CaptureDump  # noqa: PLC0415 heavy
 
     dump = CaptureDump(args.capture, args.packages, args.key)
@@ -59,7 +59,7 @@ def _line(record: dict[str, object]) -> str:
 
     try:
         return json.dumps(record, allow_nan=False)
-    except ValueError:  # a NaN: seldom, so that looking for it first would cost more
+    except ValueError:  # a NaN: rare, so searching for it first would cost more
         return json.dumps(plain(record), allow_nan=False)
 
 

@@ -58,7 +58,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Evaluate the flight and write the results."""
+    """Evaluate the flight and write the results; return a summary."""
     from tirgeo_ros.io.maps import map_files  # noqa: PLC0415 heavy
     from tirgeo_ros.io.parameters.parameter_file import paths_of  # noqa: PLC0415
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, object]) -> str:
-    """The tables for a person."""
+    """Return the tables for a person."""
     from tirgeo_ros.tools.evaluate.tables import text_tables  # noqa: PLC0415
 
     return text_tables(result)

@@ -58,7 +58,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Import the flight."""
+    """Import the flight; return what was read and written."""
     from tirgeo_ros.tools.convert.import_capture import CaptureOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _utc_ns(text: str) -> int:
-    """Nanoseconds of UTC of an ISO time; without a zone it is UTC."""
+    """Return an ISO time in ns of Unix time; without a zone it is UTC. Raise UsageError."""
     try:
         time = datetime.fromisoformat(text.removesuffix("Z"))
         if time.tzinfo is None:
@@ -88,7 +88,7 @@ def _utc_ns(text: str) -> int:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The tables of what came in and of what went out."""
+    """Return the tables of inputs and outputs."""
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
         parts.append("\n".join(f"{name:<32}{number}" for name, number in result["counts"].items()))

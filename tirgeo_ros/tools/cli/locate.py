@@ -48,7 +48,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Locate the pixels."""
+    """Locate the pixels; return a summary."""
     from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
     check_ground(args)

@@ -1,4 +1,4 @@
-"""Entry point of ``tirgeo``: finds the verbs, runs one, prints its result, owns the exit code."""
+"""Run ``tirgeo``: find the verbs, run one, print its result, return the exit code."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 14
 
 
 def verbs() -> list[ModuleType]:
-    """The modules of the verbs, by name."""
+    """Return the modules of the verbs, sorted by name."""
     names = (found.name for found in pkgutil.iter_modules(cli.__path__))
     return [
         importlib.import_module(f"{cli.__name__}.{name}")
@@ -38,7 +38,7 @@ def verbs() -> list[ModuleType]:
 
 
 def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
-    """The command's parser with a subparser for each verb's module."""
+    """Return the command's parser, with a subparser for each verb's module."""
     parser = argparse.ArgumentParser(
         prog="tirgeo",
         description="A map on a drone's thermal video, placed by sensors alone.",
@@ -48,13 +48,13 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for module in modules:
         verb = module.add_parser(subparsers)
-        if hasattr(module, "run"):  # else it has verbs of its own
+        if hasattr(module, "run"):  # else it has sub-verbs
             complete(verb, module)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``tirgeo argv`` and return its exit code; argparse leaves by SystemExit(2)."""
+    """Run ``tirgeo argv`` and return its exit code; argparse raises SystemExit(2)."""
     args = parser_of(verbs()).parse_args(argv)
     try:
         code = _run(args)
@@ -87,14 +87,14 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _describe(args: argparse.Namespace) -> Callable[[Any], str]:
-    """Return what makes the result text: by the command line, else by the verb, else by key."""
+    """Return the function that formats the result: of the command line, the verb, or by key."""
     by_verb: Callable[[Any], str] = getattr(args.verb_module, "describe", lines)
     asked: Callable[[Any], str] | None = getattr(args, "describe", None)
     return asked or by_verb
 
 
 def _finding_lines(result: Mapping[str, Any]) -> list[str]:
-    """What the checks found that is worse than a note."""
+    """Return lines for the findings that are worse than a note."""
     if not result.get("findings"):
         return []
     from tirgeo_ros.tools.replay.finding_lines import finding_lines  # noqa: PLC0415 heavy
@@ -103,7 +103,7 @@ def _finding_lines(result: Mapping[str, Any]) -> list[str]:
 
 
 def _say(args: argparse.Namespace, message: str, code: int) -> int:
-    with suppress(OSError):  # a terminal that is gone
+    with suppress(OSError):  # the terminal may be gone
         print(f"{args.verb_parser.prog}: {shown(message)}", file=sys.stderr)
     return code
 
@@ -115,13 +115,13 @@ def _message(error: Exception) -> str:
 
 
 def _closed_pipe() -> int:
-    # The reader (head, less) has gone: nothing more to say, not even when Python flushes at exit.
+    # The reader (head, less) has gone: print nothing more, not even when Python flushes at exit.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return BROKEN_PIPE
 
 
 def plain(value: object) -> object:
-    """The value in JSON's own types: NaN and infinities None, arrays lists, the rest as text."""
+    """Return the value in JSON's types: NaN and infinities as None, arrays as lists, else text."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # NumPy's arrays and scalars, without importing NumPy
@@ -134,25 +134,28 @@ def plain(value: object) -> object:
 
 
 def console() -> NoReturn:
-    """The installed command: ``main``, all stop signals unwinding the stack as Ctrl-C does."""
+    """Run the installed command: ``main``, with all stop signals unwinding the stack as Ctrl-C."""
     unwind_on_signals()
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be in UTF-8
+    if isinstance(sys.stdout, io.TextIOWrapper):  # file names need not be valid UTF-8
         sys.stdout.reconfigure(errors="backslashreplace")
-    # As in the nodes: small matrices gain nothing from threads, and idle ones spin.
+    # As in the nodes: small matrices gain nothing from threads, and idle threads spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # what it warns of, errors say in one line
+    # Tirgeo's own errors say the same in one line.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     sys.exit(main())
 
 
 def unwind_on_signals() -> None:
-    """Let all stop signals unwind the stack, so that what is begun is tidied up."""
+    """Let all stop signals unwind the stack, so that unfinished work is cleaned up."""
     for number in stop_signals():
         signal.signal(number, _terminate)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+    # A shell ignores SIGINT for background jobs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
-    for again in (signal.SIGTERM, signal.SIGHUP):  # a lost terminal gives two: tidying is not cut
+    # A lost terminal sends two: do not interrupt the clean-up.
+    for again in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(again, signal.SIG_IGN)
     raise SystemExit(128 + number)
 

@@ -46,7 +46,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Process the bag."""
+    """Process the bag; return a summary."""
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
     if args.no_images and (args.video or args.raw_images):
@@ -71,12 +71,12 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """The six lines for a person."""
+    """Return the six lines for a person."""
     from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
 
 
 def describe_all(result: Mapping[str, Any]) -> str:
-    """The six lines, then a line for each key."""
+    """Return the six lines, then a line for each key."""
     return f"{describe(result)}\n\n{lines(result)}"

@@ -43,7 +43,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Fly the scenario."""
+    """Fly the scenario and write it; return a summary."""
     from tirgeo_ros.tools.simulate import simulate  # noqa: PLC0415 heavy
 
     if args.seed is not None and args.seed < 0:

@@ -1,4 +1,4 @@
-"""What a capture of the serial link holds, frame by frame, as plain values for JSON."""
+"""Decode a capture of the serial link frame by frame into plain values for JSON."""
 
 from __future__ import annotations
 
@@ -36,18 +36,17 @@ _CONTROL_LOST = (0x02, 0x01)
 
 
 class CaptureDump:
-    """Reads a capture of any size; ``records`` tells its frames one after the other.
+    """Read a capture of any size; ``records`` yields its frames in order.
 
-    ``packages``: a YAML file as ``dji.protocol.package_table`` has it, instead of the usual
-    packages; ``key``: 64 hexadecimal digits, for encrypted frames.
+    ``packages`` is a YAML file as ``dji.protocol.package_table`` reads it, which replaces the
+    usual packages; ``key`` is 64 hexadecimal digits, for encrypted frames.
 
     Raises
     ------
     DjiError
-        The key is none, or the file of packages is no table of packages.
+        The key is invalid, or the file of packages is no table of packages.
     ConfigError
         The file of packages cannot be read or is not YAML.
-
     """
 
     def __init__(
@@ -63,20 +62,20 @@ class CaptureDump:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Those of ``FrameReader`` and of the pushes.
+        """Return the counts of ``FrameReader`` and those of the contents.
 
-        ``unreadable``: broadcasts that fit no layout, pushes that fit no package;
-        ``implausible``: pushes with a value that cannot be what their package says.
+        ``unreadable``: broadcasts that fit no layout, pushes that fit no package; ``implausible``:
+        pushes with a value outside its physical range.
         """
         return self._reader.counts | self._verdicts
 
     @property
     def kinds(self) -> dict[str, int]:
-        """How many frames of each kind."""
+        """Return the number of frames of each kind."""
         return dict(self._kinds)
 
     def records(self) -> Iterator[Record]:
-        """Tell each frame. DjiError if there is none; OSError for a file that cannot be read."""
+        """Yield a record for each frame. Raise DjiError without any, OSError if unreadable."""
         with self._path.open("rb") as file:
             while chunk := file.read(_CHUNK_BYTES):
                 yield from map(self._record, self._reader.feed(chunk))
@@ -94,9 +93,9 @@ class CaptureDump:
             )
 
     def _record(self, frame: Frame) -> Record:
-        meaning = self._meaning(frame)
+        contents = self._contents(frame)
         index = self._kinds.total()
-        self._kinds[meaning["kind"]] += 1
+        self._kinds[contents["kind"]] += 1
         return {
             "i": index,
             "offset": frame.offset,
@@ -107,11 +106,11 @@ class CaptureDump:
             "session": frame.session,
             "ack": int(frame.is_ack),
             "enc": frame.encryption,
-            **meaning,
+            **contents,
         }
 
-    def _meaning(self, frame: Frame) -> Record:
-        """What a frame is and holds: its kind and what stands behind that."""
+    def _contents(self, frame: Frame) -> Record:
+        """Return a frame's kind and its decoded contents."""
         if frame.is_encrypted:
             return _kind("encrypted", {})
         match frame.cmd_set, frame.cmd_id:
@@ -154,9 +153,9 @@ class CaptureDump:
             "topics": [_topic(topic.uid) for topic in push.package.topics],
             "fields": push_fields(push),
         }
-        if doubts := doubtful(push):
+        if implausible := doubtful(push):
             self._verdicts["implausible"] += 1
-            record["implausible"] = doubts
+            record["implausible"] = implausible
         return record
 
 
@@ -174,7 +173,7 @@ def _topic(uid: int) -> Record:
 
 
 def _name(request: Request) -> str:
-    """A request's kind: AddPackage is add_package."""
+    """Return a request's kind in snake case: AddPackage is add_package."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", type(request).__name__).lower()
 
 
@@ -186,12 +185,12 @@ def _request_fields(request: Request) -> Record:
 
 
 def _answer(request: Request | None, value: bytes) -> Record:
-    """What an ack says; its bytes where what it answers is not in the capture."""
+    """Return the fields of an ack; its bytes if its request is not in the capture."""
     if request is None:
         return _bytes(value)
-    said = decode_version_ack(value) if isinstance(request, GetVersion) else None
-    if said is not None:
-        return {"of": _name(request), **said._asdict()}
+    version = decode_version_ack(value) if isinstance(request, GetVersion) else None
+    if version is not None:
+        return {"of": _name(request), **version._asdict()}
     code = decode_code(request, value)
     if code is None:
         return {"of": _name(request), **_bytes(value)}

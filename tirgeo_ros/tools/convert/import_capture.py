@@ -1,10 +1,10 @@
-"""A capture of the aircraft's serial port to the topics of the contract.
+"""Convert a capture of the aircraft's serial port to the topics of the contract.
 
-The bytes tell no time of arrival. Stamps are the aircraft's own, placed in time by the date and
-time of day that its receivers send, or by a start that is given. The receivers' words are whole
-seconds, late by ``rtk.delay_s`` as their positions are, of GMT+8 by DJI's headers; of UTC if the
-file was last changed at about that time. The log time is when the aircraft sent what a sample is
-made of.
+The bytes carry no time of arrival. Stamps are the aircraft's own, converted to UTC by the date and
+time of day that its receivers send, or by a given start. The receivers' date and time have whole
+seconds, are late by ``rtk.delay_s`` as their positions are, and are in GMT+8 by DJI's headers;
+they are taken as UTC if the file was last changed at about that time. A sample's log time is the
+time at which the aircraft sent its data.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _CHUNK_BYTES = 1 << 16
 _HOUR_NS = 3_600_000_000_000
 _PUSHES = 0x02
 _BROADCAST, _SUBSCRIPTION = 0x00, 0x05
-#: So many new seconds tell when the capture was made, to some milliseconds.
+#: This many new seconds give the time of the capture to some milliseconds.
 _SECONDS = 60
 
 
 class CaptureOptions(NamedTuple):
-    """How a capture is to be read; what is not given is as dji_node's parameters say."""
+    """Hold how to read a capture; for empty values dji_node's parameters are used."""
 
     packages: str = ""  # YAML file
     key: str = ""  # 64 hexadecimal digits
@@ -46,7 +46,7 @@ class CaptureOptions(NamedTuple):
 
 
 class _Placed(NamedTuple):
-    """Where a capture lies in time."""
+    """Hold the conversion of a capture's time to UTC."""
 
     timeline: CaptureTimeline
     said: str
@@ -54,7 +54,7 @@ class _Placed(NamedTuple):
 
 
 class _Pass:
-    """One reading of a capture, from its first byte on."""
+    """Read a capture once, from its first byte."""
 
     def __init__(
         self, path: Path, packages: str, key: str, timeline: CaptureTimeline, tick_ns: int
@@ -68,7 +68,7 @@ class _Pass:
         self._path = path
 
     def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
-        """Each frame and what it says. DjiError where there is none."""
+        """Yield each frame and its readings. Raise DjiError without any frame."""
         total = self._path.stat().st_size
         with self._path.open("rb") as file:
             while chunk := file.read(_CHUNK_BYTES):
@@ -88,9 +88,9 @@ class _Pass:
 def import_capture(
     path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
 ) -> dict[str, object]:
-    """Import a capture; what is to be told of it. Raises DjiError, ConfigError."""
+    """Import a capture; return what to report of it. Raise DjiError, ConfigError."""
     packages, key = options.packages or config.packages, options.key or config.key
-    seconds, tick_ns = _told_seconds(path, packages, key)
+    seconds, tick_ns = _receiver_seconds(path, packages, key)
     if options.start_ns is None:
         placed = _placed(path, seconds, round(config.rtk.delay_s * 1e9))
     else:
@@ -103,22 +103,24 @@ def import_capture(
             newest_ns = max(newest_ns, reading.stamp_ns)
             sink.take(newest_ns, reading)
     counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
-    told = list(_complaints(counts, run.telemetry.counts, placed.timeline))
-    _check_use(path, number, placed.timeline, told)
+    complaints = list(_complaints(counts, run.telemetry.counts, placed.timeline))
+    _check_use(path, number, placed.timeline, complaints)
     return {
         "kind": "capture",
         "time": placed.said,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
-        "warnings": [*([placed.warning] if placed.warning else []), *told],
+        "warnings": [*([placed.warning] if placed.warning else []), *complaints],
         "damage": None,
     }
 
 
-def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[str]) -> None:
-    """Raise DjiError where nothing was said, or nothing that has a time."""
+def _check_use(
+    path: Path, readings: int, timeline: CaptureTimeline, complaints: list[str]
+) -> None:
+    """Raise DjiError if the capture has no readings, or none with a time."""
     if not readings:
-        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *told)))
+        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *complaints)))
     if timeline.newest_ns is None:
         raise DjiError(
             f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
@@ -127,7 +129,7 @@ def _check_use(path: Path, readings: int, timeline: CaptureTimeline, told: list[
 
 
 def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
-    """By the seconds that the receivers say; ``delay_ns``: how late they are said."""
+    """Place a capture in time by the receivers' seconds, which come ``delay_ns`` late."""
     if seconds.shift_ns is None or seconds.newest_ns is None:
         return _Placed(
             CaptureTimeline(),
@@ -142,8 +144,8 @@ def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
     return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
 
 
-def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
-    """The seconds that the receivers say, and the tick of the broadcast's counter by them (ns)."""
+def _receiver_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
+    """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them."""
     seconds = _seconds(path, packages, key, MILLISECOND_NS)
     if not _are_long(seconds):
         return seconds, MILLISECOND_NS
@@ -151,31 +153,34 @@ def _told_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, in
 
 
 def _are_long(seconds: WholeSeconds) -> bool:
-    """Whether the receivers' seconds show ticks of 2.5 ms: most of them, and two at least."""
-    told = [is_long(*pair) for pair in seconds.seconds_ns]
-    return len(told) > 1 and sum(told) > len(told) / 2
+    """Return whether most of the receivers' seconds, at least two, show ticks of 2.5 ms."""
+    are_long = [is_long(*pair) for pair in seconds.seconds_ns]
+    return len(are_long) > 1 and sum(are_long) > len(are_long) / 2
 
 
 def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
-    """The seconds that the receivers say, against the aircraft's time since power-up."""
+    """Collect the receivers' seconds against the aircraft's time since power-up."""
     found, number, known = WholeSeconds(), 0, None
     run = _Pass(path, packages, key, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
         if run.timeline.restarts and found.shift_ns is not None:
-            break  # what comes next has seconds of its own
-        words = _words(frame, run.table) if readings else None
-        if words is None:
+            break  # after a restart the offset is another
+        date_time = _date_and_time(frame, run.table) if readings else None
+        if date_time is None:
             continue
-        found.take(readings[-1].stamp_ns, *words)
-        number += words != known
-        known = words
+        found.take(readings[-1].stamp_ns, *date_time)
+        number += date_time != known
+        known = date_time
         if number > _SECONDS:
             break
     return found
 
 
-def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
-    """Date and time of day that a frame has: RTK's, else those of the ordinary GPS."""
+def _date_and_time(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
+    """Return a frame's date and time of day: RTK's, else that of the ordinary GPS.
+
+    Return None if it has neither.
+    """
     found: list[tuple[int, int]] = []
     if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
         parts = decode_broadcast(frame.value)
@@ -186,13 +191,15 @@ def _words(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
         values = {} if push is None else push.values
         if "GPS_DATE" in values and "GPS_TIME" in values:
             found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
-    return next((words for words in found if utc_from_words(*words, 0) is not None), None)
+    return next(
+        (date_time for date_time in found if utc_from_words(*date_time, 0) is not None), None
+    )
 
 
 def _complaints(
     frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
 ) -> Iterator[str]:
-    """What of a capture could not be used."""
+    """Yield what of a capture could not be used."""
     if frames.get("not decrypted"):
         yield f"{frames['not decrypted']} frames are encrypted: give --key"
     damaged = frames["bad_crc32"] + frames["truncated"]

@@ -1,4 +1,4 @@
-"""Flights in other forms to bags with the contract's topics: the work of ``tirgeo import``."""
+"""Import flights in other forms to bags with the contract's topics: ``tirgeo import``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OTHERS = {
     b"PK\3\4": "packed with zip; unpack it",
 }
 _HEAD = 4096
-_SOF = 0xAA  # begins every frame of the aircraft, and is in no text
+_SOF = 0xAA  # begins every frame of the aircraft, and never occurs in text
 
 
 def import_flight(
@@ -40,11 +40,12 @@ def import_flight(
 ) -> dict[str, object]:
     """Import a flight and return what was read and written.
 
-    ``source`` is a ROS 1 bag of DJI's wrapper or a capture of the aircraft's serial port, told by
-    its content; ``params`` is a ROS 2 parameter YAML with those of dji_node; ``namespace`` is that
-    of the bag's topics and of the written ones; ``pictures`` is for bags, ``capture`` for
-    captures. In the result ``error`` is None or what was lost, ``warning`` None or what to know.
-    Nothing is written under its name before it is whole. Raises BagError, DjiError, ConfigError.
+    ``source`` is a ROS 1 bag of DJI's wrapper or a capture of the aircraft's serial port,
+    recognised by its content; ``params`` is a ROS 2 parameter YAML with those of dji_node;
+    ``namespace`` is that of the bag's topics and of the written ones; ``pictures`` is for bags,
+    ``capture`` for captures. In the result ``error`` is None or what was lost, ``warning`` is None
+    or a warning. A file gets its name only when it is complete. Raise BagError, DjiError,
+    ConfigError.
     """
     path = Path(source)
     is_bag = _is_ros1(path)
@@ -55,19 +56,19 @@ def import_flight(
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
         if is_bag:
-            told = import_ros1(path, sink, namespace, pictures, progress)
+            imported = import_ros1(path, sink, namespace, pictures, progress)
         else:
-            told = import_capture(path, sink, config, capture, progress)
+            imported = import_capture(path, sink, config, capture, progress)
         sink.finish()
-    return {"input": str(path), "output": os.fspath(output)} | _result(path, told, sink)
+    return {"input": str(path), "output": os.fspath(output)} | _result(path, imported, sink)
 
 
-def _result(path: Path, told: dict[str, object], sink: ImportSink) -> dict[str, object]:
-    own, damage = told.pop("warnings"), told.pop("damage")
+def _result(path: Path, imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
+    own, damage = imported.pop("warnings"), imported.pop("damage")
     assert isinstance(own, list)
     warnings = [*own, *sink.interpreter.warnings]
     return {
-        **told,
+        **imported,
         "written": {name: vars(seen) for name, seen in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,
         "warnings": warnings,
@@ -77,7 +78,7 @@ def _result(path: Path, told: dict[str, object], sink: ImportSink) -> dict[str, 
 
 
 def _is_ros1(path: Path) -> bool:
-    """Whether a file is a ROS 1 bag, else it is a capture. BagError for what is neither."""
+    """Return whether a file is a ROS 1 bag; False: a capture. Raise BagError if it is neither."""
     if path.is_dir():
         kind = "a ROS 2 bag" if (path / "metadata.yaml").exists() else "a directory"
         raise BagError(f"{path}: {kind}; give a ROS 1 bag or a capture of the serial port")

@@ -1,4 +1,4 @@
-"""A ROS 1 bag of DJI's wrapper to the topics of the contract."""
+"""Convert a ROS 1 bag of DJI's wrapper to the topics of the contract."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
 
-#: Messages that are looked at before the import begins.
+#: Number of messages that are inspected before the import begins.
 _SURVEYED = 4000
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 _PICTURE_TYPES = {TOPIC_TYPES[topic]: topic for topic in _PICTURES}
@@ -34,7 +34,7 @@ _CAMERA_INFO = "thermal/camera_info"
 
 
 class Pictures(NamedTuple):
-    """Topics of a bag (full names) that go on as they are; empty = none."""
+    """Hold the bag's topics (full names) that are copied unchanged; empty = none."""
 
     image: str = ""
     camera_info: str = ""
@@ -42,7 +42,7 @@ class Pictures(NamedTuple):
 
 @dataclass
 class TopicIn:
-    """What became of a topic's messages of one type."""
+    """Count a topic's messages of one type."""
 
     topic: str
     typename: str
@@ -50,7 +50,7 @@ class TopicIn:
     feeds: tuple[str, ...]
     messages: int = 0
     refused: int = 0
-    reason: str = ""  # of the first that was refused
+    reason: str = ""  # of the first refused message
 
     def refuse(self, reason: str) -> None:
         """Count a message that cannot be used."""
@@ -59,12 +59,12 @@ class TopicIn:
 
     @property
     def has_wrong_type(self) -> bool:
-        """Whether its messages are of a type that the wrapper does not have there."""
+        """Return whether the wrapper never publishes this topic with this type."""
         return self.typename not in self.expected
 
     @property
     def complaint(self) -> str | None:
-        """What is wrong with it, in words."""
+        """Return what is wrong with the topic, in words, or None."""
         if not self.refused:
             return None
         if self.has_wrong_type:
@@ -75,10 +75,10 @@ class TopicIn:
 
 @dataclass
 class Ros1Import:
-    """Takes a bag through a road to a sink.
+    """Convert a bag's messages to readings and pass them to a sink.
 
-    Raises BagError where the bag has no topic of the wrapper (in this namespace), several
-    aircraft, or not the pictures that are asked for.
+    Raise BagError if the bag has no topic of the wrapper (in this namespace), several aircraft, or
+    not the pictures that are asked for.
     """
 
     bag: Ros1Bag
@@ -89,7 +89,7 @@ class Ros1Import:
     road: Ros1Road = field(init=False)
 
     def __post_init__(self) -> None:
-        """Find the topics, and look at the first messages."""
+        """Find the topics, and inspect the first messages."""
         self._cdr = Cdr()
         self._passed = _passed(self.bag, self.pictures)
         self.names = _wrapper_topics(self.bag, self.namespace)
@@ -113,7 +113,7 @@ class Ros1Import:
             sink.take(*arrived)
 
     def _take(self, message: Ros1Message, sink: ImportSink) -> None:
-        """Raise MessageError for a message that cannot be used."""
+        """Convert a message. Raise MessageError if it cannot be used."""
         contract = self._passed.get(message.topic)
         if contract is not None:
             data = self._cdr.from_ros1(message.data, TOPIC_TYPES[contract], message.topic)
@@ -144,12 +144,12 @@ class Ros1Import:
                 try:
                     survey.add(name, self.bag.decoded(message), message.record_ns)
                 except (MessageError, AttributeError):
-                    continue  # it is counted when it is read
+                    continue  # counted when it is read again
         return survey.setup
 
     @property
     def warnings(self) -> list[str]:
-        """What is missing, refused or doubtful."""
+        """Return what is missing, refused or doubtful."""
         good = {self.names.get(r.topic) for r in self.rows.values() if r.messages > r.refused}
         absent = [" or ".join(names) for names in NEEDED if not good.intersection(names)]
         missing = [f"no usable messages of {', of '.join(absent)}"] if absent else []
@@ -158,7 +158,7 @@ class Ros1Import:
 
     @property
     def not_read(self) -> dict[str, str]:
-        """The bag's other topics with their types."""
+        """Return the bag's other topics with their types."""
         taken = {*self.names, *self._passed}
         return {
             topic: ", ".join(types)
@@ -168,7 +168,7 @@ class Ros1Import:
 
 
 def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
-    """Topic to its name in the wrapper, of the one aircraft that is asked for."""
+    """Return topic -> name in the wrapper, for the one aircraft that is asked for."""
     aircraft: dict[str, dict[str, str]] = {}
     for topic, place, name in _candidates(bag):
         if not namespace or place.rpartition("/")[0] == namespace.strip("/"):
@@ -188,7 +188,7 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
 
 
 def _candidates(bag: Ros1Bag) -> Iterator[tuple[str, str, str]]:
-    """Topics, the node's whole name without its first slash, the topic's name in the node."""
+    """Yield topic, the node's full name without its first slash, the topic's name in the node."""
     for topic in bag.topics():
         place, _, name = topic.strip("/").rpartition("/")
         if place.rpartition("/")[2] in WRAPPERS and types_of(name):
@@ -196,7 +196,7 @@ def _candidates(bag: Ros1Bag) -> Iterator[tuple[str, str, str]]:
 
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
-    """Topic of the bag to topic of the contract. BagError where it is not there as asked for."""
+    """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
     found = {}
     if pictures.image:
         topic, typename = _checked(bag, pictures.image, tuple(_PICTURE_TYPES))
@@ -208,7 +208,7 @@ def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
 
 
 def _checked(bag: Ros1Bag, asked: str, wanted: tuple[str, ...]) -> tuple[str, str]:
-    """The topic that is asked for, with or without its first slash, and its type."""
+    """Return the topic that is asked for, with or without its first slash, and its type."""
     topics = bag.topics()
     topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
     types = topics.get(topic, ())
@@ -224,7 +224,7 @@ def _checked(bag: Ros1Bag, asked: str, wanted: tuple[str, ...]) -> tuple[str, st
 def import_ros1(
     path: Path, sink: ImportSink, namespace: str, pictures: Pictures, progress: Report
 ) -> dict[str, object]:
-    """Import a bag; what is to be told of it."""
+    """Import a bag; return what to report of it."""
     bag = Ros1Bag(path)
     run = Ros1Import(bag, namespace, pictures)
     run.run(sink, progress)

@@ -1,4 +1,4 @@
-"""Where an import goes to: readings become samples, samples messages, messages a bag."""
+"""Write an import: convert readings to samples, samples to messages, messages to a bag."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
 from tirgeo_ros.tools.replay.flight_topics import resolved
 
-#: What waits for others of its instant is out of order by less.
+#: Samples that wait for others of the same instant are out of order by less than this.
 _DISORDER_NS = 1_000_000_000
 
 
 @dataclass
 class Written:
-    """What went out on a topic: log times in nanoseconds."""
+    """Count the messages written to a topic, with first and last log times (ns)."""
 
     messages: int
     first_ns: int
@@ -28,10 +28,9 @@ class Written:
 
 
 class ImportSink:
-    """Writes what is made of readings, in order of log time.
+    """Write the samples of readings, in order of log time.
 
-    The log time of a sample is when what it is made of had come in, as in a recording of the live
-    graph.
+    A sample's log time is the arrival of its data, as in a recording of the live graph.
     """
 
     def __init__(self, writer: BagWriter, config: DjiConfig, namespace: str) -> None:
@@ -45,11 +44,11 @@ class ImportSink:
         self._newest_ns = 0
 
     def take(self, arrival_ns: int, reading: Reading) -> None:
-        """Take a reading and when it came in."""
+        """Convert and queue a reading that arrived at ``arrival_ns``."""
         self._put(arrival_ns, self.interpreter.take(reading))
 
     def pass_on(self, arrival_ns: int, topic: str, message: Any) -> None:
-        """Take a message, an object or its CDR, as it is to be written."""
+        """Queue a message, an object or its CDR, to be written unchanged."""
         heapq.heappush(self._waiting, (arrival_ns, self._number, topic, message))
         self._number += 1
         self._newest_ns = max(self._newest_ns, arrival_ns)
@@ -57,7 +56,7 @@ class ImportSink:
             self._write(*heapq.heappop(self._waiting))
 
     def finish(self) -> None:
-        """Write what waits; to be called at the end. BagError where nothing was written."""
+        """Write all queued messages, at the end. Raise BagError if nothing was written."""
         self._put(self._newest_ns, self.interpreter.flush())
         while self._waiting:
             self._write(*heapq.heappop(self._waiting))

@@ -1,4 +1,4 @@
-"""What observations, survey and pictures say of each other."""
+"""Check that observations, survey and pictures belong together."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.tools.evaluate.ground import Experiment
 from tirgeo_ros.tools.evaluate.result import Checks, MethodResult
 
-_NAMED = 5  # ids in a note, at the most
-_ELSEWHERE_M = 500.0  # the usual error of every method: no drone's camera is so far off
+_NAMED = 5  # most ids in a note
+_ELSEWHERE_M = 500.0  # median error of every method: no drone's camera is so far off
 
 
 def checks_of(given: Experiment, image_stamps_ns: IntArray) -> Checks:
-    """Compare them; ``image_stamps_ns`` (M,) are in order, none where the bag has no pictures."""
+    """Compare them; ``image_stamps_ns`` (M,) is sorted, and empty if the bag has no pictures."""
     names = Counter(one.id for one in given.observations)
     unknown = {name: number for name, number in names.items() if name not in given.control}
     unobserved = [name for name in given.control if name not in names]
@@ -32,7 +32,7 @@ def checks_of(given: Experiment, image_stamps_ns: IntArray) -> Checks:
 
 
 def _apart_ns(stamps_ns: Sequence[int], image_stamps_ns: IntArray) -> list[int]:
-    """How far each stamp is from the nearest picture's; [] without pictures."""
+    """Return the time from each stamp to the nearest picture's (ns); [] without pictures."""
     if not len(image_stamps_ns):
         return []
     after = np.searchsorted(image_stamps_ns, np.array(stamps_ns, np.int64))
@@ -45,7 +45,7 @@ def _apart_ns(stamps_ns: Sequence[int], image_stamps_ns: IntArray) -> list[int]:
 
 
 def check_notes(checks: Checks) -> list[str]:
-    """The checks as lines for a person."""
+    """Return the checks as lines for a person."""
     notes = []
     if checks.unknown_ids:
         number = sum(checks.unknown_ids.values())
@@ -67,7 +67,7 @@ def check_notes(checks: Checks) -> list[str]:
 
 
 def place_notes(methods: Sequence[MethodResult]) -> list[str]:
-    """Whether the survey is that of another place, as it seems."""
+    """Return a note if the survey seems to be of another place, else []."""
     errors_m = [[one.distance_m for one in method.located] for method in methods]
     usual_m = min((float(np.median(some)) for some in errors_m if some), default=0.0)
     if usual_m < _ELSEWHERE_M:

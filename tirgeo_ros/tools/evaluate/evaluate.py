@@ -1,4 +1,4 @@
-"""Every observed control point of a flight, located under every method (section 5.1)."""
+"""Locate every observed control point of a flight under every method (section 5.1)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.recorded_flight import Truth, load_truth
 
-#: What a method is not itself without, though the filter would do without: it falls back on GPS.
+#: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
 
 
@@ -51,14 +51,14 @@ def evaluate(
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
 
-    ``params`` are parameter files, of which the later stand before the earlier; ``boresight``,
-    one more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) stands
-    before them; without any ground it is level at the median of the observed points' heights.
-    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` the truth of a simulated flight;
-    ``map_path`` stands before the parameters' map, which is drawn on the stills; ``camera``, a
-    calibration file, before the bag's. A method that the bag has not the topics for is told as
-    missing. Raises BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
-    CalibrationError where no method can be run.
+    ``params`` are parameter files, of which later ones override earlier ones; ``boresight``, one
+    more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) overrides
+    them; without any ground it is level at the median of the observed points' heights.
+    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` is the truth of a simulated flight;
+    ``map_path`` overrides the parameters' map, which is drawn on the stills; ``camera``, a
+    calibration file, overrides the bag's. A method whose topics the bag lacks is reported as
+    missing. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
+    CalibrationError if no method can be run.
     """
     given = load_experiment(survey, observations, projection)
     setups = method_setups(
@@ -105,7 +105,7 @@ def evaluate(
         stills,
         notes,
         flight.error(methods),
-        flight.looking.findings(),
+        flight.checks.findings(),
     )
 
 
@@ -116,7 +116,7 @@ def _check_setting(
     files: Sequence[PathLike],
     namespace: str,
 ) -> CheckSetting:
-    """The setting of the checks: that of the last method."""
+    """Return the setting of the checks: that of the last method."""
     configs = NodeConfigs(setup.ekf, setup.gimbal, setup.overlay, given)
     known = given_camera(setup.overlay)
     return setting_of(configs, reader, files, namespace, ground=setup.ground, camera=known)
@@ -124,7 +124,7 @@ def _check_setting(
 
 @dataclass(frozen=True)
 class _Run:
-    """A method under way."""
+    """Run one method over the flight."""
 
     setup: MethodSetup
     poses: FlightPoses
@@ -132,14 +132,14 @@ class _Run:
 
     @property
     def fault(self) -> str:
-        """Why it has no poses; empty where it has."""
+        """Return why the method has no poses; empty if it has."""
         if self.poses.plane is not None and self.series.has_poses:
             return ""
         reason = self.poses.registration.navigation.status().reason
         return f"no camera pose could be made{': ' if reason else ''}{reason}"
 
     def result(self, camera: Camera, given: Experiment) -> MethodResult:
-        """What it found."""
+        """Return the method's results."""
         plane, setup = self.poses.plane, self.setup
         assert plane is not None
         located, refused = locate_observations(
@@ -164,7 +164,7 @@ class _Run:
 
 
 class _Flight:
-    """All methods over one bag. Raises CalibrationError where none can be run."""
+    """Run all methods over one bag. Raise CalibrationError if none can be run."""
 
     def __init__(
         self,
@@ -173,10 +173,10 @@ class _Flight:
         given: Experiment,
         namespace: str,
         truth: Truth | None,
-        looking: FlightChecks,
+        checks: FlightChecks,
     ) -> None:
-        self.looking = looking
-        self.missing: dict[str, str] = {}  # topics
+        self.checks = checks
+        self.missing: dict[str, str] = {}  # method -> reason, for absent topics
         self.faults: dict[str, str] = {}
         self.notes: list[str] = []
         self.recorded = RecordedFlight(
@@ -184,7 +184,7 @@ class _Flight:
             namespace,
             pictures=True,
             camera=given_camera(setups[-1].overlay),
-            checks=looking,
+            checks=checks,
         )
         self.series = SensorSeries()
         self._reader = reader
@@ -193,12 +193,12 @@ class _Flight:
         self._truth = truth
         self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
         if self._runs:
-            self._runs[-1].poses.checks = looking
+            self._runs[-1].poses.checks = checks
         self.recorded.add(self.series)
         self._check_any(self._runs)
 
     def _begun(self, setup: MethodSetup) -> _Run | None:
-        """A method that takes part, or None and a reason in ``missing``."""
+        """Return a method that takes part, or None and its reason in ``missing``."""
         series, method = MethodSeries(self._truth), setup.ekf.method
         instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
         try:
@@ -223,18 +223,18 @@ class _Flight:
         return resolved(topic, self._namespace)
 
     def read(self, progress: Report) -> None:
-        """Take the flight through all methods; ``progress`` is told seconds of it."""
+        """Pass the flight to all methods; call ``progress`` with seconds of the flight."""
         self.recorded.read_all(progress)
 
     def results(self) -> list[MethodResult]:
-        """Of the methods that have poses; the others become missing."""
+        """Return the results of the methods that have poses; put the others into ``faults``."""
         self.faults = {run.setup.method: run.fault for run in self._runs if run.fault}
         runs = [run for run in self._runs if not run.fault]
         self._check_any(runs)
         return [run.result(self.recorded.camera, self._given) for run in runs]
 
     def stills(self, layers: Sequence[MapLayer]) -> list[Still]:
-        """Pictures of the last method that has poses, with a map."""
+        """Return pictures of the last method that has poses, with the map drawn."""
         run = [run for run in self._runs if not run.fault][-1]
         assert run.poses.plane is not None
         source = StillSource(
@@ -255,11 +255,13 @@ class _Flight:
             reasons: dict[str, list[str]] = {}
             for method, reason in (self.missing | self.faults).items():
                 reasons.setdefault(reason, []).append(method)
-            said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
-            raise CalibrationError(f"{self._reader.path}: no method can be run: {said}")
+            reasons_text = "; ".join(
+                f"{', '.join(names)}: {why}" for why, names in reasons.items()
+            )
+            raise CalibrationError(f"{self._reader.path}: no method can be run: {reasons_text}")
 
     def error(self, methods: Sequence[MethodResult]) -> str | None:
-        """What makes it a failure although there is a result."""
+        """Return what makes the run a failure although there is a result, or None."""
         if self._reader.damage is not None:
             return f"{self._reader.path}: {self._reader.damage}; the numbers are made from these"
         if not any(one.located for one in methods):

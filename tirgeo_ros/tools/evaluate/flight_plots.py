@@ -1,4 +1,4 @@
-"""The figures of an evaluation that show the flight: attitudes, sigmas, innovations."""
+"""Plot the flight for an evaluation: attitudes, sigmas, innovations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AXES = ("roll", "pitch", "heading")
 
 
 def flight_plots(found: Evaluation) -> Iterator[Plot]:
-    """Of the last method, the best, as far as it has data."""
+    """Yield the plots of the last method, the best, as far as it has data."""
     best = found.methods[-1] if found.methods else None
     if best is None or not len(best.body):
         return
@@ -27,13 +27,13 @@ def flight_plots(found: Evaluation) -> Iterator[Plot]:
 
 
 def _attitudes(found: Evaluation, best: MethodResult) -> Iterator[Plot]:
-    """Figures 18 to 20."""
+    """Yield Figures 18 to 20."""
     start_ns = int(best.body.stamp_ns[0])
-    told = found.sensors.autopilot
+    autopilot = found.sensors.autopilot
     made, axes = figure(WIDTH_IN, 5.6, 3, 1, sharex=True)
     for k, panel in enumerate(axes):
-        if len(told):
-            panel.plot(*_degrees(told, k, start_ns), color=COLOURS[1], label="autopilot")
+        if len(autopilot):
+            panel.plot(*_degrees(autopilot, k, start_ns), color=COLOURS[1], label="autopilot")
         panel.plot(*_degrees(best.body, k, start_ns), color=COLOURS[0], label=best.method)
         panel.set_ylabel(f"{_AXES[k]}, deg")
     axes[0].legend(ncols=2)
@@ -43,16 +43,16 @@ def _attitudes(found: Evaluation, best: MethodResult) -> Iterator[Plot]:
         "The aircraft's attitude as the autopilot has it and as the filter has it (Figure 18).",
         [svg(made)],
     )
-    if len(told) > 1:
-        yield _corrections(told, best.body, start_ns)
+    if len(autopilot) > 1:
+        yield _corrections(autopilot, best.body, start_ns)
     if len(found.sensors.gimbal) > 1 and len(best.camera):
         yield _camera_heading(found.sensors.gimbal, best, start_ns)
 
 
-def _corrections(told: Attitudes, body: Attitudes, start_ns: int) -> Plot:
-    keep = (body.stamp_ns >= told.stamp_ns[0]) & (body.stamp_ns <= told.stamp_ns[-1])
+def _corrections(autopilot: Attitudes, body: Attitudes, start_ns: int) -> Plot:
+    keep = (body.stamp_ns >= autopilot.stamp_ns[0]) & (body.stamp_ns <= autopilot.stamp_ns[-1])
     stamps = body.stamp_ns[keep]
-    before = [np.interp(stamps, told.stamp_ns, np.unwrap(angle)) for angle in told.rpy.T]
+    before = [np.interp(stamps, autopilot.stamp_ns, np.unwrap(angle)) for angle in autopilot.rpy.T]
     corrections = np.degrees(wrap_pi(body.rpy[keep] - np.stack(before, axis=-1)))
     which = thinned(stamps)
     made, axes = figure(WIDTH_IN, 3.0)
@@ -113,7 +113,7 @@ def _innovations(best: MethodResult) -> Plot:
 
 
 def _source(source: Innovations, start_ns: int) -> bytes:
-    """The innovations of one source above their test ratios."""
+    """Return an SVG: the innovations of one source above their test ratios."""
     made, (above, below) = figure(WIDTH_IN, 3.4, 2, 1, sharex=True)
     keep = thinned(source.stamp_ns)
     t_s = (source.stamp_ns[keep] - start_ns) * 1e-9
@@ -136,7 +136,7 @@ def _source(source: Innovations, start_ns: int) -> bytes:
 
 
 def _degrees(attitudes: Attitudes, axis: int, start_ns: int) -> tuple[Array, Array]:
-    """Times (s) and an angle (deg), a heading within 0 to 360 and broken where it goes round."""
+    """Return times (s) and an angle (deg), a heading in 0 to 360 with nan where it wraps."""
     keep = thinned(attitudes.stamp_ns)
     t_s = (attitudes.stamp_ns[keep] - start_ns) * 1e-9
     angle = np.degrees(attitudes.rpy[keep, axis])

@@ -1,4 +1,4 @@
-"""Observed control points located on the ground, against their survey, in a projected plane."""
+"""Locate observed control points on the ground and compare them with their survey, in a plane."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tirgeo_ros.tools.replay.flight_poses import pose_at
 
 @dataclass(frozen=True)
 class Experiment:
-    """What was surveyed and what was observed of it."""
+    """Hold the surveyed points and their observations."""
 
     projection: Projection
     control: Mapping[str, ControlPoint]  # every surveyed point by its id
@@ -34,15 +34,15 @@ class Experiment:
 
     @property
     def heights_m(self) -> list[float]:
-        """Of the surveyed points that were observed, one for each; ellipsoidal."""
+        """Return the ellipsoidal heights of the observed surveyed points, one for each point."""
         seen = {one.id for one in self.observations}
         return [point.height_m for name, point in self.control.items() if name in seen]
 
 
 def load_experiment(survey: PathLike, observations: PathLike, projection: str) -> Experiment:
-    """Survey and observations from files, in a plane (``projection_of``).
+    """Load survey and observations from files, in a projected plane (``projection_of``).
 
-    Raises SurveyError, also where no surveyed point was observed.
+    Raise SurveyError, also if no surveyed point was observed.
     """
     points, seen = load_survey(survey), load_observations(observations)
     names = {point.id for point in points}
@@ -61,7 +61,7 @@ def load_experiment(survey: PathLike, observations: PathLike, projection: str) -
 def control_points(
     survey: Iterable[SurveyPoint], projection: Projection
 ) -> dict[str, ControlPoint]:
-    """The surveyed points in the plane, by their ids."""
+    """Return the surveyed points in the plane, by their ids."""
     found = {}
     for point in survey:
         east_m, north_m = projection.project(point.latitude_rad, point.longitude_rad).tolist()
@@ -78,10 +78,10 @@ def locate_observations(
     ground: Ground,
     overlay: OverlayConfig,
 ) -> tuple[list[LocatedPoint], list[RefusedPoint]]:
-    """Locate every observation of a control point (Eq. 23); the others are left out.
+    """Locate every observation of a control point (Eq. 23); other observations are left out.
 
-    ``poses`` are in ``plane`` and reach over the observations. An observation's pose is that of
-    its picture's exposure: stamp less ``overlay.video_latency_s``.
+    ``poses`` are in ``plane`` and cover the observations. The pose of an observation is that of
+    its picture's exposure: the stamp minus ``overlay.video_latency_s``.
     """
     located, refused = [], []
     latency_ns = round(overlay.video_latency_s * 1e9)
@@ -110,7 +110,7 @@ def locate_observations(
 def _compared(
     seen: Observation, found: Located, given: Experiment, moves: PixelMoves | None
 ) -> LocatedPoint:
-    """A located point and its covariance in the projected plane."""
+    """Return a located point and its covariance in the projected plane."""
     point, projection = given.control[seen.id], given.projection
     place_en = projection.project(found.latitude_rad, found.longitude_rad)
     axes = projection.local_axes(found.latitude_rad, found.longitude_rad)

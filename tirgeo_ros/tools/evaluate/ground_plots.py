@@ -1,4 +1,4 @@
-"""The figures of an evaluation that show the ground: errors, their spread, the track."""
+"""Plot the ground for an evaluation: errors, their spread, the track."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, places_of, thinned
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, logarithmic, svg
 
-#: The longest error vector is drawn as long as this share of the survey's extent.
+#: Length of the longest error vector as a share of the survey's extent.
 _VECTOR_SHARE = 0.12
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-_CLUTTER = 40  # points; of more, names only clutter
+_CLUTTER = 40  # most points that are labelled with their names
 
 
 def ground_plots(found: Evaluation) -> Iterator[Plot]:
-    """Errors where points were located, and the track."""
+    """Yield the plots of the errors, if points were located, and of the track."""
     if any(method.located for method in found.methods):
         yield _vectors(found)
         yield _distribution(found)
-        yield _belief(found)
+        yield _sigma_against_error(found)
     yield _track(found)
 
 
 def _vectors(found: Evaluation) -> Plot:
-    """Figures 23 to 26."""
+    """Return Figures 23 to 26."""
     return Plot(
         "Errors of the control points",
         "From each surveyed point (cross) to where its observations were located, the vectors "
@@ -76,7 +76,7 @@ def _error_vectors(panel: Any, method: MethodResult, middle: Array, times: float
 
 
 def _magnification(most: float) -> int:
-    """A round number by which vectors are lengthened, of those that are not too much."""
+    """Return the largest round magnification that is not above ``most``."""
     return max((times for times in _MAGNIFICATIONS if times <= most), default=1)
 
 
@@ -99,15 +99,15 @@ def _distribution(found: Evaluation) -> Plot:
     )
 
 
-def _belief(found: Evaluation) -> Plot:
+def _sigma_against_error(found: Evaluation) -> Plot:
     methods = [method for method in found.methods if method.located]
     made, axes = figure(WIDTH_IN, 4.2)
     for number, method in enumerate(methods):
-        told = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
+        predicted = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
         true = [one.distance_m for one in method.located]
         inside = sum(one.is_inside for one in method.located)
         label = f"{method.method}: {inside} of {len(true)} inside"
-        axes.plot(told, true, ".", color=COLOURS[number % len(COLOURS)], label=label)
+        axes.plot(predicted, true, ".", color=COLOURS[number % len(COLOURS)], label=label)
     sigmas = [math.sqrt(np.trace(one.covariance_en)) for m in methods for one in m.located]
     line = np.array([min(sigmas), max(sigmas)])
     axes.plot(line, math.sqrt(CHI2_95 / 2) * line, color="#888888", linestyle=":")

@@ -1,6 +1,6 @@
-"""The plane in metres in which ground errors are told: Gauss-Krueger or UTM, by PROJ.
+"""Project to the plane in metres of the ground errors: Gauss-Krueger or UTM, by PROJ.
 
-Both are transverse Mercator on the WGS84 ellipsoid, with the zone of the survey's middle.
+Both are transverse Mercator on the WGS84 ellipsoid, in the zone of the survey's middle.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import pyproj
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 
-#: Beyond, a zone is so narrow that its plane is none.
+#: Above this latitude zones are too narrow to be useful.
 _MOST_LATITUDE_DEG = 84.0
 
 
 @dataclass(frozen=True)
 class Projection:
-    """A transverse Mercator plane."""
+    """Project to a transverse Mercator plane."""
 
     name: str
     definition: str  # for PROJ
@@ -35,14 +35,14 @@ class Projection:
         return pyproj.Proj(self.definition)
 
     def project(self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike) -> Array:
-        """(..., 2) east and north, m, of places (...)."""
+        """Return east and north (..., 2), m, of positions (...)."""
         east, north = self._proj(np.degrees(longitude_rad), np.degrees(latitude_rad))
         return np.stack([np.asarray(east, float), np.asarray(north, float)], axis=-1)
 
     def local_axes(self, latitude_rad: float, longitude_rad: float) -> Array:
-        """(2, 2): metres north and east at a place to metres east and north in the plane.
+        """Return the matrix (2, 2) from metres north, east at a point to east, north in the plane.
 
-        The scale there, turned by the convergence of the meridians.
+        It is the scale at that point, rotated by the meridian convergence.
         """
         factors = self._proj.get_factors(math.degrees(longitude_rad), math.degrees(latitude_rad))
         turn, scale = math.radians(factors.meridian_convergence), factors.meridional_scale
@@ -51,12 +51,12 @@ class Projection:
 
 
 def projection_of(kind: str, latitude_rad: Array, longitude_rad: Array) -> Projection:
-    """``gauss-krueger`` (3-degree zones, scale 1) or ``utm`` for places (N,), N at least 1.
+    """Return ``gauss-krueger`` (3-degree zones, scale 1) or ``utm`` for points (N,), N at least 1.
 
-    Raises SurveyError too near a pole.
+    Raise SurveyError too near a pole.
     """
     latitude_deg = math.degrees(float(np.mean(latitude_rad)))
-    # as directions: places on both sides of 180 degrees have their middle there
+    # The mean of directions, so that it is right for points on both sides of 180 degrees.
     middle = np.arctan2(np.sin(longitude_rad).mean(), np.cos(longitude_rad).mean())
     longitude_deg = math.degrees(float(middle))
     if abs(latitude_deg) > _MOST_LATITUDE_DEG:

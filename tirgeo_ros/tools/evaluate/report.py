@@ -1,4 +1,4 @@
-"""An evaluation as one page: tables, figures and stills, with nothing outside the file."""
+"""Write an evaluation as one self-contained page: tables, figures and stills."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ pre { overflow-x: auto; font-size: .85rem; }
 
 
 def report_html(found: Evaluation) -> str:
-    """The page."""
+    """Return the page."""
     parts = [
         f"<h1>Ground points of {escape(Path(found.bag).name)}</h1>",
         f'<p class="verdict">{escape(verdict(found.methods))}</p>',
@@ -77,7 +77,7 @@ def report_html(found: Evaluation) -> str:
 
 
 def _lead(found: Evaluation) -> str:
-    """What was compared with what, and where."""
+    """Return what was compared with what, and where."""
     checks = found.checks
     seen = sum(name not in checks.unobserved_ids for name in found.control)
     ground = found.methods[0].ground_words if found.methods else ""
@@ -131,8 +131,10 @@ def _method_column(method: MethodResult) -> list[str]:
 def _tests_table(found: Evaluation) -> str:
     rows = [(one.first, one.second, _p_value(one.p_value, one.note)) for one in found.tests]
     table = _table(("method", "beside", "p-value"), rows)
-    said = "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
-    return f"{table}\n<p>{said}</p>"
+    explanation = (
+        "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
+    )
+    return f"{table}\n<p>{explanation}</p>"
 
 
 def _p_value(value: float | None, note: str) -> str:
@@ -148,8 +150,8 @@ def _points_table(found: Evaluation) -> str:
     ]
     foot = ["mean", *[_metres(method.errors.mean_point_rmse_m) for method in found.methods]]
     table = _table(("point", *[name for name, _ in columns]), rows, foot)
-    said = "Root mean square over a point's observations, m (Equation 24, Table 6)."
-    return f"{table}\n<p>{said}</p>"
+    explanation = "Root mean square over a point's observations, m (Equation 24, Table 6)."
+    return f"{table}\n<p>{explanation}</p>"
 
 
 def _metres(value: float | None) -> str:
@@ -168,7 +170,7 @@ def _table(
 
 
 def _row(cells: Iterable[str], tag: str) -> str:
-    """A row; the names in a head may be broken at an underscore."""
+    """Return a row; names in a head may break at an underscore."""
     shown = [
         escape(cell).replace("_", "_<wbr>") if tag == "th" else escape(cell) for cell in cells
     ]

@@ -1,7 +1,7 @@
-"""What an evaluation finds: numbers for the tables, and series for the plots.
+"""Define the result of an evaluation: numbers for the tables, and series for the plots.
 
-East and north are metres of one projected plane (``Evaluation.projection``), true of scale to what
-its name says. Attitudes are roll, pitch, yaw (rad) against north, east, down at the aircraft; yaw
+East and north are metres in one projected plane (``Evaluation.projection``), true to scale as its
+name says. Attitudes are roll, pitch, yaw (rad) relative to north, east, down at the aircraft; yaw
 is the heading, within -pi to pi. IntArray are int ns. Series are thinned to ``SERIES_HZ``.
 """
 
@@ -26,13 +26,13 @@ from tirgeo_ros.tools.evaluate.systematic import PixelMoves
 from tirgeo_ros.tools.evaluate.t_test import PairedTest
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 
-#: The highest rate of the poses and attitudes that are kept for plots.
+#: Highest rate of the poses and attitudes that are kept for plots.
 SERIES_HZ = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class ControlPoint:
-    """A surveyed point in the projected plane."""
+    """Hold a surveyed point in the projected plane."""
 
     id: str
     latitude_rad: float
@@ -44,40 +44,40 @@ class ControlPoint:
 
 @dataclass(frozen=True, slots=True)
 class LocatedPoint:
-    """One observation of a control point, located on the ground by one method."""
+    """Hold one observation of a control point, located on the ground by one method."""
 
     id: str
     stamp_ns: int  # of the picture
     uv: tuple[float, float]  # column, row, px
     east_m: float
     north_m: float
-    height_m: float  # of the ground there, ellipsoidal
-    error_en: Array  # (2,) located less surveyed, m
+    height_m: float  # ellipsoidal height of the ground there
+    error_en: Array  # (2,) located minus surveyed, m
     covariance_en: Array  # (2, 2) of the located point, as the method predicts it, m2
-    ellipse: Ellipse  # of 95 %; its azimuth from the plane's north
-    moves: PixelMoves | None = None  # the offset in the picture, with what may have made it
+    ellipse: Ellipse  # 95 % ellipse; azimuth from the plane's north
+    moves: PixelMoves | None = None  # pixel offset and the effect of possible causes
 
     @property
     def distance_m(self) -> float:
-        """Horizontal error."""
+        """Return the horizontal error."""
         return float(np.hypot(*self.error_en))
 
     @property
     def is_inside(self) -> bool:
-        """Whether the surveyed place lies in the ellipse of 95 %."""
+        """Return whether the surveyed position is inside the 95 % ellipse."""
         squared = self.error_en @ np.linalg.solve(self.covariance_en, self.error_en)
         return bool(squared <= CHI2_95)
 
 
 def ground_errors(located: Sequence[LocatedPoint]) -> GroundErrors:
-    """The horizontal errors of located points."""
+    """Return the horizontal errors of located points."""
     errors_en = np.array([one.error_en for one in located]).reshape(-1, 2)
     return GroundErrors([one.id for one in located], errors_en)
 
 
 @dataclass(frozen=True, slots=True)
 class RefusedPoint:
-    """One observation that a method could not locate."""
+    """Hold one observation that a method could not locate."""
 
     id: str
     stamp_ns: int
@@ -87,7 +87,7 @@ class RefusedPoint:
 
 @dataclass(frozen=True)
 class Attitudes:
-    """Attitudes at N instants."""
+    """Hold attitudes at N instants."""
 
     stamp_ns: IntArray  # (N,)
     rpy: Array  # (N, 3) roll, pitch, yaw, rad
@@ -99,7 +99,7 @@ class Attitudes:
 
 @dataclass(frozen=True)
 class PoseTrack(Attitudes):
-    """Poses at N instants with what the method believes of them."""
+    """Hold poses at N instants, with the standard deviations that the method predicts."""
 
     east_m: Array  # (N,)
     north_m: Array  # (N,)
@@ -110,7 +110,7 @@ class PoseTrack(Attitudes):
 
 @dataclass(frozen=True)
 class FixTrack:
-    """Antenna positions of a receiver at N instants, as they came."""
+    """Hold antenna positions of a receiver at N instants, as they came."""
 
     stamp_ns: IntArray  # (N,)
     east_m: Array  # (N,)
@@ -121,20 +121,20 @@ class FixTrack:
 
 @dataclass(frozen=True)
 class Innovations:
-    """The filter's verdicts on one source's samples, of those that it compared with its state."""
+    """Hold the filter's innovations for one source, of the samples that it compared."""
 
     source: str  # rtk_position, rtk_velocity, rtk_heading, gps_position, gps_velocity
-    stamp_ns: IntArray  # (N,) of the sample, or of the IMU's first after it where it was held
-    #: (N, k) measured less predicted or the other way round, as the filter has it: m or m/s along
-    #: north, east, down; rad.
+    stamp_ns: IntArray  # (N,) of the sample; for one held back, of the next IMU sample
+    #: (N, k) measured minus predicted or the reverse, as in the filter: m or m/s along north,
+    #: east, down; rad.
     innovation: Array
-    test_ratio: Array  # (N,) squared innovation over its gate; more than 1 is refused
+    test_ratio: Array  # (N,) squared innovation over its gate; above 1 is refused
     used: npt.NDArray[np.bool_]  # (N,)
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the flight's own instruments said, apart from any method."""
+    """Hold the data of the flight's own instruments, independent of any method."""
 
     rtk: FixTrack
     gps: FixTrack
@@ -145,7 +145,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The experiment under one method."""
+    """Hold the experiment's result under one method."""
 
     method: str
     composition: str  # of the gimbal: paper or encoders
@@ -157,20 +157,20 @@ class MethodResult:
     body: PoseTrack
     camera: PoseTrack  # attitude of the camera body: forward, right, down
     innovations: Sequence[Innovations]
-    verdicts: Mapping[str, int]  # "source outcome" to number
-    parameters: Mapping[str, Mapping[str, Value]]  # by node, by dotted name, as used
-    #: The body's own errors once the filter has settled; None without a truth.
+    verdicts: Mapping[str, int]  # "source outcome" -> number
+    parameters: Mapping[str, Mapping[str, Value]]  # node -> dotted name -> value, as used
+    #: Errors of the body's poses after the filter has settled; None without a truth.
     against_truth: BodyErrors | None = None
 
     @cached_property
     def errors(self) -> GroundErrors:
-        """The horizontal errors of what was located."""
+        """Return the horizontal errors of the located points."""
         return ground_errors(self.located)
 
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A picture of the overlay."""
+    """Hold a picture of the overlay."""
 
     caption: str
     jpeg: bytes
@@ -178,20 +178,20 @@ class Still:
 
 @dataclass(frozen=True)
 class Checks:
-    """What the observations and the survey say of each other and of the bag."""
+    """Hold the comparison of observations, survey and pictures."""
 
     observations: int
-    unknown_ids: Mapping[str, int]  # observed but not surveyed, to number; never located
+    unknown_ids: Mapping[str, int]  # observed but not surveyed id -> number; never located
     unobserved_ids: Sequence[str]
-    #: Observations whose stamp is no picture's, and the largest distance to the nearest one;
-    #: None where the bag has no pictures.
+    #: Number of observations whose stamp is no picture's, and the longest time (s) to the nearest
+    #: picture; None if the bag has no pictures.
     off_pictures: int | None
     off_pictures_most_s: float | None
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The experiment."""
+    """Hold the whole experiment."""
 
     bag: str
     survey_path: str
@@ -201,14 +201,14 @@ class Evaluation:
     checks: Checks
     sensors: Sensors
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
-    missing: Mapping[str, str]  # method to the reason why it could not
-    faults: Mapping[str, str]  # of these those whose topics the bag has
+    missing: Mapping[str, str]  # method -> the reason why it could not be run
+    faults: Mapping[str, str]  # those of ``missing`` whose topics the bag has
     tests: Sequence[PairedTest]  # each pair of ``methods`` once
-    stills: Sequence[Still]  # of the last method; none where the bag has no pictures
+    stills: Sequence[Still]  # of the last method; empty if the bag has no pictures
     notes: Sequence[str]
-    error: str | None  # what makes it a failure although there is a result
-    findings: Sequence[Finding] = ()  # what is wrong with set-up or sensors, the worst first
+    error: str | None  # what makes the run a failure although there is a result
+    findings: Sequence[Finding] = ()  # problems of set-up or sensors, the worst first
 
     def method(self, name: str) -> MethodResult | None:
-        """A method by its name, None where it is missing."""
+        """Return a method by its name, or None if it is missing."""
         return next((one for one in self.methods if one.method == name), None)

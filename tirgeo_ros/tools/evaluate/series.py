@@ -1,4 +1,4 @@
-"""Series over a flight for plots: poses, attitudes, fixes and the filter's verdicts, thinned."""
+"""Collect series over a flight for plots: poses, attitudes, fixes, innovations, thinned."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from tirgeo_ros.tools.evaluate.result import (
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors, Truth, body_errors
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
-#: The filter has settled so long after its start; from then on it is judged.
+#: Settling time of the filter; errors count only after it.
 SETTLED_S = 20.0
 _Q_OPTICAL_BODY = quat_conjugate(Q_BODY_OPTICAL)
 
 
 @final
 class MethodSeries:
-    """What a method makes of a flight over time (a Watcher).
+    """Collect a method's results over a flight; a Watcher.
 
-    With a truth, which only simulated flights have, every pose of the body is compared with it.
+    With a truth, which only simulated flights have, every body pose is compared with it.
     """
 
     def __init__(self, truth: Truth | None = None) -> None:
@@ -62,7 +62,7 @@ class MethodSeries:
         self._solution_rate, self._camera_rate = RateLimit(SERIES_HZ), RateLimit(SERIES_HZ)
 
     def heard(self, verdict: Verdict) -> None:
-        """Keep a verdict that compares a sample with the state."""
+        """Keep a verdict that has an innovation."""
         if verdict.innovation and math.isfinite(verdict.test_ratio):
             self._pending.append(verdict)
 
@@ -83,15 +83,15 @@ class MethodSeries:
 
     @property
     def has_poses(self) -> bool:
-        """Whether there was any pose of the camera."""
+        """Return whether there was any camera pose."""
         return bool(self._cameras)
 
     def body_errors(self) -> BodyErrors | None:
-        """The body's errors once the filter has settled; None without a truth."""
+        """Return the errors of the body's poses after settling; None without a truth."""
         return None if self._truth is None else body_errors(self._bodies, self._truth, SETTLED_S)
 
     def body(self, projection: Projection) -> PoseTrack:
-        """The body's poses."""
+        """Return the poses of the body."""
         found = self._solutions
         return _track(
             [s.stamp_ns for s in found],
@@ -102,7 +102,7 @@ class MethodSeries:
         )
 
     def camera(self, plane: TangentPlane, projection: Projection) -> PoseTrack:
-        """The camera's poses; its attitude is that of the camera body."""
+        """Return the poses of the camera; the attitude is that of the camera body."""
         found = self._cameras
         places = plane.geodetic_from_ned(_rows([p.position_n for p in found], 3))
         return _track(
@@ -114,7 +114,7 @@ class MethodSeries:
         )
 
     def innovations(self) -> list[Innovations]:
-        """The verdicts by source, in the order of the sources' names."""
+        """Return the innovations by source, sorted by the sources' names."""
         ordered = sorted(self._verdicts.items(), key=lambda item: item[0].value)
         return [_innovations(source, verdicts) for source, verdicts in ordered]
 
@@ -132,7 +132,7 @@ def _innovations(source: Source, verdicts: Sequence[tuple[int, Verdict]]) -> Inn
 def _track(
     stamps_ns: list[int], q_n: Array, geodetic: Array, variances: Array, projection: Projection
 ) -> PoseTrack:
-    """Poses of N instants: attitudes (N, 4), places (N, 3) rad and m, variances (N, 6)."""
+    """Return a track of N poses: attitudes (N, 4), places (N, 3) rad, m, variances (N, 6)."""
     place_en = projection.project(geodetic[:, 0], geodetic[:, 1])
     sigma = np.sqrt(np.maximum(variances, 0))
     return PoseTrack(
@@ -149,7 +149,10 @@ def _track(
 def _camera_attitudes(
     poses: Sequence[CameraPose], plane: TangentPlane, latitude_rad: Array, longitude_rad: Array
 ) -> Array:
-    """(N, 4) camera body to north, east, down at the camera: the plane's axes are turned there."""
+    """Return quaternions (N, 4) from camera body to north, east, down at the camera.
+
+    The axes of the plane are rotated to those at the camera.
+    """
     turned = [
         quat_multiply(quat_conjugate(quat_from_matrix(plane.rotation_from_local(*at))), pose.q_nc)
         for pose, *at in zip(poses, latitude_rad.tolist(), longitude_rad.tolist(), strict=True)
@@ -163,7 +166,7 @@ def _rows(rows: Sequence[Sequence[float] | Array], width: int) -> Array:
 
 @final
 class SensorSeries:
-    """What the instruments say over a flight (a Taker)."""
+    """Collect the instruments' data over a flight; a Taker."""
 
     topics = ("imu/data", "rtk/fix", "gps/fix", "gimbal/attitude")
 
@@ -179,7 +182,7 @@ class SensorSeries:
         self._rates = {key: RateLimit(SERIES_HZ) for key in (*self._fixes, *self._attitudes)}
 
     def take(self, sample: Sample) -> None:
-        """Keep a sample that is due."""
+        """Keep a sample if its rate allows it."""
         if isinstance(sample, PositionSample):
             place = sample.latitude_rad + sample.longitude_rad + sample.height_m
             if math.isfinite(place) and self._rates[sample.source].due(sample.stamp_ns):
@@ -196,7 +199,7 @@ class SensorSeries:
             self._attitudes[type(sample)].append((sample.stamp_ns, q_n))
 
     def sensors(self, projection: Projection, picture_stamps_ns: Sequence[int]) -> Sensors:
-        """The series in the plane."""
+        """Return the series in the projected plane."""
         return Sensors(
             _fix_track(self._fixes[Source.RTK_POSITION], projection),
             _fix_track(self._fixes[Source.GPS_POSITION], projection),

@@ -1,4 +1,4 @@
-"""The methods that are compared, each with its parameters and its ground."""
+"""Set up the methods that are compared, each with its parameters and its ground."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-#: The paper's own method with a boresight calibration.
+#: Name of the paper's own method with a boresight calibration.
 CALIBRATED = "calibrated"
 _CALIBRATED_IS = "ekf_heading"
 
 
 @dataclass(frozen=True)
 class MethodSetup:
-    """A method with its parameters."""
+    """Hold a method with its parameters."""
 
     method: str
     ekf: EkfConfig
@@ -35,12 +35,12 @@ class MethodSetup:
 
     @property
     def latency_ns(self) -> int:
-        """From an exposure to its picture's stamp."""
+        """Return the time from an exposure to its picture's stamp (ns)."""
         return round(self.overlay.video_latency_s * 1e9)
 
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """By node, by dotted name."""
+        """Return the parameters: node -> dotted name -> value."""
         nodes = {"ekf_node": self.ekf, "gimbal_node": self.gimbal, "overlay_node": self.overlay}
         return {node: values_of(config) for node, config in nodes.items()}
 
@@ -54,11 +54,11 @@ def method_setups(
     survey_heights_m: Sequence[float],
     camera: PathLike | None = None,
 ) -> list[MethodSetup]:
-    """The four methods of the paper, and ``calibrated`` with a boresight file.
+    """Return the four methods of the paper, and ``calibrated`` with a boresight file.
 
-    ``boresight`` stands before ``params``, ``dem`` or ``ground_height``, and
-    ``camera``, before both. Without any
-    ground it is level at the median of the survey's heights. Raises ConfigError, ElevationError.
+    ``boresight`` overrides ``params``; ``dem`` or ``ground_height``, and ``camera``, override
+    both. Without any ground it is level at the median of the survey's heights. Raise ConfigError,
+    ElevationError.
     """
     files = paths_of(params)
     asked = [(name, name, files) for name in METHODS]
@@ -76,7 +76,7 @@ def method_setups(
             camera=camera,
         )
         key = (str(overlay.ground_height_m), overlay.dem, overlay.dem_undulation_m)
-        if key not in grounds:  # an elevation model is large
+        if key not in grounds:  # an elevation model is large, so each is read once
             grounds[key] = ground_of(overlay)
         setups.append(_setup(name, ekf, gimbal, overlay, grounds[key], survey_heights_m))
     return setups
@@ -102,7 +102,7 @@ def _setup(
 
 
 def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
-    """How far the survey lies off level ground, what else to know of grounds and methods."""
+    """Return notes on grounds and methods, such as the survey's heights above level ground."""
     notes: list[str] = []
     for setup in setups:
         if isinstance(setup.ground, Terrain):

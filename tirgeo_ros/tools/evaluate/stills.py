@@ -1,4 +1,4 @@
-"""Some of a flight's pictures with the map and the control points drawn, as overlay_node draws."""
+"""Draw map and control points on some of a flight's pictures, in the style of overlay_node."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from tirgeo_ros.tools.evaluate.result import ControlPoint, Still
 from tirgeo_ros.tools.replay.flight_poses import pose_at
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
-#: So many are shown, spread over the flight.
+#: Number of stills, spread over the flight.
 STILLS = 4
 _QUALITY = 85
 _CLICK_BGR, _CLICK_PX = (0, 140, 255), 13
 _CONTROL = LayerStyle(line_bgr=(120, 255, 120), width_px=2)
-#: An operator's click belongs to the picture of its stamp.
+#: Largest time from a click's stamp to that of its picture.
 _SAME_NS = 1_000_000
 
 
 @dataclass(frozen=True)
 class StillSource:
-    """What the stills are drawn from."""
+    """Hold the data from which the stills are drawn."""
 
     reader: BagReader
     namespace: str
@@ -52,13 +52,13 @@ class StillSource:
     overlay: OverlayConfig
     ground: Ground
     layers: Sequence[MapLayer]
-    method: str  # that the poses are by
+    method: str  # source of the poses
 
 
 def overlay_stills(
     source: StillSource, control: Iterable[ControlPoint], observations: Sequence[Observation]
 ) -> list[Still]:
-    """Pictures on which points were observed; none where the bag has no pictures."""
+    """Return stills with clicks drawn; empty if the bag has no pictures."""
     drawing = _drawing(source, control)
     toner = Toner(source.overlay.picture, source.overlay.palette)
     stills = []
@@ -91,7 +91,7 @@ def _control_layer(control: Iterable[ControlPoint]) -> MapLayer:
 
 
 def _chosen(observations: Sequence[Observation]) -> list[int]:
-    """Stamps of pictures: of each part of the flight the one with most clicks."""
+    """Return stamps of pictures: from each part of the flight the one with most clicks."""
     clicks = Counter(one.stamp_ns for one in observations)
     stamps = sorted(clicks)
     parts = np.array_split(np.array(stamps, np.int64), min(STILLS, len(stamps)))
@@ -99,12 +99,12 @@ def _chosen(observations: Sequence[Observation]) -> list[int]:
 
 
 def _pictures(source: StillSource, stamps_ns: list[int]) -> Iterator[tuple[int, RawPixels]]:
-    """Stamp and pixels of those pictures of the bag, as far as it has them."""
+    """Yield stamp and pixels of those pictures, as far as the bag has them."""
     there = source.reader.topics()
     topics = [t for name in PICTURES if (t := resolved(name, source.namespace)) in there]
     cdr = Cdr()
     for message in source.reader.messages(topics[:1]) if topics else ():
-        with suppress(TirgeoError):  # counted where the flight is read
+        with suppress(TirgeoError):  # errors are counted where the flight is read
             stamp_ns = header_stamp_ns(message.data)
             if any(abs(stamp_ns - one) <= _SAME_NS for one in stamps_ns):
                 yield stamp_ns, _pixels(cdr.deserialize(message.data, message.typename))

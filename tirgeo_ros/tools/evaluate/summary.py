@@ -1,4 +1,4 @@
-"""An evaluation's numbers as plain values (None where there is none), and as files."""
+"""Convert an evaluation's numbers to plain values (None where absent), and to files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 
-#: What the measures mean; it stands beside them wherever they are told.
+#: Meanings of the measures, written beside them in every output.
 DEFINITIONS = {
     "point_rmse_m": "root mean square of a point's horizontal errors (Eq. 24)",
     "mean_point_rmse_m": "mean of that over the points, as in the last row of Table 6",
@@ -45,7 +45,7 @@ _OBSERVATION_COLUMNS = (
 
 
 def summary(found: Evaluation) -> dict[str, object]:
-    """All numbers, for JSON: lengths in m, in the projected plane."""
+    """Return all numbers, for JSON: lengths in m, in the projected plane."""
     checks, projection = found.checks, found.projection
     return {
         "verdict": verdict(found.methods),
@@ -99,7 +99,7 @@ def _method(one: MethodResult) -> dict[str, object]:
 
 
 def _truth(errors: BodyErrors) -> dict[str, object]:
-    """None where the flight was too short to be judged."""
+    """Return rms errors; None if the flight was too short."""
     angles = {"roll": errors.roll_rad, "pitch": errors.pitch_rad, "heading": errors.heading_rad}
     rms = {f"{name}_deg": math.degrees(angle) for name, angle in angles.items()}
     rms["position_m"] = errors.position_m
@@ -107,7 +107,7 @@ def _truth(errors: BodyErrors) -> dict[str, object]:
 
 
 def _points(found: Evaluation) -> dict[str, dict[str, object]]:
-    """The observed points in the survey's order, with their error under each method."""
+    """Return the observed points in the survey's order, with their error under each method."""
     first = found.methods[0]  # all have the same observations
     seen = Counter([one.id for one in first.located] + [one.id for one in first.refused])
     return {
@@ -141,7 +141,7 @@ def _warning(found: Evaluation) -> str | None:
 
 
 def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
-    """Raise CalibrationError where what is written to a folder would replace one of the inputs."""
+    """Raise CalibrationError if an output in the folder would overwrite one of the inputs."""
     methods = (*METHODS, CALIBRATED)
     names = ("points.csv", "observations.csv", "result.json", "report.html")
     outputs = [Path(folder) / name for name in (*names, *map(_parameters_name, methods))]
@@ -155,10 +155,10 @@ def _parameters_name(method: str) -> str:
 def write_evaluation(
     found: Evaluation, folder: PathLike, more: Mapping[str, str | bytes] | None = None
 ) -> list[str]:
-    """Write the numbers, and ``more`` files by name, to a folder; the paths, in order.
+    """Write the numbers, and ``more`` files by name, to a folder; return the paths, in order.
 
-    ``points.csv``, ``observations.csv``, ``result.json``, and for each method the parameters
-    that it ran with. The folder is made; all of the files are written or none. Raises
+    The files are ``points.csv``, ``observations.csv``, ``result.json``, and for each method the
+    parameters that it ran with. The folder is created; all files are written or none. Raise
     CalibrationError.
     """
     place = Path(folder)
@@ -177,7 +177,7 @@ def write_evaluation(
 
 
 def _parameters(found: Evaluation, one: MethodResult) -> str:
-    """What is set: a NaN stands for what is not, as an empty list or word does."""
+    """Return the parameters that are set: NaN and empty lists or strings are unset."""
     nodes = {
         node: {name: value for name, value in values.items() if _is_set(value)}
         for node, values in one.parameters.items()
@@ -229,5 +229,5 @@ def _pixel(uv: tuple[float, float]) -> list[str]:
 
 
 def _metres(value: float | None) -> str:
-    """To a tenth of a millimetre; empty where there is none."""
+    """Format to a tenth of a millimetre; empty for None."""
     return "" if value is None else f"{value:.4f}"

@@ -1,13 +1,14 @@
-"""What the errors of located ground points have in common, and whose fault that looks like.
+"""Find what the errors of located ground points have in common, and its likely cause.
 
 Each cause moves every observation in the picture in its own way, to first order by
-``pixel_moves``: a boresight by one small rotation of the camera, a latency along the camera's
-motion, a datum by one step to east and north, a height by one step of the ground under the
-camera. Of each the size is fitted by least squares to the offsets in pixels. A cause is systematic
-where an F test says that its size over its standard error is not chance (1 %) and it explains half
-of the mean square. Of several the one with the least BIC is named, and those within 6 of it: less
-is no strong evidence (Kass and Raftery, Bayes Factors, JASA 1995, section 3.2). The errors within
-one picture share one pose, so pictures are counted, two numbers each, and not observations.
+``pixel_moves``: a boresight error is one small rotation of the camera, a latency a shift along the
+camera's motion, a datum error one step to east and north, a height error one step of the ground
+under the camera. The size of each is fitted by least squares to the offsets in pixels.
+A cause is systematic if an F test says that its size over its standard error is not chance (1 %),
+and if it explains half of the mean square. Of several causes the one with the least BIC is named,
+and those within 6 of it: a smaller difference is no strong evidence (Kass and Raftery, Bayes
+Factors, JASA 1995, section 3.2). The errors within one picture share one pose, so the test counts
+pictures, two numbers each, and not observations.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Fewer pictures say nothing of what is common to all.
+#: With fewer pictures a common error cannot be recognised.
 LEAST_PICTURES = 3
 _CHANCE = 0.01
 _LEAST_SHARE = 0.5
 _STRONG_BIC = 6.0
-#: px2; the pixels of a click are not finer, so that noiseless offsets have a logarithm.
+#: px2; lower limit of a mean square, finer than a click, so that the logarithm is finite.
 _LEAST_SQUARE_PX2 = 1e-6
 
 
 class Cause(Enum):
-    """What an error that all observations share looks like."""
+    """List the causes of an error that all observations share."""
 
     BORESIGHT = "boresight"  # fixed in the picture
     LATENCY = "latency"  # along the camera's motion
@@ -45,20 +46,21 @@ class Cause(Enum):
 
 
 class PixelMoves(NamedTuple):
-    """One observation's offset, and what each cause would make of it by unit of its size."""
+    """Hold one observation's pixel offset, and the effect of each cause per unit of its size."""
 
     offset_px: Array  # (2,) observed less predicted, column and row
-    by: Mapping[Cause, Array]  # (2, k) px by rad, s, m east and north, m up
+    by: Mapping[Cause, Array]  # (2, k) px per rad, s, m east and north, m up
 
 
 @dataclass(frozen=True)
 class Systematic:
-    """What all observations share."""
+    """Hold the error that all observations share."""
 
     #: rad about the camera's right, down and forward; s later than assumed; m east, north from the
-    #: surveyed to the located places; m by which the ground is taken too high under the camera.
+    #: surveyed to the located points; m by which the assumed ground is too high under the camera.
     size: Array
-    causes: tuple[Cause, ...]  # the likeliest, which has the size, then those as good as it
+    # The likeliest, to which ``size`` belongs, then those about as likely.
+    causes: tuple[Cause, ...]
     share: float  # of the mean square offset, 0 to 1
     mean_px: Array  # (2,) mean offset, column and row
 
@@ -70,10 +72,10 @@ def pixel_moves(
     uv: tuple[float, float],
     surveyed_n: Array,
 ) -> PixelMoves | None:
-    """Return one observation's moves; None where the camera cannot see the surveyed place.
+    """Return one observation's moves; None if the camera cannot see the surveyed point.
 
-    ``surveyed_n`` (3,) is the surveyed place on the ground as it is taken to be, NED in the
-    pose's plane. Without ``rates`` there is no latency.
+    ``surveyed_n`` (3,) is the surveyed point at the height of the assumed ground, NED in the
+    pose's plane. Without ``rates`` latency is not considered.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     predicted, _ = camera.project((surveyed_n - pose.position_n)[None] @ rotation_nc)
@@ -91,7 +93,7 @@ def pixel_moves(
 
 
 def find_systematic(moves: Sequence[PixelMoves], pictures: int) -> Systematic | None:
-    """Return what the observations of so many pictures share; None where it may be chance."""
+    """Return what the observations of that many pictures share; None if it may be chance."""
     if pictures < LEAST_PICTURES:
         return None
     offsets = np.concatenate([one.offset_px for one in moves])

@@ -1,4 +1,4 @@
-"""The paired t-test of Table 7: whether two methods' errors differ by more than chance.
+"""Run the paired t-test of Table 7, whether two methods' errors differ by more than chance.
 
 The pairs are a point's root mean square errors (Eq. 24) under both methods.
 """
@@ -11,18 +11,18 @@ from itertools import combinations
 
 import numpy as np
 
-#: Differences that are alike to this are one difference: a nanometre is arithmetic.
+#: Differences within this are equal: a nanometre is rounding.
 _ALIKE_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class PairedTest:
-    """Two methods over the points that both have."""
+    """Hold the comparison of two methods over the points that both have."""
 
     first: str
     second: str
     points: int
-    mean_difference_m: float | None  # first less second
+    mean_difference_m: float | None  # first minus second
     t: float | None
     p_value: float | None  # two-sided
     note: str  # why there is no p-value, else empty
@@ -31,7 +31,7 @@ class PairedTest:
 def paired_test(
     first: str, second: str, errors_m: Mapping[str, Mapping[str, float]]
 ) -> PairedTest:
-    """Compare two methods; ``errors_m`` is by method, then by point."""
+    """Compare two methods; ``errors_m`` is method -> point -> error."""
     common = sorted(errors_m[first].keys() & errors_m[second].keys())
     differences = np.array([errors_m[first][name] - errors_m[second][name] for name in common])
     mean = float(differences.mean()) if common else None
@@ -50,5 +50,5 @@ def paired_test(
 
 
 def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> Sequence[PairedTest]:
-    """Each pair of methods once, in their order."""
+    """Compare each pair of methods once, in their order."""
     return [paired_test(a, b, errors_m) for a, b in combinations(errors_m, 2)]

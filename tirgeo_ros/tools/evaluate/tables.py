@@ -1,4 +1,4 @@
-"""The numbers of an evaluation as the paper's Tables 6 and 7, in text for a terminal."""
+"""Format the numbers of an evaluation as the paper's Tables 6 and 7, for a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _WIDTH = 13
 
 
 def text_tables(numbers: Mapping[str, Any]) -> str:
-    """The verdict and the tables of what ``summary`` gives."""
+    """Return the verdict and the tables of what ``summary`` returns."""
     parts = [
         [numbers["verdict"]],
         _errors(numbers),
@@ -57,7 +57,7 @@ def _p_values(numbers: Mapping[str, Any]) -> list[str]:
 
 
 def _against_truth(numbers: Mapping[str, Any]) -> list[str]:
-    """The body's own errors; [] without a truth."""
+    """Return the lines of the body's own errors; [] without a truth."""
     found = {name: one["against_truth"] for name, one in numbers["methods"].items()}
     if None in found.values():
         return []

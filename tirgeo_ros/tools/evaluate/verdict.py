@@ -1,9 +1,9 @@
-"""An evaluation in one sentence: whether the errors are as told, and else what they look like.
+"""Sum up an evaluation in one sentence: whether errors are as predicted, else the cause.
 
-The ellipses are true to their name unless so few surveyed places in them would be chance in one
-experiment of a hundred: the binomial probability with 95 %, of pictures instead of observations,
-for those of one picture share its pose. Where they are not, ``find_systematic`` says what the
-offsets share.
+The ellipses are consistent unless the number of surveyed points inside would occur by chance in at
+most one experiment of a hundred: the binomial probability with 95 %, counted in pictures instead
+of observations, because those of one picture share its pose. If they are not, ``find_systematic``
+finds what the offsets share.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from tirgeo_ros.tools.evaluate.systematic import (
 )
 
 _CONFIDENCE, _CHANCE = 0.95, 0.01
-_ROUNDING = 1e-9  # of a share of some thousands
+_ROUNDING = 1e-9  # of a share times some thousands
 _EIGHTHS = (
     *("north", "north-east", "east", "south-east"),
     *("south", "south-west", "west", "north-west"),
 )
-#: What to do about each cause.
+#: Advice for each cause.
 _MENDS = {
     Cause.BORESIGHT: "run calibrate boresight",
-    Cause.LATENCY: "run calibrate boresight",  # which finds it too
+    Cause.LATENCY: "run calibrate boresight",  # which estimates the latency too
     Cause.DATUM: "are the survey and the RTK base in one datum?",
     Cause.HEIGHT: "look at ground_height_m or dem of overlay_node: are all heights ellipsoidal?",
 }
@@ -58,7 +58,7 @@ def verdict(methods: Sequence[MethodResult]) -> str:
 
 
 def is_honest(share: float, pictures: int) -> bool:
-    """Return whether so large a share inside may be that of ellipses of 95 %."""
+    """Return whether this share inside is consistent with ellipses of 95 %."""
     from scipy.special import bdtr  # noqa: PLC0415  slow to import
 
     inside = math.floor(share * pictures + _ROUNDING)
@@ -81,7 +81,7 @@ def _offset_words(best: MethodResult, pictures: int) -> str:
 
 
 def _cause_words(systematic: Systematic, best: MethodResult) -> str:
-    """Return size and direction of the likeliest cause."""
+    """Return size and direction of the likeliest cause, in words."""
     mean_m = _length(float(best.errors.distance_m.mean()))
     size, cause = systematic.size, systematic.causes[0]
     if cause is Cause.DATUM:

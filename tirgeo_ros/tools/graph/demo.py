@@ -1,4 +1,4 @@
-"""The node graph on a recorded flight, and what is left of it: a video, a still, a summary."""
+"""Run the node graph on a recorded flight and write a video, a still and a summary."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
 
 SAMPLE = "bags/sample"
-#: Beside the bag: where what an operator clicks on truly is.
+#: File beside the bag with the true positions of the points that an operator clicks on.
 TARGETS = "targets.geojson"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
-#: Where in the flight the still is taken: the filter has settled and the map is in view.
+#: Fraction of the flight at which the still is taken: the filter has settled and sees the map.
 _STILL_AT = 2 / 3
-#: From here on the poses are judged against the truth.
+#: Poses are compared with the truth only from this time on.
 SETTLED_S = 10.0
 
 
 def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, object]:
-    """Run the graph, make the video and the still in ``setup.folder``, and return the summary.
+    """Run the graph, write video and still to ``setup.folder``, and return the summary.
 
-    ``error`` in it is None, or what of a damaged bag was lost. Raises GraphError for a node that
+    ``error`` in it is None, or what of a damaged bag was lost. Raise GraphError for a node that
     fails and BagError for a bag that cannot be played.
     """
     reader = BagReader(setup.bag)
@@ -63,7 +63,7 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
 
 
 def check_place_of(setup: GraphSetup) -> None:
-    """Raise GraphError where what the demo leaves would take the place of what it reads."""
+    """Raise GraphError if an output of the demo would overwrite one of its inputs."""
     configs = node_configs(setup.params)
     named = [*configs.files, *map_files(str(setup.map or ""))]
     outputs = [setup.folder / name for name in _NAMES]
@@ -72,7 +72,7 @@ def check_place_of(setup: GraphSetup) -> None:
 
 
 def with_sample(setup: GraphSetup) -> GraphSetup:
-    """The same with what lies beside the bag: ``map.geojson`` and ``params.yaml``."""
+    """Return ``setup`` with the files beside the bag: ``map.geojson`` and ``params.yaml``."""
     folder = setup.bag.parent
     params, map_file = folder / "params.yaml", folder / "map.geojson"
     return dataclasses.replace(
@@ -83,7 +83,7 @@ def with_sample(setup: GraphSetup) -> GraphSetup:
 
 
 def sample_bag() -> Path:
-    """The sample flight; raises BagError where it is not installed."""
+    """Return the path of the sample flight; raise BagError if it is not installed."""
     path = find_resource(f"{SAMPLE}/flight.mcap")
     if path is None:
         raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
@@ -91,7 +91,10 @@ def sample_bag() -> Path:
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:
-    """``overlay.mp4`` and ``still.png`` from a recording; raises GraphError without a frame."""
+    """Write ``overlay.mp4`` and ``still.png`` from a recording.
+
+    Raise GraphError without a frame.
+    """
     if not frames:
         raise GraphError(f"{recording}: the graph gave no {OVERLAY}: see the logs beside it")
     video, still = folder / "overlay.mp4", folder / "still.png"
@@ -104,9 +107,12 @@ def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, objec
 
 
 def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
-    """What the nodes said of themselves, with units in the names; ``begin_ns``: of the bag."""
+    """Return numbers from the nodes' diagnostics; ``begin_ns`` is the bag's begin.
+
+    The names of the values carry their units.
+    """
     navigation = outputs.last("ekf_node: navigation")
-    told = outputs.last("overlay_node: overlay")
+    overlay = outputs.last("overlay_node: overlay")
     first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
     mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
     frame_ms = outputs.numbers("overlay_node: topics", "tirgeo/overlay/image latency [ms]")
@@ -114,7 +120,7 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
     return {
         "method": navigation.get("method"),
         "state": navigation.get("state"),
-        "overlay": {k: int(v) for k, v in told.items() if v.isdecimal()},
+        "overlay": {k: int(v) for k, v in overlay.items() if v.isdecimal()},
         "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
         "heading_sigma_deg": fmean(sigmas) if sigmas else None,
         "frame_latency_ms": median(frame_ms) if frame_ms else None,
@@ -122,7 +128,7 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
 
 
 def cost(run: GraphRun) -> dict[str, object]:
-    """Processor seconds and cores by node."""
+    """Return processor seconds and cores by node."""
     return {
         "play_s": run.play_s,
         "cpu_s": run.cpu_s,
@@ -131,7 +137,7 @@ def cost(run: GraphRun) -> dict[str, object]:
 
 
 def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
-    """Root mean square errors of the camera's poses, or None where there is no truth."""
+    """Return rms errors of the camera poses, or None without a truth."""
     if outputs.plane is None or not truth.is_file():
         return None
     true = read_outputs(truth)
@@ -156,7 +162,7 @@ def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
 
 
 def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
-    """What was clicked on, each with the target nearest to it; none where no file says targets."""
+    """Return each click's located point with the nearest target; empty without a targets file."""
     if not targets.is_file():
         return []
     return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]

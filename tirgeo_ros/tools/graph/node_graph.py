@@ -1,4 +1,4 @@
-"""The whole node graph as separate processes over DDS, with a bag played through it."""
+"""Run the whole node graph as separate processes over DDS, and play a bag through it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
 _READY_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 15.0
-#: After the bag: the last diagnostics come within 1 s, and what a reader lost of the last pictures
-#: is sent again at the writer's heartbeat, every 3 s.
+#: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
+#: are sent again at the writer's heartbeat, every 3 s.
 _SETTLE_S = 3.5
 _POLL_S = 0.1
-#: Those that every method needs, so that they have a subscriber.
+#: Topics that every method needs, so that they always have a subscriber.
 AWAITED = ("imu/data", "thermal/camera_info")
 
 RECORDED = (
@@ -43,7 +43,7 @@ RECORDED = (
 
 @dataclass(frozen=True)
 class GraphSetup:
-    """What to run. ``folder`` takes the recording and the logs."""
+    """Hold what to run. ``folder`` is for the recording and the logs."""
 
     bag: Path
     folder: Path
@@ -51,29 +51,30 @@ class GraphSetup:
     map: Path | None = None
     method: str | None = None
     rate: float = 1.0
-    serial: bool = False  # the aircraft as bytes on a port, through dji_node; rate 1
+    # Send the aircraft's data as bytes on a port, through dji_node; needs rate 1.
+    serial: bool = False
     topics: Sequence[str] = RECORDED
-    more_params: Sequence[Path] = ()  # each stands before those ahead of it
-    environment: dict[str, str] = field(default_factory=dict)  # beside that of this process
+    more_params: Sequence[Path] = ()  # each overrides those before it
+    environment: dict[str, str] = field(default_factory=dict)  # added to that of this process
 
 
 @dataclass(frozen=True)
 class GraphRun:
-    """What came of it: the bag of outputs, and by node its processor time (s) and cores."""
+    """Hold the result: the bag of outputs, and each node's processor time (s) and cores."""
 
     recording: Path
-    play_s: float  # real time that the bag took
+    play_s: float  # real time of playing
     cpu_s: dict[str, float]  # from start to end
     cores: dict[str, float]  # while the bag played
-    error: str | None  # what of the bag was lost
-    shift_ns: int = 0  # stamps of the recording less the bag's
+    error: str | None  # what of the bag was lost, or None
+    shift_ns: int = 0  # the recording's stamps minus the bag's
 
 
 def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -> GraphRun:
-    """Start all nodes, play the bag through them, stop them, and say what it cost.
+    """Start all nodes, play the bag through them, stop them, and return their cost.
 
-    ``duration_s`` is the length of the bag, for ``progress``. Whatever happens, no process is
-    left. Raises GraphError for a node that dies, with the last line that it said.
+    ``duration_s`` is the length of the bag, for ``progress``. No process is left running in any
+    case. Raise GraphError for a node that dies, with the last line of its log.
     """
     setup.folder.mkdir(parents=True, exist_ok=True)
     recording = setup.folder / "recording.mcap"
@@ -96,7 +97,7 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
-    """The environment of the nodes: a DDS domain of their own, on this machine alone."""
+    """Return the environment of the nodes: their own DDS domain, on this machine only."""
     given = {**os.environ, **setup.environment}
     environment = localhost_environment(given, find_resource("config"))
     environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
@@ -106,7 +107,7 @@ def graph_environment(setup: GraphSetup) -> dict[str, str]:
 
 
 def free_domain(but: Collection[int] = ()) -> int:
-    """A DDS domain whose first participant's port is free (RTPS 2.2, section 9.6.1.1)."""
+    """Return a DDS domain whose first participant's port is free (RTPS 2.2, section 9.6.1.1)."""
     for step in range(100):
         domain = 1 + (os.getpid() + step) % 100
         if domain in but:
@@ -119,7 +120,7 @@ def free_domain(but: Collection[int] = ()) -> int:
 
 
 def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
-    # The serial link has the host's clock, so all have it.
+    # The serial link is stamped by the host's clock, so all nodes use that clock.
     clock = [] if setup.serial else ["-p", "use_sim_time:=true"]
     common = clock + _params(setup)
     method = ["-p", f"method:={setup.method}"] if setup.method else []
@@ -147,7 +148,7 @@ def _player(setup: GraphSetup) -> list[str]:
 
 
 def _awaited(setup: GraphSetup) -> list[str]:
-    """What the player waits to be listened to: else the first pictures may find nobody."""
+    """Return the topics whose subscribers the player waits for, so as not to lose pictures."""
     played = BagReader(setup.bag).topics()
     names = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     return [name for name in names if not (setup.serial and name in SENSED_TOPICS)]
@@ -159,18 +160,18 @@ def _params(setup: GraphSetup) -> list[str]:
 
 
 def _port(setup: GraphSetup) -> Path:
-    """The pseudo-terminal that the player makes."""
+    """Return the path of the pseudo-terminal that the player creates."""
     return setup.folder / "aircraft"
 
 
 @contextlib.contextmanager
 def node_processes() -> Iterator[list[NodeProcess]]:
-    """A list whose processes are all ended when the block is left, however it is left."""
+    """Yield a list whose processes are all ended when the block is left, however it is left."""
     processes: list[NodeProcess] = []
     try:
         yield processes
     finally:
-        # A second Ctrl-C must not leave half of them behind; the wait is bounded.
+        # A second Ctrl-C must not leave some of them running; the wait is limited.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         try:
             _end(processes)
@@ -188,7 +189,7 @@ def _end(processes: Sequence[NodeProcess]) -> None:
 
 
 def await_words(processes: Sequence[NodeProcess], words: str) -> None:
-    """Wait until each process has said the words. Raises GraphError if one does not or ends."""
+    """Wait until each log contains ``words``. Raise GraphError if one does not, or ends."""
     end_s = time.monotonic() + _READY_TIMEOUT_S
     while silent_ones := [process for process in processes if not process.said(words)]:
         for process in processes:
@@ -204,7 +205,7 @@ def await_words(processes: Sequence[NodeProcess], words: str) -> None:
 def _watch(
     processes: Sequence[NodeProcess], player: NodeProcess, expected_s: float, progress: Report
 ) -> tuple[float, dict[str, float]]:
-    """Wait for the player's end: real seconds of playing, and cores by node meanwhile."""
+    """Wait for the player's end; return the real time of playing (s) and the cores by node."""
     begin_s = time.monotonic()
     before = {process.name: process.cpu_s() for process in processes}
     others = [process for process in processes if process is not player]
@@ -222,13 +223,13 @@ def _watch(
 
 
 def _shift_ns(player: NodeProcess) -> int:
-    """By how much the player made the stamps later, as it says when it plays live."""
+    """Return by how much (ns) the player shifted the stamps, from its log; 0 if not live."""
     said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
     return 0 if said is None else int(said[1])
 
 
 def _loss(player: NodeProcess) -> str | None:
-    """What the player said at the end of a bag that is damaged."""
+    """Return the player's last line if it failed, as for a damaged bag, else None."""
     whole = player.ended is not None and player.ended.exit_code == 0
     return None if whole else player.last_line().removeprefix(f"{player.name}: ")
 

@@ -1,4 +1,4 @@
-"""One ROS node as a child process: started, watched through its log, stopped, accounted for."""
+"""Run one ROS node as a child process: start it, watch its log, stop it, measure its CPU time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a process ended."""
+    """Hold how a process ended."""
 
-    exit_code: int  # negative: the signal that ended it
+    exit_code: int  # negative: minus the number of the signal that ended it
     cpu_s: float  # user and system, from its start
 
 
 class NodeProcess:
-    """A node of a package in a process group of its own, with its stderr in a file."""
+    """Run a node of a package in its own process group, with its output in a log file."""
 
     def __init__(
         self,
@@ -50,12 +50,13 @@ class NodeProcess:
                 (os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o644),
                 (os.POSIX_SPAWN_DUP2, 1, 2),
             ],
-            setpgroup=0,  # a Ctrl-C on the terminal is for the one who watches, not for the nodes
-            setsigmask=stop_signals(),  # blocked from the first instruction; the node asks later
+            setpgroup=0,  # a Ctrl-C on the terminal is for the watching process, not for the nodes
+            # Blocked from the first instruction; the node polls for signals later.
+            setsigmask=stop_signals(),
         )
 
     def poll(self) -> Ended | None:
-        """How it ended, or None while it runs."""
+        """Return how the process ended, or None while it runs."""
         if self.ended is None:
             pid, status, usage = os.wait4(self.pid, os.WNOHANG)
             if pid:
@@ -64,27 +65,27 @@ class NodeProcess:
         return self.ended
 
     def cpu_s(self) -> float:
-        """Processor time so far, user and system."""
+        """Return the processor time so far, user and system (s)."""
         if self.ended is not None:
             return self.ended.cpu_s
         fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
 
     def said(self, words: str) -> bool:
-        """Whether the words stand in its log."""
+        """Return whether the log contains the words."""
         return words in self.text()
 
     def text(self) -> str:
-        """Its log so far."""
+        """Return the log so far."""
         return self.log.read_text(errors="replace")
 
     def last_line(self) -> str:
-        """The last line of its log."""
+        """Return the last line of the log."""
         lines = [line for line in self.text().splitlines() if line]
         return lines[-1].strip() if lines else "it said nothing"
 
     def check_running(self) -> None:
-        """Raise GraphError with its last words if it has ended."""
+        """Raise GraphError with the last line of the log if the process has ended."""
         ended = self.poll()
         if ended is not None:
             raise GraphError(
@@ -92,12 +93,12 @@ class NodeProcess:
             )
 
     def signal(self, number: int) -> None:
-        """Send a signal, if it still runs."""
+        """Send a signal, if the process still runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def wait(self, timeout_s: float) -> Ended | None:
-        """How it ended, or None if it has not within ``timeout_s``."""
+        """Return how the process ended, or None if it has not ended within ``timeout_s``."""
         end_s = time.monotonic() + timeout_s
         while self.poll() is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)

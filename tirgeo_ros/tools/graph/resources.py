@@ -1,4 +1,4 @@
-"""Files that come with the package but are not code: the sample flight, parameter files."""
+"""Find files that come with the package but are not code: sample flight, parameter files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import tirgeo_ros
 
 
 def find_resource(relative: str) -> Path | None:
-    """The path of ``bags/...`` or ``config/...``, or None where it is not installed.
+    """Return the path of ``bags/...`` or ``config/...``, or None if it is not installed.
 
-    Looked for beside the source tree, in the ROS prefixes of the environment, in the virtual
-    environment. ``get_package_share_directory`` alone would not find it outside an ROS prefix.
+    The search goes through the source tree, the ROS prefixes of the environment and the virtual
+    environment. ``get_package_share_directory`` alone would not find a file outside a ROS prefix.
     """
     return next((path for path in _candidates(relative) if path.exists()), None)
 

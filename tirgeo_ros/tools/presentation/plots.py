@@ -1,4 +1,4 @@
-"""How all plots look, and how they become files: without a display and the same each time."""
+"""Define the style of all plots and write them to files: without a display, reproducibly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours that are told apart by the colour-blind too (Okabe and Ito), in order of use.
+#: Colours that colour-blind people can distinguish too (Okabe and Ito), in order of use.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DPI = 110
 _STYLE: Any = {
@@ -28,7 +28,7 @@ _STYLE: Any = {
 def figure(
     width_in: float = 7.0, height_in: float = 4.0, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, Any]:
-    """A figure and its axes, one or an array of them, as ``Figure.subplots`` gives them."""
+    """Return a figure and its axes, one or an array of them, as ``Figure.subplots`` does."""
     from matplotlib import rc_context  # noqa: PLC0415  slow to import
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -38,9 +38,9 @@ def figure(
 
 
 def logarithmic(axes: Any, which: str) -> None:
-    """Make an axis (``x`` or ``y``) logarithmic, with ticks in plain numbers that keep apart.
+    """Make an axis (``x`` or ``y``) logarithmic, with plain numbers that do not overlap.
 
-    To be called once everything is drawn: how many there are follows from the range.
+    Call it once everything is drawn: the number of ticks depends on the range.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter  # noqa: PLC0415
 
@@ -59,14 +59,14 @@ def logarithmic(axes: Any, which: str) -> None:
 
 
 def png(made: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Return the figure as PNG bytes."""
     out = io.BytesIO()
     made.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
 def svg(made: Figure) -> bytes:
-    """The figure as SVG, for a page."""
+    """Return the figure as SVG bytes, for a page."""
     from matplotlib import rc_context  # noqa: PLC0415
 
     out = io.BytesIO()

@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, from the first message on."""
+"""Draw a progress bar on a terminal, from the first message on."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import time
 from collections.abc import Callable
 from typing import TextIO, final
 
-#: What long work calls: how much is done, and of how much (None = unknown).
+#: Callback of long work: the amount done, and the total amount (None = unknown).
 Report = Callable[[float, float | None], None]
 
 _REDRAW_S = 0.1
-#: Of the work's time; less makes no rate.
+#: Shortest working time (s) that gives a rate.
 _LEAST_S = 0.05
 
 
 def silent(_done: float, _total: float | None = None) -> None:
-    """A Report for work that nobody watches."""
+    """Ignore the progress: a Report for work that nobody watches."""
 
 
 @final
 class Progress:
-    """A Report that draws one line on stderr if that is a terminal, and wipes it at the end.
+    """Draw one line on stderr if that is a terminal, and erase it at the end; a Report.
 
-    ``with Progress("processing", unit="s") as bar: process(..., progress=bar)``. What is done
-    in seconds goes at times real time. Numbers have three digits.
+    ``with Progress("processing", unit="s") as bar: process(..., progress=bar)``. With the unit "s"
+    the rate is shown as a multiple of real time. Numbers have three digits.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Progress:
         self._drawn = False
 
     def __call__(self, done: float, total: float | None = None) -> None:
-        """Tell that ``done`` of ``total`` is done; cheap to call often."""
+        """Show that ``done`` of ``total`` is done; cheap to call often."""
         now_s = self._clock()
         if now_s < self._next_s:
             return
@@ -64,9 +64,9 @@ class Progress:
     def _draw(self, line: str) -> None:
         columns = shutil.get_terminal_size().columns
         try:
-            self._stream.write(f"\r\x1b[K{line[: columns - 1]}")  # CSI K wipes the old line
+            self._stream.write(f"\r\x1b[K{line[: columns - 1]}")  # CSI K erases the old line
             self._stream.flush()
-        except OSError:  # the terminal is gone, the work goes on
+        except OSError:  # the terminal is gone, but the work continues
             self._next_s, line = math.inf, ""
         self._drawn = bool(line)
 

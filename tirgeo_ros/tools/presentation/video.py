@@ -1,4 +1,4 @@
-"""A video file from stamped frames: complete under its name, or not there."""
+"""Write a video file from stamped frames: under its name it is complete or absent."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ class _Form(NamedTuple):
     container: Mapping[str, str]
 
 
-#: By the name's ending. 4:2:0 in 8 bit is what every browser and player shows. The qualities are
-#: those at which thin lines of the map still have their colours; a key frame is within 100 frames.
+#: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit. The quality is
+#: the one at which thin lines of the map still have their colours. A key frame comes every 100
+#: frames at most.
 _FORMS = {
     ".mp4": _Form(
         "libx264",
         {"preset": "veryfast", "crf": "26", "g": "100"},
-        {"movflags": "+faststart"},  # the index first: it plays while it loads
+        {"movflags": "+faststart"},  # the index comes first, so that it plays while it loads
     ),
     ".webm": _Form(
         "libvpx-vp9",
@@ -45,12 +46,12 @@ _LONGEST_STEP_NS = 10_000_000_000
 
 @final
 class VideoFile:
-    """H.264 (.mp4) or VP9 (.webm) of frames (h, w, 3) BGR, each shown for as long as it lasted.
+    """Write frames (h, w, 3) BGR as H.264 (.mp4) or VP9 (.webm), each with its own duration.
 
-    A step between stamps that is not between 0 and 10 s counts as the one before it. Where a side
-    has an odd number of pixels, the last one is there twice. A context manager: the file takes
-    its name when the block ends without an error, and if no frame came there is none. VideoError
-    if it cannot be written or frames change their size.
+    A step between stamps that is not between 0 and 10 s is replaced by the step before it. If a
+    side has an odd number of pixels, its last pixel is repeated. This is a context manager: the
+    file gets its name when the block ends without an error; without a frame there is no file.
+    Raise VideoError if it cannot be written or frames change their size.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -112,7 +113,7 @@ class VideoFile:
         self._stream = stream
 
     def _write(self, frame: Any) -> None:
-        """Encode a frame, None for the end, and write what is ready."""
+        """Encode a frame (None at the end) and write the packets that are ready."""
         for packet in self._stream.encode(frame):
             self._container.mux(packet)
 
@@ -120,7 +121,7 @@ class VideoFile:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:  # PyAV's own errors are OSErrors as well
+        except OSError as error:  # PyAV's own errors are OSErrors too
             raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> VideoFile:

@@ -1,4 +1,4 @@
-"""What is wrong with a recorded flight's set-up and sensors: the work of ``tirgeo check``."""
+"""Check a recorded flight's set-up and sensors: the work of ``tirgeo check``."""
 
 from __future__ import annotations
 
@@ -47,12 +47,11 @@ def check(
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Take a bag through filter, gimbal and all checks, and return findings and numbers.
+    """Run a bag through filter, gimbal and all checks, and return findings and numbers.
 
-    ``error`` is the verdict where a flight must not begin so, else None. ``map``, ``dem`` or
-    ``ground_height`` (ellipsoidal m) and ``camera`` stand before those in ``params``. A map, an
-    elevation model or a calibration that cannot be read is a finding. Raises BagError and
-    ConfigError.
+    ``error`` is the verdict if it is NO GO, else None. ``map``, ``dem`` or ``ground_height``
+    (ellipsoidal m) and ``camera`` override those in ``params``. A map, an elevation model or a
+    calibration that cannot be read is a finding. Raise BagError and ConfigError.
     """
     configs = node_configs(params, namespace, dem=dem, ground_height=ground_height, camera=camera)
     reader = BagReader(bag)
@@ -94,13 +93,13 @@ def _layers(path: str, overlay: OverlayConfig) -> list[MapLayer] | None:
 
 
 class _Files:
-    """Reads what the parameters name; what cannot be read is found to be wrong."""
+    """Read the files that the parameters name; a file that cannot be read becomes a finding."""
 
     def __init__(self) -> None:
         self.found: list[Finding] = []
 
     def read(self, parameter: str, load: Callable[[], T]) -> T | None:
-        """Return what is loaded, None where it cannot be."""
+        """Return what ``load`` returns, or None and a finding if it raises TirgeoError."""
         try:
             return load()
         except TirgeoError as error:
@@ -111,14 +110,14 @@ class _Files:
 
 
 class _Flight:
-    """One pass through a bag: no overlay, nothing written."""
+    """Make one pass through a bag: no overlay is drawn, nothing is written."""
 
     def __init__(self, reader: BagReader, setting: CheckSetting, namespace: str) -> None:
         self._reader = reader
         self._checks = FlightChecks(setting)
         self._layers, self._ground = setting.layers, setting.ground
         self._plane: TangentPlane | None = None
-        self._no_heights = ""  # why the map cannot be laid
+        self._no_heights = ""  # why the map cannot be placed in the plane
         self._cdr = Cdr()
         self._arrivals = Arrivals()
         self._registration = Registration(setting.ekf, setting.gimbal)
@@ -130,7 +129,7 @@ class _Flight:
         }
 
     def read(self, progress: Report) -> None:
-        """Take every message; ``progress`` is told seconds of the flight."""
+        """Process every message; call ``progress`` with seconds of the flight."""
         first_ns, last_ns = self._reader.span_ns
         for message in self._reader.messages(self._topics):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
@@ -175,7 +174,7 @@ class _Flight:
             self._no_heights = str(error)
 
     def findings(self) -> list[Finding]:
-        """Return what is wrong, the worst first."""
+        """Return all findings, the worst first."""
         found = [*damage_findings(self._reader.damage), *self._checks.findings()]
         if self._no_heights:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
@@ -190,7 +189,7 @@ class _Flight:
         return math.isfinite(self._heights_m[0])
 
     def numbers(self, ground: Ground | None) -> dict[str, object]:
-        """Return what was looked at."""
+        """Return numbers of the flight: duration, topics, method, state, picture size, heights."""
         status = self._registration.navigation.status()
         first_ns, last_ns = self._reader.span_ns
         numbers: dict[str, object] = {

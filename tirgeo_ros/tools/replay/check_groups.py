@@ -1,4 +1,4 @@
-"""The groups of checks that a flight is taken through: those of the nodes."""
+"""Define the groups of checks that a flight runs through: those of the nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tirgeo_ros.tools.replay.check_setting import CheckSetting
 
 @dataclass(frozen=True)
 class Groups:
-    """All groups."""
+    """Hold one object for each group of checks."""
 
     navigation: NavigationChecks
     gimbal: GimbalChecks
@@ -23,13 +23,13 @@ class Groups:
     map: MapChecks
 
     def findings(self) -> list[Finding]:
-        """Return what all of them found."""
+        """Return the findings of all groups."""
         groups = (self.navigation, self.gimbal, self.pictures, self.map)
         return [finding for group in groups for finding in group.findings()]
 
 
 def groups_of(setting: CheckSetting) -> Groups:
-    """Return the groups for a setting."""
+    """Return new check groups for a setting."""
     return Groups(
         NavigationChecks(setting.ekf, setting.given),
         GimbalChecks(setting.gimbal, setting.given),

@@ -1,4 +1,4 @@
-"""What the checks of a flight are told before it begins."""
+"""Collect what the checks of a flight know before it begins."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
 
 @dataclass(frozen=True)
 class CheckSetting:
-    """Parameters, ground and map, and what is wrong without a look into the flight."""
+    """Hold parameters, ground and map, and the findings that need no look into the flight."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
-    given: frozenset[str]  # names of parameters that somebody set
+    given: frozenset[str]  # names of parameters that a file or an option sets
     ground: Ground | None = None
     layers: Sequence[MapLayer] | None = None
-    camera: Camera | None = None  # in place of thermal/camera_info
+    camera: Camera | None = None  # overrides thermal/camera_info
     found: tuple[Finding, ...] = ()
 
 
@@ -48,7 +48,7 @@ def setting_of(
     camera: Camera | None = None,
     pictures: bool = False,
 ) -> CheckSetting:
-    """Return the setting of a command's checks over a bag; ``pictures``: it needs some."""
+    """Return the setting for a command's checks of a bag; ``pictures``: the bag must have some."""
     recording = Recording(
         reader.topics(),
         {topic: TOPIC_TYPES[topic] for topic in INPUTS},

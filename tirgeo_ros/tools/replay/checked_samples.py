@@ -1,17 +1,17 @@
-"""What of a flight was looked at: the numbers beside ``nothing is wrong``."""
+"""Count the checked messages: the numbers that are reported beside the findings."""
 
 from __future__ import annotations
 
 
 class Seen:
-    """Counts messages by topic, with the time that they span and the longest gap between two."""
+    """Count messages by topic, with their time span and the longest gap between two of them."""
 
     def __init__(self) -> None:
         self.size: tuple[int, int] | None = None  # of the newest picture: width, height
         self._topics: dict[str, list[int]] = {}  # number, first, newest, longest gap (ns)
 
     def message(self, topic: str, arrival_ns: int) -> None:
-        """Take a message's arrival."""
+        """Count a message by its arrival (ns)."""
         entry = self._topics.get(topic)
         if entry is None:
             self._topics[topic] = [1, arrival_ns, arrival_ns, 0]

@@ -1,4 +1,4 @@
-"""Findings as JSON and as lines for people."""
+"""Convert findings to JSON items and to lines for people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: What findings of each severity are called, one and several of them.
+#: Names of a severity's findings: singular, plural.
 _NAMES = {
     Severity.STOP: ("fault", "faults"),
     Severity.CAUTION: ("caution", "cautions"),
@@ -15,7 +15,7 @@ _NAMES = {
 
 
 def finding_items(findings: Iterable[Finding]) -> list[dict[str, object]]:
-    """Return findings as JSON has them."""
+    """Return findings as items for JSON."""
     return [
         {
             "check": one.check,
@@ -49,7 +49,7 @@ def tally_line(findings: Sequence[Finding]) -> str:
 
 
 def report(items: Sequence[Mapping[str, object]]) -> str:
-    """Return three short lines for each finding: evidence, parameter, mend."""
+    """Return three short lines for each finding: evidence, parameter, remedy."""
     blocks = [
         f"{str(one['severity']).upper():<8} {one['evidence']}\n"
         f"{'':<8} look at  {one['parameter']}\n"

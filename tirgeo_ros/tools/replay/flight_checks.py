@@ -1,6 +1,6 @@
-"""The checks of a recorded flight, fed with what a command reads and makes anyway.
+"""Check a recorded flight with the data that a command reads and computes anyway.
 
-They change nothing of it: what goes in is looked at, and nothing comes back but findings.
+The checks change nothing of that data: they only return findings.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from tirgeo_ros.tools.replay.registration import Registered, Sample
 F = TypeVar("F", bound=Callable[..., None])
 
 
-#: Calls that are made together. Work of one kind at a stretch finds its code and data in the
-#: processor's caches.
+#: Number of calls that are run together. Work of one kind in a row uses the processor's caches
+#: better.
 _BLOCK = 128
 
 
 def _later(method: F) -> F:
-    """Return a method that is run with others, in order, before anybody sees what it found."""
+    """Return a method whose calls are queued and run in order, before any finding is read."""
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
@@ -45,7 +45,7 @@ def _later(method: F) -> F:
 
 
 class FlightChecks:
-    """Feeds all groups of checks. Take a sample, then what it made possible."""
+    """Feed all groups of checks. For each sample call ``sample``, then ``registered``."""
 
     def __init__(self, setting: CheckSetting) -> None:
         self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
@@ -63,18 +63,18 @@ class FlightChecks:
 
     @property
     def seen(self) -> Seen:
-        """What was looked at."""
+        """Return the counts of the checked messages."""
         self.catch_up()
         return self._seen
 
     def catch_up(self) -> None:
-        """Do all that waits."""
+        """Run all queued calls."""
         waiting, self._waiting = self._waiting, []
         for method, arguments in waiting:
             self._guarded(method, arguments)
 
     def _guarded(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        """Find a fault instead of raising it: the work goes on without the check."""
+        """Run a check; count an exception as a fault of the check instead of raising it."""
         try:
             method(self, *arguments)
         except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
@@ -82,7 +82,7 @@ class FlightChecks:
 
     @_later
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
-        """Take a sample of a contract topic, its stamp as its message has it."""
+        """Take a sample of a contract topic, with the original stamp of its message."""
         self._seen.message(topic, arrival_ns)
         if not isinstance(sample, JointSample | CameraAttitudeSample):
             self._groups.navigation.take(topic, sample, arrival_ns)
@@ -99,7 +99,7 @@ class FlightChecks:
 
     @_later
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
-        """Take what filter and gimbal made of a sample, and the plane of the poses."""
+        """Take what filter and gimbal computed from a sample, and the poses' tangent plane."""
         if found.solution is not None:
             self._groups.navigation.solution(found.solution)
         if plane is not None and plane is not self._plane:
@@ -114,12 +114,12 @@ class FlightChecks:
 
     @_later
     def map(self, laid: LaidMap) -> None:
-        """Take the map as it lies in the plane that was taken before."""
+        """Take the map as placed in the plane that was given before."""
         self._groups.map.map(laid)
 
     @_later
     def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
-        """Take a calibration; without a time of arrival, one from a file."""
+        """Take a calibration; one without a time of arrival comes from a file."""
         if arrival_ns is not None:
             self._seen.message("thermal/camera_info", arrival_ns)
         if camera != self._camera:
@@ -127,17 +127,20 @@ class FlightChecks:
             self._groups.pictures.camera(camera)
 
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
-        """Take a picture with the stamp of its message, at once: it may be drawn into after."""
+        """Take a picture with the stamp of its message.
+
+        It is checked at once, because it may be drawn on later.
+        """
         self._frame(topic, stamp_ns, pixels, arrival_ns)
         self.catch_up()
 
     def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
-        """Whether a picture is to be decoded; ``passed`` takes the others."""
+        """Return whether a picture is to be decoded; give the others to ``passed``."""
         return self._groups.pictures.wants_pixels(stamp_ns, arrival_ns)
 
     @_later
     def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
-        """Take that a picture came which nobody decoded."""
+        """Take the stamp and arrival (ns) of a picture that was not decoded."""
         self._seen.message(topic, arrival_ns)
         self._groups.pictures.passed(stamp_ns, arrival_ns)
 
@@ -148,12 +151,12 @@ class FlightChecks:
         self._groups.pictures.frame(stamp_ns, pixels, arrival_ns)
 
     def refused(self, topic: str, reason: str) -> None:
-        """Take that a message of a topic could not be used, and why."""
+        """Count a message of a topic that could not be used, with the reason."""
         self._refused[topic] += 1
         self._reasons[topic] = reason
 
     def findings(self) -> list[Finding]:
-        """Return what is wrong, the worst first."""
+        """Return all findings, the worst first."""
         self.catch_up()
         found = [*self._setting.found]
         found += unreadable_findings(self._seen.counts, self._refused, self._reasons)
@@ -164,7 +167,7 @@ class FlightChecks:
         return sorted_findings([*found, *self._failures()])
 
     def failed(self, error: Exception) -> None:
-        """Take a fault of a check."""
+        """Count a fault of a check."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
         self._failed[f"{type(error).__name__}: {error} ({where})"] += 1
@@ -172,7 +175,7 @@ class FlightChecks:
     def _failures(self) -> list[Finding]:
         if not self._failed:
             return []
-        told, number = self._failed.most_common(1)[0]
-        evidence = f"a check failed {number} times: {told}"
+        kind, number = self._failed.most_common(1)[0]
+        evidence = f"a check failed {number} times: {kind}"
         mend = "report it with this flight; other findings stand"
         return [Finding("check_failed", Severity.CAUTION, evidence, "tirgeo itself", mend)]

@@ -1,4 +1,4 @@
-"""The camera's poses at chosen instants of a recorded flight, through the nodes' core objects."""
+"""Compute camera poses at chosen instants of a recorded flight, with the nodes' core objects."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registrati
 
 _CAMERA_INFO = "thermal/camera_info"
 _WHOLE_FLIGHT_S = 1e9
-#: Poses so near an instant are kept: more than the longest gap that is interpolated across.
+#: Poses this near an instant are kept: more than the longest gap that is interpolated across.
 _NEAR_NS = 1_000_000_000
-#: The camera's motion is that of so long around an instant.
+#: The camera's motion is measured from this much before an instant to this much after it.
 _MOTION_NS = 50_000_000
 
 
 class Taker(Protocol):
-    """Takes the samples of a flight."""
+    """Define an object that takes the samples of a flight."""
 
     @property
     def topics(self) -> Collection[str]:
-        """The contract topics whose samples it wants."""
+        """Return the contract topics whose samples it wants."""
 
     def take(self, sample: Sample) -> None:
         """Take a sample, in order of arrival."""
 
 
 class Watcher(Protocol):
-    """Sees what a registration makes of a flight."""
+    """Define an object that observes what a registration computes from a flight."""
 
     def heard(self, verdict: Verdict) -> None:
-        """Take a verdict on the sample that ``took`` tells of next, or on one held until it."""
+        """Take a verdict on the sample of the next ``took``, or on one held back until it."""
 
     def took(self, sample: Sample, found: Registered) -> None:
-        """Take a sample and what it made possible."""
+        """Take a sample and what was computed from it."""
 
 
 class RecordedFlight:
-    """A bag that is decoded once, for any number of takers.
+    """Decode a bag once, for any number of takers.
 
-    ``read`` counts the messages that were decoded, ``refused`` those that could not be used;
-    ``picture_stamps_ns`` are the stamps of the pictures, where ``pictures`` are asked for.
-    A ``camera`` that is given stands in place of the bag's. ``checks`` see the samples.
+    ``read`` counts the messages that were decoded, ``refused`` those that could not be used. With
+    ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given ``camera``
+    overrides the bag's. ``checks`` also get the samples.
     """
 
     def __init__(
@@ -87,10 +87,10 @@ class RecordedFlight:
 
     @property
     def camera(self) -> Camera:
-        """The camera, once the flight was read.
+        """Return the camera, once the flight was read.
 
-        Raises BagError without a usable calibration, and CameraError for one of another size
-        than the bag's pictures.
+        Raise BagError without a usable calibration, and CameraError for one of another size than
+        the bag's pictures.
         """
         if self._camera is None:
             raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
@@ -107,10 +107,11 @@ class RecordedFlight:
         *,
         baseline_step_rad: float = 0.0,
     ) -> FlightPoses:
-        """A registration that takes part. Raises BagError where a needed topic is absent.
+        """Add a registration as a taker and return it.
 
-        ``baseline_step_rad``: with the headings that the aircraft would have told by antennas
-        turned so much, clockwise from above.
+        Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
+        the aircraft would have measured with its antenna baseline turned by this angle, clockwise
+        from above.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
@@ -120,19 +121,19 @@ class RecordedFlight:
         return poses
 
     def add(self, taker: Taker) -> None:
-        """Let a taker have the samples of its topics, of those that the bag has."""
+        """Add a taker, which gets the samples of those of its topics that the bag has."""
         for topic in taker.topics:
             self._takers[topic].append(taker)
 
     def has(self, topic: str) -> bool:
-        """Whether the bag has a contract topic, of its type."""
+        """Return whether the bag has a contract topic with the right type."""
         name = resolved(topic, self._namespace)
         return self._reader.topics().get(name) == TOPIC_TYPES[topic]
 
     def read_all(self, progress: Report) -> None:
-        """Take the flight through all of them; ``progress`` is told seconds of it.
+        """Pass the flight to all takers; call ``progress`` with seconds of the flight.
 
-        Raises BagError without a topic of the camera's calibration.
+        Raise BagError if no topic has the camera's calibration.
         """
         topics = self._topics()
         first_ns, last_ns = self._reader.span_ns
@@ -144,7 +145,7 @@ class RecordedFlight:
                 self.refused += 1
 
     def _topics(self) -> dict[str, str]:
-        """Resolved name to contract topic of what is read."""
+        """Return the topics that are read: resolved name -> contract topic."""
         if self._given_camera is None and not self.has(_CAMERA_INFO):
             hint = "" if self._namespace else "; is there a --namespace?"
             name = resolved(_CAMERA_INFO, self._namespace)
@@ -173,7 +174,7 @@ class RecordedFlight:
             taker.take(sample)
 
     def _look_at_picture(self, topic: str, stamp_ns: int, message: BagMessage) -> None:
-        """Let the checks have a picture; it is decoded where they follow it."""
+        """Pass a picture to the checks; decode it only if they want its pixels."""
         if self._checks is None:
             return
         if not self._checks.wants_pixels(stamp_ns, message.log_time_ns):
@@ -185,7 +186,7 @@ class RecordedFlight:
 
 
 class FlightPoses:
-    """The poses of one registration around some instants (ns), all in one plane."""
+    """Hold the poses of one registration around some instants (ns), all in one tangent plane."""
 
     def __init__(
         self,
@@ -206,11 +207,11 @@ class FlightPoses:
 
     @property
     def plane(self) -> TangentPlane | None:
-        """The plane of the poses; None before there was one."""
+        """Return the tangent plane of the poses; None before there is one."""
         return self.registration.navigation.plane
 
     def take(self, sample: Sample) -> None:
-        """Take a sample to the filter or to the gimbal."""
+        """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
         if self._baseline_step_rad and isinstance(sample, HeadingSample):
             heading_rad = sample.heading_rad - self._baseline_step_rad
             sample = replace(sample, heading_rad=heading_rad)
@@ -224,11 +225,11 @@ class FlightPoses:
             self.checks.registered(found, self.plane)
 
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
-        """The pose at one of the instants and the camera's motion there, or None."""
+        """Return the pose at one of the instants and the camera's motion there, or None."""
         return pose_at(self.cameras, stamp_ns)
 
     def _is_near(self, stamp_ns: int) -> bool:
-        """Whether one of the instants is."""
+        """Return whether one of the instants is within 1 s."""
         after = bisect_left(self._instants_ns, stamp_ns - _NEAR_NS)
         return any(one <= stamp_ns + _NEAR_NS for one in self._instants_ns[after : after + 1])
 
@@ -236,7 +237,7 @@ class FlightPoses:
 def pose_at(
     poses: PoseHistory[CameraPose], stamp_ns: int
 ) -> tuple[CameraPose, CameraRates | None] | None:
-    """The pose at an instant and the camera's motion there, None where it is not known."""
+    """Return the pose at an instant (ns) and the camera's motion there, or None if unknown."""
     pose = poses.at(stamp_ns)
     if not isinstance(pose, CameraPose):
         return None

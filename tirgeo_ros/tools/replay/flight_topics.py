@@ -1,4 +1,4 @@
-"""Which topics of a bag a run reads, which must be there, and which it does without."""
+"""Choose the topics of a bag that a run reads: needed ones, and optional ones."""
 
 from __future__ import annotations
 
@@ -10,24 +10,27 @@ from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.replay.registration import METHOD_TOPICS
 
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-#: By composition; of more than one topic, one is enough.
+#: By composition; if there is more than one topic, one is enough.
 _GIMBAL: dict[str, tuple[str, ...]] = {
     "paper": ("gimbal/attitude",),
     "encoders": ("gimbal/joint_states",),
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
 }
 _POSITIONS = ("rtk/fix", "gps/fix")
-#: What the default method takes beyond ordinary GPS.
+#: Topics that the default method uses beyond ordinary GPS.
 _OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 
 def prefix(namespace: str) -> str:
-    """What stands before a relative name: a slash, or the namespace between two."""
+    """Return the prefix of a relative name: a slash, or the namespace between two slashes."""
     return f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
 
 
 def resolved(topic: str, namespace: str) -> str:
-    """The name of a contract topic in a bag; a leading slash marks one that does not move."""
+    """Return a contract topic's name in a bag.
+
+    A name with a leading slash ignores the namespace.
+    """
     return topic if topic.startswith("/") else prefix(namespace) + topic
 
 
@@ -41,12 +44,11 @@ def inputs_of(
     camera: bool = True,
     gimbal: bool = True,
 ) -> dict[str, str]:
-    """Resolved name to contract topic of what a run reads from a bag.
+    """Return the topics that a run reads from a bag: resolved name -> contract topic.
 
-    Of ``pictures`` the camera's calibration too, if ``camera`` says that it is asked for; without
-    ``gimbal`` its angles are read where there are some, and not needed.
-
-    Raises BagError naming every needed topic that is absent, or one that has another type.
+    With ``pictures`` also the camera's calibration, unless ``camera`` is False. Without ``gimbal``
+    the gimbal's angles are read if there are some, but not needed.
+    Raise BagError naming every needed topic that is absent, or one that has another type.
     """
     present = reader.topics()
     there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
@@ -69,9 +71,9 @@ def inputs_of(
 
 
 def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
-    """The method for what a bag holds, and why it is not the default; empty where it is.
+    """Return the method for what a bag holds, and why it is not the default ("" if it is).
 
-    Without headings it is ``ekf``, on ordinary GPS where there is no RTK.
+    Without headings the method is ``ekf``, on ordinary GPS if there is no RTK.
     """
     present = reader.topics()
     lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
@@ -84,9 +86,9 @@ def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
 
 
 def done_without(found: Collection[str], method: str) -> list[str]:
-    """The topics (contract names) that a method would rather have and that are not found.
+    """Return the topics (contract names) that a method uses but that are not found.
 
-    Ordinary GPS is what a filter falls back on; it is not missed.
+    Ordinary GPS is a filter's fallback and not reported, except for the method ``raw``.
     """
     return [
         name

@@ -1,4 +1,4 @@
-"""Where the clicks of a run found the targets of a flight, against where they are."""
+"""Compare the points that a run's clicks located with the targets of a flight."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from tirgeo_ros.tools.replay.graph_outputs import Outputs
 
 @dataclass(frozen=True)
 class FoundTarget:
-    """A located point and the target nearest to it."""
+    """Hold a located point and its nearest target."""
 
     target: str
     latitude_deg: float
     longitude_deg: float
-    off_m: float  # horizontal, from where the target is
+    off_m: float  # horizontal distance from the target
     ellipse_95_m: float  # major semi-axis
 
 
 def found_targets(outputs: Outputs, targets: Sequence[SurveyPoint]) -> list[FoundTarget]:
-    """One for each located point, in their order; none without a plane or targets."""
+    """Return one item for each located point, in order; none without a plane or targets."""
     plane = outputs.plane
     if plane is None or not targets:
         return []

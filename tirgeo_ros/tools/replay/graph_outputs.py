@@ -1,4 +1,4 @@
-"""What a run of the node graph left in its bag: poses, pictures, located points, diagnostics."""
+"""Read the bag of a run of the node graph: poses, pictures, located points, diagnostics."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ OVERLAY = "tirgeo/overlay/image/compressed"
 
 @dataclass
 class Outputs:
-    """A bag of outputs without its pictures."""
+    """Hold the contents of a bag of outputs, without its pictures."""
 
     plane: TangentPlane | None = None
     cameras: list[CameraPose] = field(default_factory=list)
     frame_stamps_ns: list[int] = field(default_factory=list)
-    #: Item (``ekf_node: navigation``) to key to every value that was reported, in order.
+    #: Item (``ekf_node: navigation``) -> key -> every reported value, in order.
     diagnostics: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    #: Of clicks: point (3,) m and covariance (3, 3) m2, NED in the plane.
+    #: For each located click: point (3,) m and covariance (3, 3) m2, in NED of the plane.
     located_n: list[tuple[Array, Array]] = field(default_factory=list)
 
     def numbers(self, item: str, key: str) -> list[float]:
-        """The finite values of a key of the diagnostics."""
+        """Return the finite values of a key of the diagnostics."""
         texts = self.diagnostics.get(item, {}).get(key, [])
         return [value for value in map(float, texts) if math.isfinite(value)]
 
     def earlier(self, shift_ns: int) -> Outputs:
-        """The same with all stamps earlier: those of a bag that was played live, as in the bag."""
+        """Return a copy with the stamps of poses and frames reduced by ``shift_ns``.
+
+        This undoes the shift of a bag that was played live.
+        """
         return replace(
             self,
             cameras=[replace(pose, stamp_ns=pose.stamp_ns - shift_ns) for pose in self.cameras],
@@ -42,12 +45,12 @@ class Outputs:
         )
 
     def last(self, item: str) -> dict[str, str]:
-        """The newest values of an item."""
+        """Return the newest values of an item."""
         return {key: values[-1] for key, values in self.diagnostics.get(item, {}).items()}
 
 
 def read_outputs(path: Path, namespace: str = "") -> Outputs:
-    """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raises BagError."""
+    """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raise BagError."""
     lead = f"/{namespace.strip('/')}/".replace("//", "/")
     cdr, found = Cdr(), Outputs()
     for item in BagReader(path).messages():
@@ -66,7 +69,7 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
 
 
 def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
-    """Stamps and overlay pictures (h, w, 3) BGR of such a bag, one after another."""
+    """Yield stamp (ns) and overlay picture (h, w, 3) BGR of such a bag, in order."""
     lead = f"/{namespace.strip('/')}/".replace("//", "/")
     cdr = Cdr()
     for item in BagReader(path).messages([lead + OVERLAY]):

@@ -1,6 +1,7 @@
-"""Pixels of a recorded flight to ground points with error ellipses: the work of ``tirgeo locate``.
+"""Locate pixels of a recorded flight on the ground: the work of ``tirgeo locate``.
 
-The camera's poses come from the same core objects as those of the nodes and of ``tirgeo process``.
+The results are ground points with error ellipses. The camera poses come from the same core objects
+as those of the nodes and of ``tirgeo process``.
 """
 
 from __future__ import annotations
@@ -45,13 +46,13 @@ def locate_pixels(
     camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; a summary.
+    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
-    Writes GeoJSON, and KML and Cursor-on-Target where asked: all of them or none. ``dem`` or
-    ``ground_height`` (ellipsoidal m) stands before what ``params`` says of the ground,
-    ``camera``, a calibration file, before the bag's. A pixel that cannot be located is written
-    with its reason. Where nobody says a method it is that of what the bag holds. Raises BagError,
-    CameraError, ConfigError, SurveyError, ElevationError.
+    Write GeoJSON, and KML and Cursor-on-Target if asked: all of them or none. ``dem`` or
+    ``ground_height`` (ellipsoidal m) overrides the ground of ``params``; ``camera``, a calibration
+    file, overrides the bag's. A pixel that cannot be located is written with its reason. Without a
+    given method, the method is chosen by the topics of the bag. Raise BagError, CameraError,
+    ConfigError, SurveyError, ElevationError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -109,7 +110,7 @@ def _answer(
 
 
 def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
-    """Numbers of pixels, the ellipses' usual length, and what to warn of."""
+    """Return the numbers of pixels, the median length of the ellipses (m), and the warnings."""
     found = [one.answer for one in answers if isinstance(one.answer, Located)]
     refused = [one.answer for one in answers if isinstance(one.answer, Refusal)]
     reasons = Counter(one.reason.value for one in refused)
@@ -128,7 +129,7 @@ def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
 
 
 def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
-    """What makes the run a failure although there is an output."""
+    """Return what makes the run a failure although there is an output, or None."""
     if reader.damage is not None:
         return f"{reader.path}: {reader.damage}; the points are made from these"
     reasons = Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
@@ -140,7 +141,7 @@ def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
 
 
 def _stamps(reader: BagReader, answers: Sequence[Answered]) -> str:
-    """Both sides' times, for a person to see what is wrong with the stamps."""
+    """Return the times of the pixels and of the bag as text, so that a person can compare them."""
     asked_ns = [one.answer.stamp_ns for one in answers]
     first_ns, last_ns = reader.span_ns
     return (

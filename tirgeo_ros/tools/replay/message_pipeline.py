@@ -1,8 +1,8 @@
-"""Messages of a flight in, messages of the whole node graph out, in log-time order.
+"""Run messages of a flight through the whole node graph, in log-time order.
 
-``tirgeo process`` without its files: the core objects of ekf_node, gimbal_node and overlay_node,
-with the conversions that those nodes use. The time of an output is the log time of the input that
-caused it.
+This is ``tirgeo process`` without its files: the core objects of ekf_node, gimbal_node and
+overlay_node, with the conversions that those nodes use. The log time of an output is that of the
+input that caused it.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ from tirgeo_ros.tools.replay import FlightChecks
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
-#: Poses that are made into messages together. Work of one kind at a stretch finds its code and
-#: data in the processor's caches: it takes two thirds of the time.
+#: Number of pose results that are converted to messages together. Work of one kind in a row uses
+#: the processor's caches better: it takes two thirds of the time.
 _BLOCK = 32
 _NOTHING = Registered()
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Parameters of the three nodes and the map, and whether raw overlay images are wanted."""
+    """Hold the three nodes' parameters, the map, and whether raw overlay images are wanted."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
     layers: Sequence[MapLayer] | None = None  # None: no overlay
-    ground: Ground | None = None  # under the map, where the parameters name one
-    camera: Camera | None = None  # in place of thermal/camera_info
+    ground: Ground | None = None  # ground under the map, if the parameters name one
+    camera: Camera | None = None  # overrides thermal/camera_info
     raw_images: bool = False
 
 
 class Sink(Protocol):
-    """Takes what the pipeline gives."""
+    """Define an object that takes the outputs of the pipeline."""
 
     def message(self, topic: str, message: object, log_time_ns: int) -> None:
         """Take a message of a contract topic."""
@@ -64,7 +64,7 @@ class Sink(Protocol):
 
 
 class Pipeline:
-    """The chain from sensor messages to overlay, with counts of what could not be read."""
+    """Run the chain from sensor messages to overlay, and count messages that cannot be read."""
 
     def __init__(
         self,
@@ -74,10 +74,11 @@ class Pipeline:
         names: str,
         checks: FlightChecks,
     ) -> None:
-        """``types`` are the classes of messages, as for ``Messages``.
+        """Set up the chain.
 
-        ``names`` leads the names in diagnostics: the namespace with a slash at both ends.
-        ``checks`` see all that goes in and comes out, and change nothing of it.
+        ``types`` returns the class of a message type, as for ``Messages``. ``names`` is the prefix
+        of names in diagnostics: the namespace with a slash at both ends. ``checks`` get all inputs
+        and outputs, and change nothing of them.
         """
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
@@ -98,20 +99,20 @@ class Pipeline:
         self._sink = sink
         self._names = names
         self._plane: TangentPlane | None = None
-        self._unsent: list[tuple[Registered, int]] = []  # and log times
+        self._unsent: list[tuple[Registered, int]] = []  # with log times
         self._diagnosed_ns: int | None = None
 
     def wants(self, topic: str) -> bool:
-        """Whether a message of a topic can still change anything."""
+        """Return whether a message of a topic can still change an output."""
         return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
     def look_at(self, topic: str, message: Any, log_time_ns: int) -> None:
-        """Let the checks have a message that ``wants`` does not want."""
+        """Pass a message that ``wants`` refuses to the checks."""
         with contextlib.suppress(TirgeoError):
             self._checks.sample(topic, SAMPLES[topic](message), log_time_ns)
 
     def take(self, topic: str, message: Any, log_time_ns: int) -> None:
-        """Take a message of a contract topic; one that makes no sense is counted."""
+        """Process a message of a contract topic; count one that cannot be used."""
         try:
             found = self._registered(topic, message, log_time_ns)
         except TirgeoError as error:
@@ -124,7 +125,7 @@ class Pipeline:
         self._diagnose(log_time_ns)
 
     def finish(self, log_time_ns: int) -> None:
-        """Give out the frames that still wait for their poses, and the last diagnostics."""
+        """Output the frames that still wait for their poses, and the last diagnostics."""
         if self.overlay is not None:
             for deadline_ns in self.overlay.deadlines_ns:
                 self._draw(log_time_ns, deadline_ns)
@@ -185,7 +186,7 @@ class Pipeline:
             yield "tirgeo/camera_pose", self._messages.camera_pose(pose)
 
     def _send(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Give out a message, behind the poses that were there before it."""
+        """Output a message after all queued poses, which are older."""
         self._send_poses()
         self._sink.message(topic, message, log_time_ns)
 

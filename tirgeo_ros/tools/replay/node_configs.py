@@ -1,4 +1,4 @@
-"""The nodes' parameters as a command takes them: from files, with its options before them."""
+"""Read the nodes' parameters for a command: from files, overridden by its options."""
 
 from __future__ import annotations
 
@@ -18,21 +18,24 @@ from tirgeo_ros.tools.replay.flight_topics import fitting_method
 
 
 class NodeConfigs(NamedTuple):
-    """Of the nodes that make the overlay, and the names of the parameters that somebody set."""
+    """Hold the parameters of the three nodes and the names of those that are set."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
     overlay: OverlayConfig
-    given: frozenset[str]  # dotted, of all three nodes, in files or as options
+    given: frozenset[str]  # full dotted names, of all three nodes, from files or options
 
     @property
     def files(self) -> list[PathLike]:
-        """What the parameters name: map, style sheet, elevation model, camera's calibration."""
+        """Return the files in the parameters: map, style sheet, elevation model, calibration."""
         one = self.overlay
         return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
 
     def fitting(self, reader: BagReader, namespace: str) -> tuple[NodeConfigs, list[str]]:
-        """The same for a bag: where nobody said a method, that of what it holds; and a note."""
+        """Return the parameters for a bag, and a note if the method is not the default.
+
+        Without a given method, the method is chosen by the topics of the bag.
+        """
         if "method" in self.given:
             return self, []
         method, why = fitting_method(reader, namespace)
@@ -49,10 +52,11 @@ def node_configs(
     ground_height: float | None = None,
     camera: PathLike | None = None,
 ) -> NodeConfigs:
-    """Of ekf_node, gimbal_node and overlay_node, from parameter files (None: the defaults).
+    """Return the parameters of the three nodes from parameter files (None: the defaults).
 
-    What is not None stands before the files: ``method``; ``dem``, which unsets the ground's
-    height; ``ground_height`` (ellipsoidal m); ``camera``, its calibration. Raises ConfigError.
+    The nodes are ekf_node, gimbal_node and overlay_node. Each option that is not None overrides
+    the files: ``method``; ``dem``, which also unsets the ground's height; ``ground_height``
+    (ellipsoidal m); ``camera``, a calibration file. Raise ConfigError.
     """
     file = ParameterFile(params)
     options = {"method": method, "dem": dem, "ground_height_m": ground_height, "camera": camera}

@@ -1,4 +1,4 @@
-"""The size of a recorded flight's pictures, and the calibrations that are of another."""
+"""Read the size of a recorded flight's pictures and compare it with the calibration's."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
-_TRIED = 10  # pictures, of which the first may be damaged
+_TRIED = 10  # pictures to try, as the first ones may be damaged
 
 
 def picture_size(reader: BagReader, namespace: str) -> tuple[int, int] | None:
-    """Return width and height of the first picture that can be read; None where there is none."""
+    """Return (width, height) of the first picture that can be read, or None without one."""
     cdr, present = Cdr(), reader.topics()
     for topic in PICTURES:
         name = resolved(topic, namespace)
@@ -32,7 +32,7 @@ def picture_size(reader: BagReader, namespace: str) -> tuple[int, int] | None:
 
 
 def check_size(camera: Camera, size: tuple[int, int] | None, where: str) -> None:
-    """Raise CameraError where a calibration is not of the pictures' size (None: not known)."""
+    """Raise CameraError if a calibration has another size than the pictures (None: unknown)."""
     fault = size_fault(camera, *size) if size is not None else ""
     if fault:
         raise CameraError(

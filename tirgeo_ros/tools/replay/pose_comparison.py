@@ -1,4 +1,4 @@
-"""Two sets of poses of one flight against each other, also when their planes differ."""
+"""Compare two sets of poses of one flight, also when their tangent planes differ."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WHOLE_FLIGHT_S = 1e9
 
 
 def in_plane(pose: CameraPose, plane: TangentPlane, target: TangentPlane) -> CameraPose:
-    """A pose given in ``plane``, in the axes of ``target``; the covariance is turned too."""
+    """Convert a pose given in ``plane`` to ``target``, with its rotation and covariance."""
     turn = target.rotation_from_local(plane.latitude_rad, plane.longitude_rad)
     both = np.kron(np.eye(2), turn)
     return dataclasses.replace(
@@ -36,7 +36,7 @@ def in_plane(pose: CameraPose, plane: TangentPlane, target: TangentPlane) -> Cam
 
 @dataclass(frozen=True)
 class PoseDifferences:
-    """Poses less the reference at the same instants; N of them."""
+    """Hold the differences of N poses from the reference at the same instants."""
 
     stamp_ns: list[int]
     position_n: Array  # (N, 3) m
@@ -44,17 +44,17 @@ class PoseDifferences:
 
     @property
     def distance_m(self) -> Array:
-        """(N,) in space."""
+        """Return the distances in space (N,), m."""
         return np.asarray(np.linalg.norm(self.position_n, axis=1))
 
     @property
     def angle_rad(self) -> Array:
-        """(N,) angle of the rotation."""
+        """Return the angles of the rotations (N,), rad."""
         return np.asarray(np.linalg.norm(self.rotation_n, axis=1))
 
 
 def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) -> PoseDifferences:
-    """Compare poses in one plane; an instant that the reference does not reach is left out."""
+    """Compare poses in one plane; skip instants where the reference has no pose."""
     history: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
     for pose in reference:
         history.add(pose)

@@ -1,7 +1,7 @@
-"""A recorded flight in, its geo-registered flight out: the work of ``tirgeo process``.
+"""Process a recorded flight into its geo-registered flight: the work of ``tirgeo process``.
 
-Messages go through the core objects of the nodes in the order of their log times, faster than
-real time; the same input gives the same bytes.
+Messages go through the core objects of the nodes in the order of their log times, faster than real
+time. The same input gives the same bytes.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, prefi
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline, Settings
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-#: Messages that are decoded together, for the reason that they are encoded so (``pipeline``).
+#: Number of messages decoded together, for the same reason as in ``message_pipeline``.
 _BLOCK = 32
-#: Of messages that the checks alone want, so many-th is decoded: a few a second of 50.
+#: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
 _LOOKED_AT = 10
 
 
@@ -58,14 +58,14 @@ def process(
 ) -> dict[str, object]:
     """Process a bag and return a summary.
 
-    In it ``error`` is None or what of the bag was lost, ``warning`` is None or what was missed;
-    ``notes`` tell what of the map is not drawn, and of the method where nobody said one: it is
-    then that of what the bag holds. The gimbal is needed for ``images`` alone.
-    ``params`` are ROS 2 parameter files of the nodes; ``map``, ``dem`` or ``ground_height``
-    (ellipsoidal m) and ``camera``, a calibration file, stand before those in them. ``progress``
-    is told seconds of the flight. Nothing is written under its name before it is whole. Raises
-    BagError (no bag, a needed topic absent, nothing readable), CameraError, ConfigError,
-    MapError, ElevationError, VideoError.
+    ``error`` in the summary is None, or what of the bag was lost; ``warning`` is None, or which
+    topics were missing. ``notes`` say what of the map is not drawn, and which method was chosen by
+    the bag's topics because none was given. The gimbal is needed for ``images`` only. ``params``
+    are ROS 2 parameter files of the nodes; ``map``, ``dem`` or ``ground_height`` (ellipsoidal m)
+    and ``camera``, a calibration file, override those in them. ``progress`` is called with seconds
+    of the flight. A file gets its name only when it is complete. Raise BagError (no bag, a needed
+    topic absent, nothing readable), CameraError, ConfigError, MapError, ElevationError,
+    VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -116,7 +116,7 @@ def process(
         notes.append("the bag has no gimbal topic: no camera poses")
     summary = run.summary(elapsed_s, notes)
     summary["warning"] = _warning(reader, topics, ekf.method, namespace)
-    summary["findings"] = finding_items(checks.findings())  # damage is an error here
+    summary["findings"] = finding_items(checks.findings())  # damage is in the summary's error
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
 
 
@@ -130,7 +130,7 @@ def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: 
 
 
 class _Sink:
-    """Writes what the pipeline gives, under resolved names."""
+    """Write the pipeline's outputs, under resolved names."""
 
     def __init__(self, writer: BagWriter, film: VideoFile | None, namespace: str) -> None:
         self.written: Counter[str] = Counter()
@@ -149,7 +149,7 @@ class _Sink:
 
 
 class _Run:
-    """One pass through a bag."""
+    """Make one pass through a bag."""
 
     def __init__(
         self,
@@ -170,7 +170,7 @@ class _Run:
         self.pipeline = Pipeline(settings, self._cdr.types, sink, prefix(namespace), checks)
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
-        """Take every message of the topics (resolved name to contract topic)."""
+        """Process every message of the topics (resolved name -> contract topic)."""
         for block in self._blocks(topics, progress):
             early = [
                 self._decoded(message) if self.pipeline.wants(topics[message.topic]) else None
@@ -182,7 +182,7 @@ class _Run:
             self.pipeline.finish(self._span_ns[1])
 
     def _take(self, topic: str, message: BagMessage, decoded: object | None) -> None:
-        """Take a message; ``decoded`` is None where its block began with no need of it."""
+        """Process a message; ``decoded`` is None if it was not wanted when its block began."""
         if not self.pipeline.wants(topic):
             self._look_at(topic, message)
             return
@@ -195,7 +195,7 @@ class _Run:
         self.pipeline.take(topic, decoded, message.log_time_ns)
 
     def _look_at(self, topic: str, message: BagMessage) -> None:
-        """Let the checks have some of the messages that nothing else wants."""
+        """Pass every tenth of the messages that nothing else wants to the checks."""
         self._unwanted += 1
         if self._unwanted % _LOOKED_AT == 0:
             decoded = self._decoded(message)
@@ -220,7 +220,10 @@ class _Run:
             yield block
 
     def summary(self, elapsed_s: float, notes: Sequence[str]) -> dict[str, object]:
-        """What was read, made and refused; ``notes`` lead its own."""
+        """Return what was read, computed and refused.
+
+        ``notes`` come before the run's own notes.
+        """
         duration_s = _seconds(self._span_ns) or 0.0
         navigation = self.pipeline.registration.navigation.status()
         composer = self.pipeline.registration.composer
@@ -250,14 +253,14 @@ class _Run:
         }
 
     def _notes(self) -> list[str]:
-        """What of the map and the ground is not drawn, or not as its files say: a line each."""
+        """Return one line for each part of map or ground that is not drawn as its files say."""
         layers, ground = self._settings.layers or (), self._settings.ground
         notes = list(ground.notes) if isinstance(ground, Terrain) else []
         notes += [note for layer in layers for note in layer.left_out]
         return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
 
     def _error(self, reason: str) -> str | None:
-        """What makes the run a failure although there is an output."""
+        """Return what makes the run a failure although there is an output, or None."""
         if self._reader.damage is not None:
             return f"{self._reader.path}: {self._reader.damage}; the output is made from these"
         if not any(name.endswith("tirgeo/odometry") for name in self._sink.written):

@@ -1,4 +1,4 @@
-"""What ``tirgeo process`` says to a person: six lines, those of what is wrong first."""
+"""Write the summary of ``tirgeo process`` for a person: six lines, problems first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.presentation.progress import three
 
-#: What becomes of a measurement that nobody need hear of.
+#: Outcomes of a measurement that are not reported.
 _QUIET = {
     Outcome.USED,
     Outcome.WAITING,
@@ -20,14 +20,14 @@ _QUIET = {
     Outcome.UNUSED,
     Outcome.NOT_FIXED,
 }
-#: A larger share refused of one kind of measurement is not chance: gates are at 4 and 5 sigma.
+#: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
 _GOOD_STATES = ("running", "degraded")
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 
 
 class Line(NamedTuple):
-    """One line, and whether it tells of something wrong."""
+    """Hold one line, and whether it reports a problem."""
 
     name: str
     text: str
@@ -35,7 +35,7 @@ class Line(NamedTuple):
 
 
 def six_lines(result: Mapping[str, Any]) -> str:
-    """Return what was read, state, poses, frames, what was refused, and where the output is."""
+    """Return six lines: read, state, poses, frames, refused, output."""
     lines = [_read(result), _state(result), _poses(result), _frames(result), _refused(result)]
     lines.append(_output(result))
     lines.sort(key=lambda line: not line.is_wrong)  # stable
@@ -53,7 +53,7 @@ def _read(result: Mapping[str, Any]) -> Line:
 
 
 def _state(result: Mapping[str, Any]) -> Line:
-    """The state at the end with its reason, and seconds in each, by diagnostics."""
+    """Return the final state with its reason, and the seconds in each state from diagnostics."""
     times = sorted(result["states_s"].items(), key=lambda item: -item[1])
     said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
@@ -75,7 +75,7 @@ def _written(result: Mapping[str, Any], name: str) -> int:
 
 
 def _frames(result: Mapping[str, Any]) -> Line:
-    """How many have lines of the map, and how many say why they have none."""
+    """Return how many frames show the map, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
         return Line("frames", "not drawn: no map was given, or no images asked for")
@@ -87,7 +87,7 @@ def _frames(result: Mapping[str, Any]) -> Line:
 
 
 def _refused(result: Mapping[str, Any]) -> Line:
-    """Measurements by source and outcome, messages by topic with a reason."""
+    """Return refused measurements by source and outcome, and messages by topic with a reason."""
     taken: Counter[str] = Counter()
     refused: dict[str, list[tuple[str, int]]] = {}
     for name, number in result["verdicts"].items():
@@ -121,6 +121,6 @@ def _output(result: Mapping[str, Any]) -> Line:
 
 
 def _noted(notes: Sequence[str]) -> str:
-    """Return the first note, and how many more there are."""
+    """Return the first note, and the number of further notes."""
     more = f" (and {len(notes) - 1} more, with -v)" if len(notes) > 1 else ""
     return f"; {notes[0]}{more}" if notes else ""

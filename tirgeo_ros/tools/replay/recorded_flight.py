@@ -1,4 +1,4 @@
-"""Whole flights in memory: a bag's samples, the poses that a method makes of them, the truth."""
+"""Load whole flights into memory: a bag's samples, the poses computed from them, the truth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _WHOLE_FLIGHT_S = 1e9
 
 @dataclass(frozen=True)
 class Recording:
-    """A flight's samples in order of arrival, and its camera."""
+    """Hold a flight's samples in order of arrival, and its camera."""
 
     samples: list[Sample]
     camera: Camera
@@ -47,11 +47,10 @@ def load_recording(
     *,
     camera: Camera | None = None,
 ) -> Recording:
-    """Read a bag without its images; ``progress`` is told seconds of it.
+    """Read a bag without its images; call ``progress`` with seconds of the bag.
 
-    A ``camera`` that is given stands in place of the bag's.
-    Raises BagError without thermal/camera_info, CameraError for one of another size than that
-    of the pictures.
+    A given ``camera`` overrides the bag's. Raise BagError without thermal/camera_info, CameraError
+    if the calibration has another size than the pictures.
     """
     cdr, samples = Cdr(), []
     arrivals = Arrivals()
@@ -74,7 +73,7 @@ def load_recording(
 
 @dataclass
 class Track:
-    """The poses of a whole flight in one plane."""
+    """Hold the poses of a whole flight in one tangent plane."""
 
     plane: TangentPlane
     bodies: list[BodyPose] = field(default_factory=list)
@@ -84,7 +83,7 @@ class Track:
 
 
 def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> Track:
-    """Register a flight with every composition; ``ekf`` must fix the origin of the plane."""
+    """Compute poses with every composition; ``ekf`` must set the origin of the plane."""
     navigation = Navigation(ekf)
     assert navigation.plane is not None
     track = Track(navigation.plane)
@@ -105,14 +104,14 @@ def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) ->
 
 @dataclass(frozen=True)
 class Truth:
-    """The true poses of a flight and the plane in which they are."""
+    """Hold the true poses of a flight and their tangent plane."""
 
     plane: TangentPlane
     bodies: PoseHistory[BodyPose]
 
 
 def load_truth(path: Path) -> Truth:
-    """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raises BagError without them."""
+    """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raise BagError without them."""
     cdr, plane = Cdr(), None
     bodies: PoseHistory[BodyPose] = PoseHistory(_WHOLE_FLIGHT_S)
     for item in BagReader(path).messages(["/tirgeo/origin", "/tirgeo/odometry"]):
@@ -128,7 +127,7 @@ def load_truth(path: Path) -> Truth:
 
 @dataclass(frozen=True, slots=True)
 class BodyErrors:
-    """Root mean squares against the truth."""
+    """Hold root mean square errors against the truth."""
 
     roll_rad: float
     pitch_rad: float
@@ -137,7 +136,7 @@ class BodyErrors:
 
 
 def body_errors(bodies: Sequence[BodyPose], truth: Truth, after_s: float) -> BodyErrors:
-    """Errors of poses in the truth's plane, from ``after_s`` after the first pose of all."""
+    """Return the errors of poses in the truth's plane, from ``after_s`` after the first pose."""
     pairs = [
         (pose, true)
         for pose in bodies

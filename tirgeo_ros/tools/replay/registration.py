@@ -1,6 +1,6 @@
-"""Sensor samples in, body and camera poses out: the core objects of the nodes, one after another.
+"""Compute body and camera poses from sensor samples, with the core objects of the nodes.
 
-What ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them.
+This is what ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from tirgeo_ros.io import messages as convert
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
-#: What becomes of the messages of the sensors' topics.
+#: Topic -> the function that converts its messages to samples.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
 
-#: The topics that each method takes.
+#: Method -> the topics that it uses.
 METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     method: tuple(convert.NAVIGATION_INPUTS[source][0] for source in sources)
     for method, sources in METHOD_SOURCES.items()
@@ -34,7 +34,7 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
 
 
 class Registered(NamedTuple):
-    """What one sample made possible."""
+    """Hold what one sample made the filter and the gimbal output."""
 
     solution: NavSolution | None = None
     body: BodyPose | None = None
@@ -42,9 +42,9 @@ class Registered(NamedTuple):
 
 
 class Registration:
-    """The filter and the gimbal composition, fed with samples in order of arrival.
+    """Feed the filter and the gimbal composition with samples in order of arrival.
 
-    ``heard`` is told the filter's verdicts, as by ``Navigation``.
+    ``heard`` is called with the filter's verdicts, as in ``Navigation``.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Registration:
         self.composer = GimbalComposer(gimbal)
 
     def take(self, sample: Sample) -> Registered:
-        """Take a sample to the objects that it is for."""
+        """Process a sample in the objects that use it; return their outputs."""
         solution = navigated(self.navigation, sample)
         plane = self.navigation.plane
         if solution is None or plane is None:
@@ -67,14 +67,14 @@ class Registration:
 
 
 def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:
-    """What the filter publishes on a sample; gimbal samples are not for it."""
+    """Return the filter's solution for a sample, or None; gimbal samples are ignored."""
     if isinstance(sample, (JointSample, CameraAttitudeSample)):
         return None
     return navigation.process(sample).solution
 
 
 def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) -> list[CameraPose]:
-    """Camera poses from a sample and the body pose that the filter published on it."""
+    """Return camera poses from a sample and the body pose that the filter published for it."""
     if isinstance(sample, JointSample):
         return composer.add_joints(sample)
     if isinstance(sample, CameraAttitudeSample):

@@ -1,6 +1,6 @@
 """A flight with truth: trajectory, sensors, pictures, map, survey.
 
-``fly`` gives a flight in memory, ``simulate`` writes one to files.
+``fly`` returns a flight in memory, ``simulate`` writes one to files.
 """
 
 from tirgeo_ros.tools.simulate.files import simulate

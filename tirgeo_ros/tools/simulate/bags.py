@@ -1,4 +1,4 @@
-"""A flight as bags: what the aircraft recorded, and the truth, in the forms of the contract."""
+"""Write a flight as bags: the aircraft's recording and the truth, as the contract's messages."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 @dataclass(frozen=True)
 class Window:
-    """The part of a flight that is written, in log time; both ends belong to it."""
+    """Hold the part of a flight that is written, by log time; both ends are included."""
 
     start_ns: int
     end_ns: int
 
     def __contains__(self, log_time_ns: int) -> bool:
-        """Whether a message of this log time is written."""
+        """Return whether a message of this log time is written."""
         return self.start_ns <= log_time_ns <= self.end_ns
 
 
@@ -50,14 +50,14 @@ def write_flight(
 ) -> dict[str, int]:
     """Write what the aircraft recorded, and an operator's clicks on its pictures.
 
-    Without a renderer no pictures. Returns the number of messages by topic.
+    Without a renderer no pictures are written. Return the number of messages by topic.
     """
     messages = Messages(Cdr().types)
     streams = [_sensed(messages, flight, window), _video(messages, flight, window, camera)]
     if renderer is not None:
         streams.append(_pictures(messages, flight, window, renderer))
     streams.append(_clicks(flight, window, clicks))
-    # Equal times keep the order of the streams.
+    # Messages of equal times keep the order of the streams.
     merged = heapq.merge(*streams, key=lambda outgoing: outgoing[0])
     return _write(path, merged, window, progress)
 
@@ -99,7 +99,10 @@ def _autopilot_covariance(flight: Flight) -> Any:
 
 
 def _frames(flight: Flight, window: Window) -> Iterator[tuple[int, int, float]]:
-    """Number, stamp and time of exposure of the pictures; they arrive at their stamps."""
+    """Yield number, stamp (ns) and exposure time (s) of the pictures.
+
+    They arrive at their stamps.
+    """
     latency_ns = round(flight.scenario.video.latency_s * 1e9)
     epochs = exposures(flight)
     for number, (exposed_ns, t_s) in enumerate(zip(epochs.stamp_ns, epochs.t_s, strict=True)):
@@ -119,7 +122,8 @@ def _pictures(
 ) -> Iterator[Outgoing]:
     for number, stamp_ns, t_s in _frames(flight, window):
         position, q_pc = flight.gimbal.camera(t_s)
-        # A generator of its own for each picture: a cut of the flight shows the same ones.
+        # Each picture has its own generator, so that a window of the flight shows the same
+        # pictures.
         rng = generator(flight.seed, f"picture {number}")
         picture = renderer.frame(position[0], q_pc[0], rng)
         if flight.scenario.video.bits == 16:

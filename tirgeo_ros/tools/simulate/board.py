@@ -1,8 +1,8 @@
-"""Pictures of a thermal checkerboard through a lens: foil that mirrors a cold sky on dark squares.
+"""Render pictures of a thermal checkerboard: foil squares that mirror a cold sky, dark squares.
 
-Every pixel is divided, each part's ray is cut with the board's plane, and what it meets is
-blurred, averaged, put behind a vignette and given noise. Nothing of OpenCV's geometry is in it,
-so that a calibration can be held against the truth.
+Every pixel is divided; the ray of each part is intersected with the board's plane. The result is
+blurred, averaged, vignetted, and noise is added. Nothing uses OpenCV's camera geometry, so a
+calibration can be compared with the truth.
 """
 
 from __future__ import annotations
@@ -24,40 +24,44 @@ from tirgeo_ros.core.types.arrays import Array, RawPixels
 
 Floats = npt.NDArray[np.float32]
 
-_MARGIN_SQUARES = 1.5  # of plain board around the outer squares
-_EDGE_PX = 8.0  # that corners keep from the picture's edge
+_MARGIN_SQUARES = 1.5  # plain board around the outer squares
+_EDGE_PX = 8.0  # distance of corners from the picture's edge
 _TRIES = 2000
 
 
 @dataclass(frozen=True)
 class BoardLook:
-    """How a board appears; levels in grey values of 8 bits, of a 16-bit picture times ``gain``."""
+    """Hold how a board appears.
 
-    board: float = 118.0  # the bare squares and the margin
+    Levels are 8-bit grey values; for 16 bits they are multiplied by ``gain`` and shifted by
+    ``offset``.
+    """
+
+    board: float = 118.0  # bare squares and margin
     foil: float = 92.0  # colder: copper mirrors the sky
-    wall: float = 105.0  # what is behind the board
+    wall: float = 105.0  # background behind the board
     unevenness: float = 4.0  # standard deviation from square to square
     gradient: float = 6.0  # from one end of the board to the other
     blur_px: float = 0.9  # standard deviation of the optics' point spread
-    motion_px: tuple[float, float] = (0.0, 0.0)  # of the picture while a frame is taken
+    motion_px: tuple[float, float] = (0.0, 0.0)  # movement of the picture during an exposure
     noise: float = 1.5  # standard deviation of a pixel
     vignetting: float = 0.12  # loss in the corners
     bits: int = 8
-    gain: float = 40.0  # of 16 bits: about 40 mK a grey value
+    gain: float = 40.0  # for 16 bits: about 40 mK per grey value
     offset: float = 20000.0
 
 
 class BoardView(NamedTuple):
-    """A picture and the truth behind it."""
+    """Hold a picture and the truth behind it."""
 
     image: RawPixels  # (h, w) uint8 or uint16
     rotation_cb: Array  # (3, 3) board to optical frame
     position_c: Array  # (3,) m, the board's first corner
-    corners_px: Array  # (count, 2) the board's corners; nan where the lens model ends
+    corners_px: Array  # (count, 2) the board's corners; nan outside the lens model
 
 
 class BoardRenderer:
-    """Draws boards through a camera; ``parts`` x ``parts`` rays a pixel."""
+    """Render boards through a camera, with ``parts`` x ``parts`` rays per pixel."""
 
     def __init__(self, camera: Camera, board: Checkerboard, parts: int = 2) -> None:
         """Compute the rays once."""
@@ -74,7 +78,7 @@ class BoardRenderer:
     def view(
         self, rotation_cb: Array, position_c: Array, look: BoardLook, rng: np.random.Generator
     ) -> BoardView:
-        """A picture of the board from a pose: (3, 3), (3,) m."""
+        """Render the board from a pose in the optical frame: rotation (3, 3), position (3,) m."""
         levels = self._levels(look, rng)
         column, row = self._met(rotation_cb, position_c)
         drawn = _looked_up(levels, column, row, look)
@@ -83,16 +87,16 @@ class BoardRenderer:
         return BoardView(image, rotation_cb, position_c, self.camera.project(points_c)[0])
 
     def _met(self, rotation_cb: Array, position_c: Array) -> tuple[Floats, Floats]:
-        """Where every ray meets the board's plane, in squares from the first corner."""
+        """Return where every ray meets the board's plane, in squares from the first corner."""
         plane = np.column_stack([rotation_cb[:, :2] * self.board.square_m, position_c])
         to_board = np.linalg.inv(plane).astype(np.float32)
         x, y, w = np.moveaxis(self._rays @ to_board.T, -1, 0)
-        ahead = w > 1e-6  # nan where the lens model ends
+        ahead = w > 1e-6  # nan outside the lens model
         scale = np.where(ahead, w, np.float32(np.nan))
         return x / scale, y / scale
 
     def _levels(self, look: BoardLook, rng: np.random.Generator) -> Floats:
-        """(rows + 1, columns + 1) temperature of every square."""
+        """Return the level (rows + 1, columns + 1) of every square, as a temperature."""
         shape = self.board.rows + 1, self.board.columns + 1
         row, column = np.indices(shape)
         levels = np.where((row + column) % 2 == 0, look.foil, look.board)
@@ -115,10 +119,10 @@ class BoardRenderer:
 
 
 def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
-    """The level around places of the board's plane; square (0, 0) is before the first corner.
+    """Return the level at points of the board's plane; square (0, 0) is before the first corner.
 
-    Each part of a pixel has the mean over its own footprint, so that edges which run along the
-    pixels' rows are not moved to the next part.
+    Each part of a pixel gets the mean over its own footprint, so that edges along the pixel rows
+    do not shift to the next part.
     """
     padded = np.pad(levels, 2, constant_values=np.float32(look.board))
     size = np.array(levels.shape) - 1
@@ -136,7 +140,7 @@ def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> 
 
 
 def _edge(place: Floats, count: int) -> tuple[npt.NDArray[np.intp], Floats]:
-    """The padded square before the nearest edge, and the share of a footprint beyond that edge."""
+    """Return the padded square before the nearest edge, and a footprint's share beyond it."""
     footprint = sum(np.abs(np.gradient(place, axis=axis)) for axis in (0, 1))
     nearest = np.nan_to_num(np.rint(place))
     with np.errstate(invalid="ignore"):
@@ -146,7 +150,7 @@ def _edge(place: Floats, count: int) -> tuple[npt.NDArray[np.intp], Floats]:
 
 
 def _smeared(image: Any, motion: Array) -> Any:
-    """The mean over a straight motion (columns, rows) of the picture."""
+    """Return the mean over a straight motion (columns, rows) of the picture, px."""
     steps = math.ceil(np.hypot(*motion)) + 1
     half = math.ceil(np.abs(motion).max() / 2) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
@@ -166,7 +170,7 @@ def board_views(
     most_tilt_deg: float = 45.0,
     parts: int = 2,
 ) -> list[BoardView]:
-    """Views as one takes them to calibrate: all over the frame, tilted, near and far."""
+    """Render views as for a calibration: all over the frame, tilted, near and far."""
     renderer = BoardRenderer(camera, board, parts)
     rng = np.random.default_rng(seed)
     poses = calibration_poses(camera, board, count, rng, most_tilt_deg)
@@ -180,9 +184,9 @@ def calibration_poses(
     rng: np.random.Generator,
     most_tilt_deg: float = 45.0,
 ) -> Iterator[tuple[Array, Array]]:
-    """Poses (rotation_cb, position_c) with all corners in the picture, one in four upside down.
+    """Yield poses (rotation_cb, position_c) with all corners visible, one in four upside down.
 
-    Raises ValueError where the board does not fit into the picture.
+    Raise ValueError if the board does not fit into the picture.
     """
     found = 0
     for _ in range(_TRIES * count):
@@ -203,7 +207,7 @@ def _pose(
     most_tilt_rad: float,
     upside_down: bool,
 ) -> tuple[Array, Array]:
-    """A random pose whose middle is somewhere in the picture."""
+    """Return a random pose whose board's middle is somewhere in the picture."""
     turn = rng.normal(0, 0.25) + math.pi * upside_down
     about, tilt = rng.uniform(0, 2 * math.pi), rng.uniform(0, most_tilt_rad)
     rotation = np.asarray(cv2.Rodrigues(tilt * np.array([math.cos(about), math.sin(about), 0]))[0])
@@ -224,11 +228,11 @@ def _fits(camera: Camera, board: Checkerboard, rotation: Array, position: Array)
 def gimbal_pose(
     board: Checkerboard, angles_rad: Array, distance_m: float, followed: float = 0.0
 ) -> tuple[Array, Array]:
-    """Pose (rotation_cb, position_c) of a board on a wall for a camera's roll, pitch, yaw (3,).
+    """Return a board's pose (rotation_cb, position_c) on a wall for a camera's angles (3,).
 
-    The angles are the camera's against the board's normal. It turns about its own place, straight
-    before the board's middle, or is carried about the board by the share ``followed`` of each
-    angle, so that the board stays in the picture.
+    The angles are roll, pitch, yaw of the camera relative to the board's normal. The camera is
+    straight in front of the board's middle and turns on the spot, or it is also moved around the
+    board by the share ``followed`` of each angle, so that the board stays in the picture.
     """
     rotation_gw = matrix_from_euler(*angles_rad).T
     rotation_cb = BODY_OPTICAL.T @ rotation_gw @ BODY_OPTICAL

@@ -1,8 +1,8 @@
-"""Pictures and a video of a thermal checkerboard, for ``tirgeo calibrate lens`` and ``gimbal``.
+"""Write pictures and a video of a thermal checkerboard for ``tirgeo calibrate lens``, ``gimbal``.
 
-``python -m tirgeo_ros.tools.simulate.boards -o boards`` writes ``lens/``, pictures as one takes
-them to calibrate a lens; ``wall.mcap``, a video of a board on a wall while the aircraft is turned
-to and fro (Ren et al. 2022, section 5.2); and ``wall.csv``, the camera's true angles in it.
+``python -m tirgeo_ros.tools.simulate.boards -o boards`` writes ``lens/``, pictures as for a lens
+calibration; ``wall.mcap``, a video of a board on a wall while the aircraft yaws to and fro (Ren et
+al. 2022, section 5.2); and ``wall.csv``, the camera's true angles in it.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 BOARD = Checkerboard(9, 6, 0.1)
-RATE_HZ = 10.0  # of the video's pictures: what the paper took from its own
-#: The camera follows the airframe, turned to and fro by hand: Table 8's standard deviation.
+RATE_HZ = 10.0  # of the video's pictures, as the paper took from its own
+#: The camera follows the airframe, which is turned to and fro by hand: Table 8's standard
+#: deviation.
 YAW_STD_DEG, YAW_PERIOD_S = 13.8857, 6.0
-_DISTANCE_M, _FOLLOWED = 2.2, 0.7  # the board stays in the picture
+_DISTANCE_M, _FOLLOWED = 2.2, 0.7  # so that the board stays in the picture
 _START_NS = Scenario().start_ns
 
 
@@ -45,9 +46,9 @@ def write_lens(folder: Path, count: int, seed: int) -> None:
 
 
 def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
-    """(n, 3) the camera's roll, pitch, yaw against the wall, rad.
+    """Return the camera's roll, pitch, yaw relative to the wall (n, 3), rad.
 
-    Roll and pitch wander as the camera of a simulated flight does (Table 8); yaw swings.
+    Roll and pitch drift as for the camera of a simulated flight (Table 8); yaw oscillates.
     """
     gimbal = Scenario().gimbal
     wander = scaled_noise(
@@ -62,7 +63,7 @@ def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
 
 
 def write_wall(path: Path, duration_s: float, seed: int, progress: Report = silent) -> Array:
-    """Write the video; the true angles (n, 3) of its pictures. Raises BagError."""
+    """Write the video; return the true angles (n, 3), rad, of its pictures. Raise BagError."""
     times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     angles = camera_angles(times_s, duration_s, seed)
     messages, draw = Messages(Cdr().types), BoardRenderer(XT2, BOARD)
@@ -89,7 +90,7 @@ def _write_angles(path: Path, angles: Array) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's arguments."""
+    """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
         prog="python -m tirgeo_ros.tools.simulate.boards",
         description="Writes rendered pictures and a video of a thermal checkerboard, "
@@ -105,7 +106,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Write all; ``angles_std_deg`` is the truth that the video holds."""
+    """Write all files; ``angles_std_deg`` in the result is the truth of the video."""
     folder: Path = args.output
     write_lens(folder / "lens", args.views, args.seed)
     with Progress("rendering", unit="s") as bar:
@@ -120,7 +121,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write what the arguments say."""
+    """Run the command."""
     command = parser()
     args = command.parse_args(argv)
     if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):

@@ -1,4 +1,4 @@
-"""``tirgeo simulate``: a scenario in, the files of a flight with truth out."""
+"""Write the files of a simulated flight with truth from a scenario: ``tirgeo simulate``."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
 NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
          "observations.csv", "params.yaml")  # fmt: skip
 
-#: Beside NAMES where the ground is not level.
+#: Files written beside NAMES if the ground is not level.
 ELEVATION = ("dem.asc", "dem.prj")
-_CLEAR_M = 3.0  # over all ground
+_CLEAR_M = 3.0  # smallest height above all ground
 
 
 def simulate(
@@ -43,10 +43,10 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
-    ``joint_order`` is flown in place of the scenario's gimbal, and stands in params.yaml.
-    ``start_s`` and ``duration_s`` cut a window out of the flight: the bags hold what arrived in
-    it, the observations are those of its pictures, all else is the whole flight's. Returns what
-    was written. Raises ScenarioError, and BagError or SurveyError where files cannot be written.
+    ``joint_order`` overrides the scenario's gimbal, and is written to params.yaml. ``start_s`` and
+    ``duration_s`` cut a window out of the flight: the bags hold what arrived in it, the
+    observations are those of its pictures, all other files are for the whole flight. Return what
+    was written. Raise ScenarioError, and BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
@@ -107,7 +107,7 @@ def _written(
 
 
 def _check_clear(flight: Flight, relief: Relief) -> None:
-    """Raise ScenarioError where hills could be as high as the aircraft."""
+    """Raise ScenarioError if hills could be as high as the aircraft."""
     lowest_m = -float(flight.truth.position_p[:, 2].max())
     if relief.highest_m > lowest_m - _CLEAR_M:
         raise ScenarioError(

@@ -1,4 +1,4 @@
-"""A flight in memory: the truth, and what the sensors said, in order of arrival. No pictures."""
+"""Simulate a flight in memory, without pictures: the truth and the sensors' samples."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tirgeo_ros.tools.simulate.trajectory import Trajectory, geodetic_state
 
 @dataclass(frozen=True)
 class Truth:
-    """The true state at every IMU stamp; axes ``n`` are north, east, down at the aircraft."""
+    """Hold the true state at every IMU stamp; axes ``n`` are north, east, down at the aircraft."""
 
     stamp_ns: list[int]
     t_s: Array  # (N,) from the start of the flight
@@ -32,8 +32,8 @@ class Truth:
     height_m: Array  # (N,)
     velocity_n: Array  # (N, 3) m/s
     q_nb: Array  # (N, 4) wxyz
-    specific_force_b: Array  # (N, 3) m/s2, what a perfect IMU says
-    angular_rate_b: Array  # (N, 3) rad/s, what a perfect IMU says
+    specific_force_b: Array  # (N, 3) m/s2, output of a perfect IMU
+    angular_rate_b: Array  # (N, 3) rad/s, output of a perfect IMU
     gyro_bias_b: Array  # (N, 3) rad/s
     accel_bias_b: Array  # (N, 3) m/s2
     position_p: Array  # (N, 3) m in the plane of the site
@@ -41,7 +41,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Flight:
-    """A flown scenario."""
+    """Hold a flown scenario."""
 
     scenario: Scenario
     seed: int
@@ -52,7 +52,7 @@ class Flight:
 
     @property
     def plane(self) -> TangentPlane:
-        """The plane of the site, in which the truth's poses are given."""
+        """Return the tangent plane of the site, in which the truth's poses are given."""
         return self.trajectory.plane
 
 
@@ -75,7 +75,7 @@ def fly(scenario: Scenario, seed: int | None = None) -> Flight:
 
 
 def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
-    """The true state at instants, with the IMU's biases at them."""
+    """Return the true state at instants, with the IMU's biases at them."""
     motion = trajectory.motion(epochs.t_s)
     force, rate = trajectory.inertial(motion)
     lat, lon, height, velocity_n, q_nb = geodetic_state(

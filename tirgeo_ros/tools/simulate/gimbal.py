@@ -1,8 +1,8 @@
-"""The true camera on its gimbal, and what the encoders and the flight controller say of it.
+"""Simulate the true camera on its gimbal, its encoders and its reported attitude.
 
-The gimbal follows the nose with a lag and holds roll and pitch. It holds them not quite: the
-camera wanders by Table 8's amounts, the encoders see it and the flight controller does not. The
-north of the reported attitude may be off the autopilot's.
+The gimbal follows the nose with a lag and holds roll and pitch imperfectly: the camera drifts by
+Table 8's amounts. The encoders measure this drift, the flight controller does not. The north of
+the reported attitude may differ from the autopilot's.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from tirgeo_ros.tools.simulate.sensors import Arrival, Autopilot, Epochs
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, local_axes
 
 _KNOT_S = 0.05
-_TILTING_S = 1.0  # a change of the commanded pitch takes so long
+_TILTING_S = 1.0  # duration of a change of the commanded pitch
 
 
 class Gimbal:
-    """The true attitude and place of the camera as functions of time.
+    """Compute the true attitude and position of the camera as functions of time.
 
-    The camera looks past the gimbal's axes by the boresight, which neither encoders nor flight
-    controller see.
+    The boresight turns the camera away from the gimbal's axes; neither the encoders nor the flight
+    controller measure it.
     """
 
     def __init__(self, scenario: Scenario, seed: int, trajectory: Trajectory) -> None:
-        """Draw the wander of the camera and let its heading follow the flight's."""
+        """Draw the camera's drift and let its heading follow that of the flight."""
         self._scenario = scenario.gimbal
         self._places = scenario.aircraft
         self._trajectory = trajectory
@@ -58,17 +58,17 @@ class Gimbal:
         )
 
     def wander_rad(self, t_s: Array) -> Array:
-        """(N, 2) true minus commanded camera roll and pitch."""
+        """Return true minus commanded camera roll and pitch (N, 2)."""
         return self._wander(t_s)
 
     def rotation_pg(self, t_s: Array) -> Array:
-        """(N, 3, 3) true camera attitude in the plane of the site."""
+        """Return the true camera attitude (N, 3, 3) in the plane of the site."""
         roll, pitch = self._wander(t_s).T
         pitch = pitch + commanded_pitch_rad(self._scenario, t_s)
         return matrix_from_euler(roll, pitch, self._heading(t_s)[:, 0])
 
     def camera(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
-        """True position (N, 3) and quaternion ``q_pc`` (N, 4) of the optical frame in ``p``."""
+        """Return position (N, 3) and quaternion ``q_pc`` (N, 4) of the optical frame in ``p``."""
         times = np.atleast_1d(np.asarray(t_s, float))
         motion = self._trajectory.motion(times)
         rotation = self.rotation_pg(times)
@@ -80,7 +80,7 @@ class Gimbal:
 def gimbal_samples(
     scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, gimbal: Gimbal
 ) -> list[Arrival]:
-    """``gimbal/joint_states`` and ``gimbal/attitude``, which arrive as they are measured."""
+    """Return ``gimbal/joint_states`` and ``gimbal/attitude``, which arrive without delay."""
     epochs = Epochs.at_rate(scenario, scenario.gimbal.rate_hz)
     motion = trajectory.motion(epochs.t_s)
     rotation_pg = gimbal.rotation_pg(epochs.t_s)
@@ -104,7 +104,11 @@ def _reported(
     rotation_pg: Array,
     encoder_noise_rad: Array,
 ) -> Array:
-    """(N, 4) commanded roll and pitch; the autopilot's heading and the encoders' difference."""
+    """Return the reported attitude (N, 4).
+
+    It has the commanded roll and pitch; its heading is the autopilot's plus the encoders' angle
+    and the north bias.
+    """
     lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
     rotation_nb = local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb
     nose = pilot.euler_rad(motion, rotation_nb)[:, 2]
@@ -115,19 +119,19 @@ def _reported(
 
 
 def commanded_pitch_rad(gimbal: GimbalScenario, t_s: Array) -> Array:
-    """(N,) the camera's pitch that the gimbal is told to hold."""
+    """Return the camera pitch (N,) that the gimbal is commanded to hold."""
     changed = np.clip((t_s - gimbal.pitch_step_s) / _TILTING_S, 0.0, 1.0)
     return np.radians(gimbal.pitch_deg + gimbal.pitch_step_deg * changed)
 
 
 def north_bias_rad(gimbal: GimbalScenario, t_s: Array) -> Array:
-    """(N,) reported camera heading less the true one by the autopilot's north."""
+    """Return the reported camera heading minus the one from the autopilot's north (N,)."""
     bias_deg = gimbal.north_bias_deg + gimbal.north_drift_deg_s * t_s
     return np.radians(bias_deg + gimbal.north_step_deg * (t_s >= gimbal.north_step_s))
 
 
 def _lagging(heading_rad: Array, lag_s: float) -> Array:
-    """(N,) the heading behind a first-order lag."""
+    """Return the heading (N,) behind a first-order lag."""
     gain = 1 - math.exp(-_KNOT_S / lag_s)
     out = np.empty_like(heading_rad)
     value = heading_rad[0]

@@ -1,7 +1,7 @@
-"""The ground as a thermal camera sees it from above: the park painted in grey levels.
+"""Paint the park in grey levels, as a thermal camera sees the ground from above.
 
-Night after a warm day: paving and kerbs are warm, grass is cool, beds are either. Ever coarser
-copies serve what is far away.
+It is night after a warm day: paving and kerbs are warm, grass is cool, beds are either. Copies of
+lower resolution serve for what is far away.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from tirgeo_ros.tools.simulate.park import Bed, Park, Spot
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
-#: Pixels levels of the grass, and of a kelvin.
+#: Grey level of the grass, and grey levels per kelvin.
 GRASS, GREY_PER_K = 92.0, 10.0
 _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
 _BED_SPAN, _PLANT_SPAN, _SHRUB_SPAN, _HOT = 58.0, 16.0, 34.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
 _SHIFT = 4  # drawing to a sixteenth of a cell
-#: Size of grain (m) and its standard deviation (grey levels): weather down to tufts.
+#: Size of grain (m) and its standard deviation (grey levels), from weather to tufts.
 _GRAINS = ((40.0, 5.0), (9.0, 5.0), (2.5, 4.0), (0.7, 4.0), (0.2, 4.0))
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The painted ground: level k has cells of ``resolution_m`` times 2^k."""
+    """Hold the painted ground: level k has cells of ``resolution_m`` times 2^k."""
 
     levels: list[Pixels]  # rows from north to south, columns from west to east
     north_edge_m: float
@@ -66,7 +66,7 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
 
 
 def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
-    """Paving of slabs, no two quite alike."""
+    """Paint the paving as slabs with different grey levels."""
     for path in park.paths:
         ahead = path.line[1] - path.line[0]
         length_m = float(np.linalg.norm(ahead))
@@ -79,7 +79,7 @@ def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
 
 
 def _paint_bed(canvas: _Canvas, bed: Bed) -> None:
-    """The map's outline is the border between bed and kerb."""
+    """Paint a bed; the map's outline is the border between bed and kerb."""
     rings = [bed.outline, *bed.holes]
     for ring in rings:
         canvas.outline(ring, 2 * _KERB_M, _KERB)
@@ -87,7 +87,7 @@ def _paint_bed(canvas: _Canvas, bed: Bed) -> None:
 
 
 class _Canvas:
-    """A picture with ground coordinates, drawn on to a sixteenth of a cell."""
+    """Draw on a picture with ground coordinates, to a sixteenth of a cell."""
 
     def __init__(self, scenario: ParkScenario) -> None:
         (south, north), (west, east) = scenario.north_m, scenario.east_m
@@ -95,21 +95,24 @@ class _Canvas:
         self.north_edge_m = north + scenario.margin_m
         self.west_edge_m = west - scenario.margin_m
         side = 2 * scenario.margin_m
-        # Whole cells at every level, so that the levels lie exactly on one another.
+        # Whole cells at every level, so that the levels are exactly aligned.
         step = 2 ** (_LEVELS - 1)
         rows = step * round((north - south + side) / self.resolution_m / step)
         columns = step * round((east - west + side) / self.resolution_m / step)
         self.grey: Pixels = np.full((rows, columns), round(GRASS), np.uint8)
 
     def _cells(self, points: Array) -> npt.NDArray[np.int32]:
-        """Ground points (N, 2) in sixteenths of a cell, columns first; cell 0 is centred at 0."""
+        """Return ground points (N, 2) in sixteenths of a cell, columns first.
+
+        Cell 0 is centred at 0.
+        """
         columns = (points[:, 1] - self.west_edge_m) / self.resolution_m - 0.5
         rows = (self.north_edge_m - points[:, 0]) / self.resolution_m - 0.5
         cells = np.round(np.stack([columns, rows], -1) * 2**_SHIFT)
         return np.asarray(cells, np.int32)
 
     def fill(self, rings: Sequence[Array], grey: float) -> None:
-        """Fill the first ring but for the others, which lie within it."""
+        """Fill the first ring except the others, which are inside it."""
         cells = [self._cells(ring) for ring in rings]
         cv2.fillPoly(self.grey, cells, grey, cv2.LINE_AA, _SHIFT)
 
@@ -135,7 +138,7 @@ class _Canvas:
 
 
 def _textured(grey: Pixels, scenario: ParkScenario, seed: int) -> Pixels:
-    """The painting with grain of several sizes."""
+    """Return the painting with grain of several sizes."""
     rng = generator(seed, "grain")
     rows, columns = grey.shape
     total = np.zeros((rows, columns), np.int16)  # hundredths of a grey level

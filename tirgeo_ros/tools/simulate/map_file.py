@@ -1,4 +1,4 @@
-"""The park as a map: GeoJSON of bed outlines, paths and hydrants (RFC 7946)."""
+"""Write the park as a map: GeoJSON of bed outlines, paths and hydrants (RFC 7946)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DECIMALS = 9  # of a degree: a tenth of a millimetre
 
 
 def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
-    """The park's map with heights above the ellipsoid."""
+    """Return the park's map with heights above the ellipsoid."""
     features = [
         *(_feature(bed.name, "bed", "Polygon", _polygon(bed, plane, relief)) for bed in park.beds),
         *(
@@ -32,7 +32,7 @@ def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
 
 
 def collection(features: Sequence[Mapping[str, object]]) -> str:
-    """A FeatureCollection, one feature a line."""
+    """Return a FeatureCollection, with one feature per line."""
     lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
     return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
 
@@ -43,7 +43,7 @@ def point_feature(
     plane: TangentPlane,
     relief: Relief = LEVEL,
 ) -> dict[str, object]:
-    """A Point on the ground at north, east (2,)."""
+    """Return a Point on the ground at north, east (2,)."""
     geometry = {"type": "Point", "coordinates": _positions(place[None, :], plane, relief)[0]}
     return {"type": "Feature", "properties": dict(properties), "geometry": geometry}
 
@@ -57,20 +57,20 @@ def _feature(name: str, kind: str, geometry: str, coordinates: object) -> dict[s
 
 
 def _polygon(bed: Bed, plane: TangentPlane, relief: Relief) -> list[list[list[float]]]:
-    """Outer ring counterclockwise, holes clockwise, all closed (RFC 7946, 3.1.6)."""
+    """Return outer ring counterclockwise and holes clockwise, all closed (RFC 7946, 3.1.6)."""
     rings: Sequence[Array] = (_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes))
     return [_positions(np.vstack([ring, ring[:1]]), plane, relief) for ring in rings]
 
 
 def _clockwise(ring: Array) -> Array:
-    """A ring of north, east (N, 2) in clockwise order seen from above."""
+    """Return a ring of north, east (N, 2) in clockwise order seen from above."""
     north, east = ring.T
     twice_area = np.sum(north * np.roll(east, -1) - np.roll(north, -1) * east)
     return ring if twice_area > 0 else ring[::-1]
 
 
 def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[float]]:
-    """Longitude, latitude (deg), height (m) of ground points (N, 2)."""
+    """Return longitude, latitude (deg), height (m) of ground points (N, 2)."""
     lat, lon, height = plane.geodetic_from_ned(relief.places(points))
     degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
     return [

@@ -1,7 +1,7 @@
-"""The parameters with which the nodes fit a simulated flight.
+"""Write the nodes' parameters for a simulated flight.
 
 They are what the integrator of such an aircraft knows. A boresight error of the scenario is not
-among them: ``tirgeo calibrate boresight`` finds it. That there is none is among them.
+written, because ``tirgeo calibrate boresight`` finds it; only a boresight of zero is written.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _IMU = (
 
 
 def parameters_text(scenario: Scenario) -> str:
-    """A ROS 2 parameter file: the aircraft for all nodes, then what each has of its own."""
+    """Return a ROS 2 parameter file: the aircraft for all nodes, then each node's own part."""
     site = scenario.site
     nodes: dict[str, dict[str, object]] = {
         "/**": {"aircraft": _places(scenario)},
@@ -50,13 +50,13 @@ def parameters_text(scenario: Scenario) -> str:
 
 
 def _ground(scenario: Scenario) -> dict[str, object]:
-    """The height of level ground; of any other ``--dem`` is asked."""
+    """Return the height of level ground; for other ground the user gives ``--dem``."""
     is_level = not (scenario.park.slope_deg or scenario.park.hills_m)
     return {"ground_height_m": scenario.site.ground_height_m} if is_level else {}
 
 
 def _places(scenario: Scenario) -> dict[str, object]:
-    """The places that are there: a list without numbers has no type in a parameter file."""
+    """Return the places that are set: an empty list has no type in a parameter file."""
     places = values_of(scenario.aircraft)
     return {name: _plain(value) for name, value in places.items() if value != ()}
 
@@ -70,7 +70,7 @@ def _ekf(scenario: Scenario) -> dict[str, object]:
 
 
 def _gimbal(scenario: Scenario) -> dict[str, dict[str, object]]:
-    """The camera's mounting where it is known to be true, and joints of another order."""
+    """Return the camera's mounting if it is exactly known, and an unusual joint order."""
     values = _joint_order(scenario)
     if not any(scenario.gimbal.boresight_rpy_deg):
         values["boresight_rpy_deg"] = [0.0, 0.0, 0.0]
@@ -78,13 +78,13 @@ def _gimbal(scenario: Scenario) -> dict[str, dict[str, object]]:
 
 
 def _joint_order(scenario: Scenario) -> dict[str, object]:
-    """The order of the gimbal's joints where it is not the usual one."""
+    """Return the order of the gimbal's joints if it is not the usual one."""
     order = scenario.gimbal.joint_order
     return {} if order == USUAL_ORDER else {"joint_order": order}
 
 
 def _imu_delay(scenario: Scenario) -> dict[str, object]:
-    """The group delay of an IMU that averages."""
+    """Return the group delay of an IMU that averages."""
     return {"delay_s": 0.5 / scenario.imu.rate_hz} if scenario.imu.averages else {}
 
 

@@ -1,7 +1,7 @@
-"""A park of flower beds: shapes with corners, paths, hydrants, and things that are only seen.
+"""Lay out a park of flower beds: shapes with corners, paths, hydrants, and unmapped things.
 
 Coordinates are metres north and east of the site's origin, on its plane. The same scenario and
-seed lay the same park.
+seed give the same park.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ _FLOWERS = (
     "Grünfläche",
 )
 _WIDE_M, _NARROW_M = 4.0, 1.6  # paths
-_PLANT_M = 0.75  # between plants
+_PLANT_M = 0.75  # distance between plants
 
 
 @dataclass(frozen=True)
 class Bed:
-    """A flower bed within its kerb."""
+    """Hold a flower bed within its kerb."""
 
     name: str
     outline: Array  # (N, 2) north, east; clockwise seen from above, not closed
-    holes: tuple[Array, ...]  # each as the outline
+    holes: tuple[Array, ...]  # each like the outline
     warmth: float  # -1 cold to 1 warm
 
 
 @dataclass(frozen=True)
 class Path:
-    """A paved path along a line."""
+    """Hold a paved path along a line."""
 
     name: str
     line: Array  # (N, 2) north, east
@@ -52,7 +52,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Spot:
-    """A round thing: a tree's crown, a lamp, a person, a hydrant."""
+    """Hold a round object: a tree's crown, a lamp, a person, a hydrant."""
 
     center: Array  # (2,) north, east
     radius_m: float
@@ -61,7 +61,7 @@ class Spot:
 
 @dataclass(frozen=True)
 class Hydrant:
-    """A point of the map."""
+    """Hold a point of the map."""
 
     name: str
     center: Array  # (2,) north, east
@@ -69,12 +69,12 @@ class Hydrant:
 
 @dataclass(frozen=True)
 class Park:
-    """All there is on the ground."""
+    """Hold everything on the ground."""
 
     beds: list[Bed]
     paths: list[Path]
     hydrants: list[Hydrant]
-    plants: list[Spot]  # within beds
+    plants: list[Spot]  # inside beds
     shrubs: list[Spot]
     hot: list[Spot]
 
@@ -97,7 +97,8 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
 
 def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int) -> Bed:
     shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
-    size = 0.5 * scenario.cell_m - _WIDE_M / 2 - 0.5  # inside the paths around its cell
+    # The bed stays inside the paths around its cell.
+    size = 0.5 * scenario.cell_m - _WIDE_M / 2 - 0.5
     outline, holes = shape(rng)
     angle = (math.pi / 2) * rng.integers(4) + math.radians(rng.uniform(-9, 9))
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
@@ -115,7 +116,7 @@ def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int
 
 
 def _plants(rng: np.random.Generator, bed: Bed) -> list[Spot]:
-    """Plants in a loose lattice within a bed, clear of its kerb."""
+    """Return plants in an irregular lattice inside a bed, clear of its kerb."""
     low, high = bed.outline.min(axis=0), bed.outline.max(axis=0)
     counts = np.ceil((high - low) / _PLANT_M).astype(int)
     lattice = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 2)
@@ -137,7 +138,7 @@ def _within(bed: Bed, place: Array, clear_m: float) -> bool:
 
 
 def _shrubs(rng: np.random.Generator, scenario: ParkScenario) -> list[Spot]:
-    """Clumps of crowns on the grass around the beds, and small ones along the paths."""
+    """Return clumps of crowns on the grass around the beds, and small ones along the paths."""
     clumps = _spots(rng, scenario, 60, (0.3, 0.7), (-1.0, -0.2))
     (south, north), (west, east) = scenario.north_m, scenario.east_m
     edge = np.array([[south, west], [north, east]])
@@ -172,7 +173,7 @@ def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[Path]:
 
 
 def _hydrants(scenario: ParkScenario, rows: int, columns: int) -> list[Hydrant]:
-    """One beside every other crossing of a wide path."""
+    """Return a hydrant beside every other crossing of a wide path."""
     found: list[Hydrant] = []
     for row in range(0, rows + 1, 2):
         for column in range(row % 4 // 2, columns + 1, 3):
@@ -189,7 +190,7 @@ def _spots(
     radii_m: tuple[float, float],
     warmth: tuple[float, float],
 ) -> list[Spot]:
-    """Round things along the paths that run north."""
+    """Return round objects along the paths that run north."""
     found: list[Spot] = []
     (south, north_end), (west, east_end) = scenario.north_m, scenario.east_m
     cell = scenario.cell_m
@@ -208,32 +209,32 @@ Rings = tuple[Array, tuple[Array, ...]]
 
 
 def _cut_rectangle(rng: np.random.Generator) -> Rings:
-    """A rectangle with one corner cut off: five corners."""
+    """Return a rectangle with one corner cut off: five corners."""
     cut = rng.uniform(0.4, 0.9)
     return np.array([[1, -1], [1, 1 - cut], [1 - cut, 1], [-1, 1], [-1, -1]]), ()
 
 
 def _angle(rng: np.random.Generator) -> Rings:
-    """An L: six corners."""
+    """Return an L: six corners."""
     a, b = rng.uniform(-0.3, 0.3, 2)
     return np.array([[1, -1], [1, a], [b, a], [b, 1], [-1, 1], [-1, -1]]), ()
 
 
 def _tee(rng: np.random.Generator) -> Rings:
-    """A T: eight corners."""
+    """Return a T: eight corners."""
     a, b = rng.uniform(0.25, 0.5), rng.uniform(-0.2, 0.4)
     ring = [[1, -1], [1, 1], [b, 1], [b, a], [-1, a], [-1, -a], [b, -a], [b, -1]]
     return np.array(ring), ()
 
 
 def _trapezoid(rng: np.random.Generator) -> Rings:
-    """Four corners."""
+    """Return a trapezoid: four corners."""
     a, b = rng.uniform(0.35, 0.85, 2)
     return np.array([[1, -a], [1, b], [-1, 1], [-1, -1]]), ()
 
 
 def _star(rng: np.random.Generator) -> Rings:
-    """Five points: ten corners."""
+    """Return a star of five points: ten corners."""
     inner = rng.uniform(0.45, 0.6)
     angles = np.arange(10) * math.pi / 5
     radii = np.where(np.arange(10) % 2 == 0, 1.0, inner)
@@ -241,7 +242,7 @@ def _star(rng: np.random.Generator) -> Rings:
 
 
 def _hexagon_ring(rng: np.random.Generator) -> Rings:
-    """Six corners around a square lawn."""
+    """Return a hexagon around a square lawn."""
     angles = np.arange(6) * math.pi / 3
     outer = np.stack([np.cos(angles), np.sin(angles)], -1)
     half = rng.uniform(0.3, 0.45)
@@ -250,7 +251,7 @@ def _hexagon_ring(rng: np.random.Generator) -> Rings:
 
 
 def _frame(rng: np.random.Generator) -> Rings:
-    """A rectangle around a rectangular basin: four and four corners."""
+    """Return a rectangle around a rectangular basin: four and four corners."""
     a, b = rng.uniform(0.35, 0.6, 2)
     outer = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
     return outer, (outer * [a, b],)

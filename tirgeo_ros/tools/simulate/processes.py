@@ -1,7 +1,7 @@
-"""Smooth and random functions of time: what the simulated flight and its errors are made of.
+"""Define smooth and random functions of time for the simulated flight and its errors.
 
-Every process draws from a generator of its own, named after it, so that a change of one sensor
-leaves the others' noise as it was.
+Every process draws from its own generator, seeded by its name, so that a change of one sensor does
+not change the noise of the others.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array
 
-DEGREE = 7  # six continuous derivatives: a jerk and its derivative without corners
+DEGREE = 7  # six continuous derivatives, so that jerk and its derivative are smooth
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """The random generator of one named process of a flight."""
+    """Return the random generator of one named process of a flight."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
 def _basis(degree: int) -> Array:
-    """(degree + 1, degree + 1): row m has the polynomial in u of control point m's weight.
+    """Return the polynomials (degree + 1, degree + 1): row m is control point m's weight in u.
 
-    The recursion of Cox and de Boor on uniform knots.
+    This is the recursion of Cox and de Boor on uniform knots.
     """
     rows = np.zeros((1, degree + 1))
     rows[0, 0] = 1.0
@@ -44,21 +44,21 @@ _BASIS = _basis(DEGREE)
 
 
 class Spline:
-    """A uniform B-spline of degree 7 that runs near its control points and smooths them.
+    """Evaluate a uniform B-spline of degree 7 that smooths its control points.
 
-    Outside its knots the first and the last control point hold.
+    Outside its knots the first and the last control point are held.
     """
 
     def __init__(self, control: Array, spacing_s: float) -> None:
-        """Control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
+        """Take control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
         self._spacing_s = spacing_s
         self._count = len(control)
         self._padded = np.pad(np.asarray(control, float), ((DEGREE, DEGREE), (0, 0)), "edge")
 
     def __call__(self, t_s: npt.ArrayLike, derivative: int = 0) -> Array:
-        """(..., k) values of a derivative at the times ``t_s`` (...)."""
+        """Return the values (..., k) of a derivative at the times ``t_s`` (...)."""
         times = np.asarray(t_s, float) / self._spacing_s
-        # Beyond four knots outside everything is constant, so clipping there changes nothing.
+        # More than four knots outside the function is constant, so clipping there changes nothing.
         times = np.clip(times, -4.0, self._count + 3.0 - 1e-9)
         span = np.floor(times)
         weights = self._weights(times - span, derivative)
@@ -77,9 +77,10 @@ class Spline:
 def gauss_markov(
     rng: np.random.Generator, count: int, step_s: float, time_s: Array, std: Array
 ) -> Array:
-    """(count, k) samples of k first-order Gauss-Markov processes, stationary from the start.
+    """Return (count, k) samples of k first-order Gauss-Markov processes.
 
-    ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations: the exact
+    They are stationary from the start.
+    ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations. This is the exact
     discrete form of a driving noise of ``std * sqrt(2 / time_s)``.
     """
     decay = np.exp(-step_s / np.asarray(time_s, float))
@@ -96,14 +97,14 @@ def gauss_markov(
 def smooth_noise(
     rng: np.random.Generator, duration_s: float, time_s: float, std: npt.ArrayLike
 ) -> Spline:
-    """A Gauss-Markov process with correlation time ``time_s``, smoothed over a part of it."""
+    """Return a Gauss-Markov process with correlation time ``time_s``, smoothed by a spline."""
     return Spline(*_knots(rng, duration_s, time_s, np.asarray(std, float)))
 
 
 def scaled_noise(
     rng: np.random.Generator, duration_s: float, time_s: float, rms: npt.ArrayLike
 ) -> Spline:
-    """As ``smooth_noise``, scaled so that its rms over 0 to ``duration_s`` is ``rms`` (k,)."""
+    """Return ``smooth_noise`` scaled to an rms of ``rms`` (k,) over 0 to ``duration_s``."""
     wanted = np.atleast_1d(np.asarray(rms, float))
     control, spacing_s = _knots(rng, duration_s, time_s, np.ones(len(wanted)))
     values = Spline(control, spacing_s)(np.arange(0.0, duration_s, min(0.05, duration_s / 100)))

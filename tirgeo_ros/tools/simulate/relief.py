@@ -1,6 +1,6 @@
-"""Ground that is not level: a slope with hills on it, and where rays meet it.
+"""Model ground that is not level, a slope with hills, and find where rays meet it.
 
-Heights are above the plane of the site, and 0 at its origin. A flight keeps above all of them.
+Heights are above the plane of the site, and 0 at its origin. A flight stays above all ground.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
-_STEPS = 32  # in which a ray is searched between the highest and the lowest ground
-_SETTLING = 4  # each makes what is left of the step some hundredth
+_STEPS = 32  # search steps of a ray between the highest and the lowest ground
+_SETTLING = 4  # secant steps; each reduces the interval to about a hundredth
 _NODE_DEG = 1e-5  # of the elevation model: 1.1 m along a meridian
 
 Floats = npt.NDArray[np.floating]
 
 
 class Relief:
-    """Heights of the ground, as smooth functions of the place."""
+    """Compute heights of the ground as a smooth function of position."""
 
     def __init__(self, scenario: ParkScenario, seed: int) -> None:
         """Draw where the hills lie."""
@@ -43,17 +43,20 @@ class Relief:
 
     @property
     def corners(self) -> Array:
-        """(2, 2) north and east of the south-western and the north-eastern end of the ground."""
+        """Return the ground's south-western and north-eastern corner: north, east (2, 2)."""
         return np.array([self._low, self._high])
 
     @property
     def is_level(self) -> bool:
-        """Whether it is the plane of the site."""
+        """Return whether it is the plane of the site."""
         return not any(self._rise) and not self._hills_m
 
     def height_m(self, north: Floats, east: Floats) -> Floats:
-        """Heights at places of any shape; beyond the painted ground as at its edge."""
-        # Numbers of Python's leave arrays in single precision, which is much faster.
+        """Return heights at positions of any shape.
+
+        Outside the painted ground those of its edge.
+        """
+        # Python floats keep arrays in single precision, which is much faster.
         n = np.clip(north, self._low[0], self._high[0])
         e = np.clip(east, self._low[1], self._high[1])
         wave = np.sin(self._per_m * n + self._phase[0]) * np.sin(self._per_m * e + self._phase[1])
@@ -61,14 +64,14 @@ class Relief:
         return np.asarray(self._rise[0] * n + self._rise[1] * e + hills)
 
     def places(self, level: Array) -> Array:
-        """(N, 3) on the ground, in the plane of the site, of north and east (N, 2)."""
+        """Return ground points (N, 3) in the plane of the site at north and east (N, 2)."""
         return np.column_stack([level, -self.height_m(level[:, 0], level[:, 1])])
 
     def met(self, position_p: Floats, rays_p: Floats) -> Floats:
-        """(N,) how often a ray (N, 3) goes from a place (3,) to the first ground that it meets.
+        """Return the factors (N,) that scale rays (N, 3) from a point (3,) to the ground.
 
-        The place is above all ground, and the rays lead down. What is narrower than a step of the
-        search may be missed: a ridge that a level ray just grazes.
+        The point is above all ground, and the rays lead down. The search may miss what is narrower
+        than its step, such as a ridge that an almost level ray just grazes.
         """
         step = (self.highest_m - self.lowest_m) / rays_p[:, 2] / _STEPS
         before = (-self.highest_m - position_p[2]) / rays_p[:, 2]
@@ -81,14 +84,14 @@ class Relief:
         return self._settled(position_p, rays_p, before, before + step)
 
     def _below(self, position_p: Floats, rays_p: Floats, times: Floats) -> Floats:
-        """How far (m) the ends of rays are below the ground."""
+        """Return how far (m) the ends of rays are below the ground."""
         north, east, down = (position_p[k] + times * rays_p[:, k] for k in range(3))
         return np.asarray(down + self.height_m(north, east))
 
     def _settled(
         self, position_p: Floats, rays_p: Floats, before: Floats, after: Floats
     ) -> Floats:
-        """The meeting between a point above the ground and one below, by secants."""
+        """Return the factor at the ground between one above and one below it, by secants."""
         for _ in range(_SETTLING):
             above = -self._below(position_p, rays_p, before)
             below = self._below(position_p, rays_p, after)
@@ -99,12 +102,12 @@ class Relief:
         return np.asarray(middle)
 
     def hides(self, position_p: Array, places_p: Array) -> npt.NDArray[np.bool_]:
-        """(N,) whether ground lies between a place (3,) and others (N, 3) on the ground."""
+        """Return whether ground hides other ground points (N, 3) from a point (3,): (N,)."""
         return np.asarray(self.met(position_p, places_p - position_p) < 0.99)
 
 
 def elevation_text(relief: Relief, plane: TangentPlane) -> str:
-    """The ground of a relief as an ESRI ASCII grid of WGS84 degrees, ellipsoidal heights."""
+    """Return the ground as an ESRI ASCII grid of WGS84 degrees, ellipsoidal heights."""
     lat, lon, _ = plane.geodetic_from_ned(np.pad(relief.corners, ((0, 0), (0, 1))))
     (south, north), (west, east) = np.degrees(lat), np.degrees(lon)
     rows, columns = (math.ceil(span / _NODE_DEG) + 1 for span in (north - south, east - west))
@@ -126,7 +129,7 @@ def elevation_text(relief: Relief, plane: TangentPlane) -> str:
 
 #: The level ground of the paper's flight.
 LEVEL = Relief(ParkScenario(), 0)
-#: Of a ``.prj`` file beside an elevation model of WGS84 degrees.
+#: Text of a ``.prj`` file beside an elevation model in WGS84 degrees.
 WGS84_TEXT = (
     'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
     'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]\n'

@@ -1,4 +1,4 @@
-"""Pictures of the painted ground through the true camera: its lens, blur and noise."""
+"""Render pictures of the painted ground through the true camera: its lens, blur and noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
 from tirgeo_ros.tools.simulate.warm_spots import Patch, lay_on
 
-#: Of 16 bits: a scene is a small part of the range, as a radiometric camera gives it.
+#: For 16 bits: a scene uses a small part of the range, as with a radiometric camera.
 COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
 _SKY = 20.0
 _FAR_M = 2000.0
@@ -25,7 +25,7 @@ Floats = npt.NDArray[np.float32]
 
 
 class Renderer:
-    """Draws frames; a frame depends on its pose and its random generator alone."""
+    """Render frames; a frame depends only on its pose and its random generator."""
 
     def __init__(
         self,
@@ -50,10 +50,10 @@ class Renderer:
         self._gain = (1 - scenario.vignetting * share).astype(np.float32)
 
     def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> RawPixels:
-        """A picture (h, w) of the ground from a pose (3,), (4,) in the plane ``p``."""
+        """Return a picture (h, w) of the ground from a pose (3,), (4,) in the plane ``p``."""
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         seen = rays_p[:, 2] > -position_p[2] / _FAR_M
-        # Single precision serves: some 100 m to 1e-5 m.
+        # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
         depth = -place[2] / np.where(seen, rays_p[:, 2], np.float32(1))
         if not self._relief.is_level:
@@ -66,7 +66,10 @@ class Renderer:
         return self._sensed(picture, rng)
 
     def _footprints(self, depth: Floats, rays_p: Floats) -> Floats:
-        """(h,) size in m of a pixel on the ground in every row: geometric mean of its sides."""
+        """Return a pixel's size on the ground in every row (h,), m: mean of its sides.
+
+        The mean is the geometric one.
+        """
         middle = slice(self._shape[1] // 2, None, self._shape[1])
         across = depth[middle] * self._pixel_angle
         # Along the view a pixel is stretched by the cosecant of the depression angle.
@@ -74,7 +77,7 @@ class Renderer:
         return np.asarray(across / np.sqrt(np.maximum(slope, 1e-3)))
 
     def _sampled(self, north: Floats, east: Floats, footprint: Floats) -> Floats:
-        """Look the ground up, row by row at the level whose cells are a pixel's size."""
+        """Sample the ground row by row, at the level whose cells have a pixel's size."""
         ground = self._ground
         levels = np.log2(np.maximum(footprint / ground.resolution_m, 1.0))
         levels = np.clip(np.floor(levels + 0.3), 0, len(ground.levels) - 1).astype(int)
@@ -90,7 +93,7 @@ class Renderer:
         return picture
 
     def _sensed(self, picture: Floats, rng: np.random.Generator) -> RawPixels:
-        """Optics and detector: blur, falling off to the corners, noise, whole numbers."""
+        """Apply optics and detector: blur, vignetting, noise, whole numbers."""
         scenario = self._scenario
         if scenario.blur_px > 0:
             cv2.GaussianBlur(picture, (0, 0), scenario.blur_px, dst=picture)

@@ -1,7 +1,8 @@
-"""Shapes of a flight: where the aircraft is sent and where its nose points, at given times.
+"""Define the shapes of a flight: commanded position and heading at given times.
 
-A shape gives raw way points in time; the trajectory's spline rounds them. Each starts over the
-site's origin. Axes: forward and right of the first heading, turned into north and east at last.
+A shape gives raw way points in time; the trajectory's spline smooths them. Each starts above the
+site's origin. The axes of a shape are forward and right of the first heading; they are turned into
+north and east at the end.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _STEP_M = 0.02
 
 
 def route(scenario: RouteScenario, times_s: Array) -> Route:
-    """Position and heading that the autopilot is sent to at ``times_s`` (N,)."""
+    """Return the commanded position (N, 2), m, and heading (N,), rad, at ``times_s`` (N,)."""
     positions, headings = _SHAPES[scenario.shape](scenario, times_s)
     first = math.radians(scenario.heading_deg)
     turn = np.array([[math.cos(first), -math.sin(first)], [math.sin(first), math.cos(first)]])
@@ -46,7 +47,7 @@ def _figure_eight(scenario: RouteScenario, times_s: Array) -> Route:
 
 
 def _hover(scenario: RouteScenario, times_s: Array) -> Route:
-    """Stand still; turn right and left by a quarter, resting ``hover_s`` between."""
+    """Hover; turn right and left by 90 degrees, resting ``hover_s`` in between."""
     turning_s = 90.0 / scenario.yaw_rate_deg_s
     period_s = turning_s + max(scenario.hover_s, 1.0)
     count = np.floor(times_s / period_s)
@@ -72,7 +73,7 @@ def _flown(pieces: list[Piece], scenario: RouteScenario, times_s: Array) -> Rout
 
 
 def _passing_times(step: Array, bend: Array, scenario: RouteScenario) -> Array:
-    """(N + 1,) seconds at which each point of the path is passed, from rest to rest."""
+    """Return the times (N + 1,), s, at which each point of the path is passed, rest to rest."""
     with np.errstate(divide="ignore"):
         turning = np.sqrt(scenario.acceleration_m_s2 * step / np.abs(bend))
     limit = np.minimum(scenario.speed_m_s, turning)

@@ -1,8 +1,8 @@
-"""A scenario: everything that a simulated flight is made from, read strictly from YAML.
+"""Define a scenario, the input of a simulated flight, read strictly from YAML.
 
 The defaults are the flight of Ren et al. 2022 (sections 4.2 to 5.2); its scenario file is
-``config/scenarios/paper_flight.yaml``. Lever arms are in ROS's axes (forward, left, up), as in
-the parameters of the nodes.
+``config/scenarios/paper_flight.yaml``. Lever arms are in ROS's axes (forward, left, up), as in the
+parameters of the nodes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late a
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A whole flight."""
+    """Hold the parameters of a whole flight."""
 
     name: str = param("paper_flight", "what the flight is called")
     seed: int = param(2205, "of all random numbers", low=0, high=2**31)
@@ -66,7 +66,7 @@ class Scenario:
 
     @property
     def aircraft(self) -> AircraftConfig:
-        """The places of antennas, gimbal and camera, as the nodes' parameters have them."""
+        """Return the places of antennas, gimbal and camera as the nodes' parameters."""
         return AircraftConfig(
             rtk_antenna_m=self.rtk.lever_arm_m,
             second_antenna_m=self.rtk.second_antenna_m,
@@ -77,7 +77,7 @@ class Scenario:
 
     @property
     def start_ns(self) -> int:
-        """The first instant in nanoseconds of Unix time; raises ScenarioError."""
+        """Return the first instant in ns of Unix time; raise ScenarioError."""
         text = self.start_utc.replace("Z", "+00:00")
         try:
             start = datetime.fromisoformat(text)
@@ -96,7 +96,7 @@ _GROUPS = {p.name.rpartition(".")[0] for p in parameters_of(Scenario)}
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """The scenario of a YAML file; ScenarioError names the file and the key."""
+    """Return the scenario of a YAML file; ScenarioError names the file and the key."""
     try:
         tree = load_yaml(path)
     except ConfigError as error:
@@ -107,7 +107,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 
 
 def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
-    """A scenario from dotted values, the rest at the paper's; raises ScenarioError."""
+    """Return a scenario from dotted values, the others at their defaults; raise ScenarioError."""
     try:
         scenario = config_from(Scenario, values, where)
     except ConfigError as error:
@@ -120,7 +120,7 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
 
 
 def _check(scenario: Scenario) -> None:
-    """What a range of one parameter cannot say."""
+    """Raise ScenarioError for what a range of one parameter cannot express."""
     _ = scenario.start_ns
     try:
         _ = scenario.aircraft.baseline_b

@@ -1,4 +1,4 @@
-"""The part of a scenario that flies: route, air, sensors, gimbal, each with its errors."""
+"""Define the flying part of a scenario: route, air, sensors, gimbal, each with its errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHAPES = ("lawnmower", "hover", "figure_eight")
 
 @dataclass(frozen=True, slots=True)
 class RouteScenario:
-    """What is flown; see ``routes.py`` for the shapes."""
+    """Hold the route; see ``routes.py`` for the shapes."""
 
     shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
     height_above_ground_m: float = param(20.0, "height of the IMU", unit="m", low=2, high=500)
@@ -41,7 +41,7 @@ class RouteScenario:
 
 @dataclass(frozen=True, slots=True)
 class WindScenario:
-    """The air: the aircraft leans against its drag."""
+    """Hold the wind; the aircraft leans against its drag."""
 
     mean_m_s: tuple[float, ...] = param(
         (1.5, -1.0), "north and east", unit="m/s", low=-100, high=100
@@ -55,7 +55,7 @@ class WindScenario:
 
 @dataclass(frozen=True, slots=True)
 class ImuScenario:
-    """The autopilot's inertial sensor."""
+    """Hold the autopilot's inertial sensor."""
 
     rate_hz: float = param(100.0, "samples per second", unit="Hz", low=50, high=400)
     gyro_turn_on_bias_rad_s: float = param(
@@ -75,7 +75,7 @@ class ImuScenario:
 
 @dataclass(frozen=True, slots=True)
 class RtkScenario:
-    """The RTK receiver with two antennas; status is fixed throughout."""
+    """Hold the RTK receiver with two antennas; its status is always fixed."""
 
     rate_hz: float = param(5.0, "fixes per second", unit="Hz", low=0.1, high=50)
     arrival_delay_s: float = param(0.08, "arrival minus measurement", unit="s", low=0, high=2)
@@ -103,7 +103,7 @@ class RtkScenario:
 
 @dataclass(frozen=True, slots=True)
 class HeadingScenario:
-    """The heading of the two antennas."""
+    """Hold the heading of the two antennas."""
 
     sigma_deg: float = param(0.4, "white noise", unit="deg", low=0, high=90)
     step_deg: float = param(
@@ -113,7 +113,7 @@ class HeadingScenario:
 
 @dataclass(frozen=True, slots=True)
 class GpsScenario:
-    """The autopilot's ordinary GPS, with slowly varying errors."""
+    """Hold the autopilot's ordinary GPS, with slowly varying errors."""
 
     rate_hz: float = param(10.0, "fixes per second", unit="Hz", low=0.1, high=50)
     arrival_delay_s: float = param(0.0, "arrival minus measurement", unit="s", low=0, high=2)
@@ -133,7 +133,7 @@ class GpsScenario:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotScenario:
-    """The errors of the autopilot's own attitude."""
+    """Hold the errors of the autopilot's own attitude."""
 
     heading_rms_deg: float = param(
         1.7972, "heading error over the flight (Table 1)", unit="deg", low=0, high=90
@@ -147,7 +147,7 @@ class AutopilotScenario:
 
 @dataclass(frozen=True, slots=True)
 class GimbalScenario:
-    """The gimbal: it follows the nose, and holds the camera level nearly."""
+    """Hold the gimbal, which follows the nose and keeps the camera nearly level."""
 
     rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
     joint_order: str = param(
@@ -214,5 +214,5 @@ class GimbalScenario:
 
     @property
     def boresight_rpy_rad(self) -> Array:
-        """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
+        """Return roll, pitch, yaw (3,) of the mounting error about camera body FRD axes, rad."""
         return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))

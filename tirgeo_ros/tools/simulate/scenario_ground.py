@@ -1,4 +1,4 @@
-"""The part of a scenario that is looked at: site, park, warm things, video, survey."""
+"""Define the visible part of a scenario: site, park, warm targets, video, survey."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 
 @dataclass(frozen=True, slots=True)
 class SiteScenario:
-    """Where the flight is: the origin of the plane in which the truth is given."""
+    """Hold the site: the origin of the plane in which the truth is given."""
 
     latitude_deg: float = param(39.85, "latitude", unit="deg", low=-89, high=89)
     longitude_deg: float = param(116.70, "longitude", unit="deg", low=-180, high=180)
@@ -31,14 +31,14 @@ class SiteScenario:
 
     @property
     def plane(self) -> TangentPlane:
-        """The tangent plane of the site, at the height of the ground."""
+        """Return the tangent plane of the site, at the height of the ground."""
         lat, lon = np.radians([self.latitude_deg, self.longitude_deg])
         return TangentPlane(float(lat), float(lon), self.ground_height_m)
 
 
 @dataclass(frozen=True, slots=True)
 class VideoScenario:
-    """The thermal camera, by default that of Table 9, and its pictures."""
+    """Hold the thermal camera, by default that of Table 9, and its pictures."""
 
     width: int = param(640, "of a picture", unit="px", low=16, high=4096)
     height: int = param(512, "of a picture", unit="px", low=16, high=4096)
@@ -76,7 +76,7 @@ class VideoScenario:
 
     @property
     def camera(self) -> Camera:
-        """The camera; raises CameraError."""
+        """Return the camera; raise CameraError."""
         (fx, fy), (cx, cy) = self.focal_px, self.principal_px
         if self.fov_deg:
             cx, cy = (self.width - 1) / 2, (self.height - 1) / 2
@@ -86,7 +86,7 @@ class VideoScenario:
 
 @dataclass(frozen=True, slots=True)
 class ParkScenario:
-    """Where the flower beds lie, from the site's origin, and how finely they are painted."""
+    """Hold where the flower beds lie, from the site's origin, and how finely they are painted."""
 
     north_m: tuple[float, ...] = param(
         (-76.0, 106.0), "south and north edge of the beds", unit="m", low=-1e4, high=1e4
@@ -108,7 +108,7 @@ _MOST_TARGETS = 100
 
 
 def _targets(kind: str, default: tuple[float, ...] = ()) -> tuple[float, ...]:
-    """Rows of places that are given one by one."""
+    """Return the parameter of targets that are given one by one, as rows of four numbers."""
     made: tuple[float, ...] = param(
         default,
         f"{kind} at given places: north, east (m), warmer than grass by (K), size (m) of each",
@@ -121,7 +121,7 @@ def _targets(kind: str, default: tuple[float, ...] = ()) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class SceneScenario:
-    """What a search looks for, warmer than the ground."""
+    """Hold what a search looks for, warmer than the ground."""
 
     people: int = param(0, "people at seeded places, beside the given ones", low=0, high=100)
     people_at: tuple[float, ...] = _targets("people", (31.0, 41.0, 12.0, 0.5))
@@ -136,7 +136,7 @@ class SceneScenario:
 
 @dataclass(frozen=True, slots=True)
 class SurveyScenario:
-    """Control points on corners of beds, and an operator's clicks on them."""
+    """Hold control points on corners of beds, and an operator's clicks on them."""
 
     points: int = param(20, "control points", low=1, high=1000)
     views: int = param(3, "clicks on each, in as many frames", low=1, high=100)

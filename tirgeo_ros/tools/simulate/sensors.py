@@ -1,7 +1,7 @@
-"""What the aircraft's sensors say of the true motion, each with its errors and its delay.
+"""Simulate the samples of the aircraft's sensors, each with its errors and its delay.
 
-Every function gives ``(arrival_ns, sample)`` pairs in order of arrival; a sample's stamp is its
-measurement's time.
+Every function returns ``(arrival_ns, sample)`` pairs in order of arrival; a sample's stamp is the
+time of its measurement.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.scenario_aircraft import ImuScenario
 from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state, local_axes
 
-#: Instants that stand for the interval over which an IMU averages.
+#: Number of instants that represent the interval over which an IMU averages.
 _PARTS = 8
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
@@ -43,14 +43,14 @@ Arrival = tuple[int, Sample]
 
 @dataclass(frozen=True)
 class Epochs:
-    """The instants at which one sensor measures."""
+    """Hold the instants at which one sensor measures."""
 
     stamp_ns: list[int]
     t_s: Array  # (N,) from the start of the flight
 
     @staticmethod
     def at_rate(scenario: Scenario, rate_hz: float, less_s: float = 0.0) -> Epochs:
-        """From the first instant of the flight to its last, or ``less_s`` before that."""
+        """Return instants from the first of the flight to its last, or to ``less_s`` before it."""
         count = max(0, math.floor((scenario.duration_s - less_s) * rate_hz + 1e-9) + 1)
         offsets = [round(k * 1e9 / rate_hz) for k in range(count)]
         return Epochs([scenario.start_ns + x for x in offsets], np.array(offsets) / 1e9)
@@ -58,14 +58,14 @@ class Epochs:
 
 @dataclass(frozen=True)
 class ImuBias:
-    """The true biases (N, 3) of the IMU at its samples, FRD."""
+    """Hold the true biases (N, 3) of the IMU at its samples, FRD."""
 
     gyro_b: Array  # rad/s
     accel_b: Array  # m/s2
 
 
 def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
-    """A constant turn-on bias and a Gauss-Markov part of Table 5's size and correlation time."""
+    """Return a constant turn-on bias plus a Gauss-Markov part of Table 5's size and time."""
     noise, step_s = scenario.noise, 1 / scenario.rate_hz
     rng = generator(seed, "imu bias")
     turn_on = rng.standard_normal((2, 3))
@@ -85,8 +85,11 @@ def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
 
 
 def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Array]:
-    """White noise (count, 3) of rate (rad/s) and specific force (m/s2), FRD: Table 5's walks."""
-    # A random walk of N per root second is white noise of N / sqrt(dt) a sample.
+    """Return white noise (count, 3) of rate (rad/s) and specific force (m/s2), FRD.
+
+    Its random walks are those of Table 5.
+    """
+    # A random walk of N per root second is white noise of N / sqrt(dt) per sample.
     scale = scenario.noise_scale * math.sqrt(scenario.rate_hz)
     draws = scale * generator(seed, "imu white").standard_normal((2, count, 3))
     walks = scenario.noise.angle_random_walk, scenario.noise.velocity_random_walk
@@ -94,7 +97,7 @@ def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Arra
 
 
 class Autopilot:
-    """The autopilot's own attitude: the truth with slow errors in heading, roll and pitch."""
+    """Simulate the autopilot's own attitude: the truth plus slow errors of the three angles."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         """Draw the errors of the whole flight."""
@@ -113,21 +116,21 @@ class Autopilot:
         )
 
     def errors_rad(self, t_s: Array) -> Array:
-        """(N, 3) reported minus true roll, pitch, yaw."""
+        """Return reported minus true roll, pitch, yaw (N, 3)."""
         return np.concatenate([self._tilt(t_s), self._heading(t_s)], axis=-1)
 
     def euler_rad(self, motion: Motion, rotation_nb: Array) -> Array:
-        """(N, 3) reported roll, pitch, yaw."""
+        """Return the reported roll, pitch, yaw (N, 3)."""
         return euler_from_matrix(rotation_nb) + self.errors_rad(motion.t_s)
 
 
 def imu_samples(
     scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, bias: ImuBias
 ) -> list[Arrival]:
-    """``imu/data``: force and rate, white noise, bias; the autopilot's attitude.
+    """Return ``imu/data``: force and rate with white noise and bias; the autopilot's attitude.
 
     Force and rate are those of the stamp, or means over the interval before it, as the scenario
-    has it.
+    says.
     """
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     motion = trajectory.motion(epochs.t_s)
@@ -144,8 +147,9 @@ def imu_samples(
 
 
 def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[Array, Array]:
-    """Force and rate (N, 3): means over the interval that ends with each epoch."""
-    # The midpoint rule: with eight parts its error is 1/64 of what the motion's curvature makes.
+    """Return force and rate (N, 3): means over the interval that ends with each epoch."""
+    # Midpoint rule: with eight parts, the error from the motion's curvature is 1/64 of that with
+    # one part.
     shares = (np.arange(_PARTS) + 0.5) / _PARTS
     times = epochs.t_s[:, None] - shares / scenario.imu.rate_hz
     motion = trajectory.motion(np.maximum(times, 0.0).ravel())  # the flight begins at 0
@@ -154,13 +158,16 @@ def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[
 
 
 def _rotation_nb(trajectory: Trajectory, motion: Motion) -> Array:
-    """(N, 3, 3) body to north, east, down at the aircraft; near a pole the site's differ."""
+    """Return the rotations (N, 3, 3) from body to north, east, down at the aircraft.
+
+    Near a pole those axes differ from the site's.
+    """
     lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
     return np.asarray(local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb)
 
 
 def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
-    """``rtk/fix``, ``rtk/vel`` and ``rtk/heading`` of the same epochs."""
+    """Return ``rtk/fix``, ``rtk/vel`` and ``rtk/heading`` of the same epochs."""
     rtk = scenario.rtk
     epochs = Epochs.at_rate(scenario, rtk.rate_hz)
     motion = trajectory.motion(epochs.t_s)
@@ -188,7 +195,10 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
 def _headings(
     scenario: Scenario, seed: int, rotation_nb: Array, epochs: Epochs
 ) -> list[HeadingSample]:
-    """The baseline's azimuth with white noise, in whole steps, less its direction in the body."""
+    """Return headings from the baseline's azimuth with white noise, rounded to steps.
+
+    The direction of the baseline in the body is subtracted.
+    """
     config, aircraft = scenario.heading, scenario.aircraft
     baseline_b, direction_deg = aircraft.baseline_b, aircraft.baseline_deg
     assert baseline_b is not None  # a scenario has two antennas
@@ -208,7 +218,10 @@ def _headings(
 
 
 def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
-    """``gps/fix`` and ``gps/vel``: errors that vary slowly, of Table 1's rms over this flight."""
+    """Return ``gps/fix`` and ``gps/vel``, with slowly varying position errors.
+
+    Their rms over this flight is that of Table 1.
+    """
     gps = scenario.gps
     epochs = Epochs.at_rate(scenario, gps.rate_hz)
     motion = trajectory.motion(epochs.t_s)
@@ -242,7 +255,7 @@ def _fixes(
     sources: tuple[Source, Source],
     status: FixStatus,
 ) -> tuple[list[PositionSample], list[VelocitySample]]:
-    """Position and velocity of the antenna ``(motion, arm_b)`` with errors (N, 3) each, NED."""
+    """Return position and velocity of the antenna ``(motion, arm_b)``, with errors (N, 3), NED."""
     motion, arm_b = antenna
     position_p, velocity_p = motion.at_arm(arm_b)
     lat, lon, height, velocity_n, _ = geodetic_state(
@@ -265,8 +278,9 @@ def _fixes(
 
 
 def _shifted(lat: Array, lon: Array, height: Array, error_n: Array) -> tuple[Array, Array, Array]:
-    """Positions moved by (N, 3) metres north, east, down."""
-    # Errors are metres, the site some hundreds: one place's radii serve to 1e-5 of the error.
+    """Return positions moved by (N, 3) metres north, east, down."""
+    # Errors are metres, the site some hundred metres: one point's radii are accurate to 1e-5 of
+    # the error.
     meridian, transverse = radii_of_curvature(float(lat[0]))
     return (
         lat + error_n[:, 0] / (meridian + height),

@@ -1,4 +1,4 @@
-"""A record of the simulated IMU at rest, for ``tirgeo calibrate allan``.
+"""Write a record of the simulated IMU at rest, for ``tirgeo calibrate allan``.
 
 ``python -m tirgeo_ros.tools.simulate.static_imu -o static.mcap --hours 5``
 """
@@ -22,18 +22,19 @@ from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 
 _TOPIC, _TYPE = "/imu/data", "sensor_msgs/msg/Imu"
-_BLOCK = 1 << 14  # messages made at a time
-# Numbers of a message from its end: force, covariance (9); rate, covariance (9) before them.
+_BLOCK = 1 << 14  # messages made together
+# Byte offsets of the numbers from a message's end: force, covariance (9); before them rate,
+# covariance (9).
 _FORCE_AT, _RATE_AT = -(3 + 9) * 8, -2 * (3 + 9) * 8
 
 
 def write_static(
     path: Path, hours: float, scenario: Scenario, seed: int, progress: Report = silent
 ) -> int:
-    """Write so many hours of an IMU that lies level; the number of messages.
+    """Write ``hours`` of an IMU that lies level; return the number of messages.
 
     The errors are those of the scenario's flights: white noise, a turn-on bias and Gauss-Markov
-    ones. The Earth's rate is left out: a constant, as the turn-on bias is. Raises BagError.
+    biases. The Earth's rate is left out: it is constant, as the turn-on bias is. Raise BagError.
     """
     imu, site = scenario.imu, scenario.site
     count = round(hours * 3600 * imu.rate_hz)
@@ -54,9 +55,9 @@ def write_static(
 def write_imu(
     bag: BagWriter, stamps_ns: IntArray, values: Array, frame: str = "base_link"
 ) -> None:
-    """Messages of ``/imu/data``: stamps (n,), rates and specific forces (n, 6) FLU.
+    """Write messages of ``/imu/data``: stamps (n,), rates and specific forces (n, 6) FLU.
 
-    Logged as they come: at their stamps, but never before the one before.
+    The log times are the stamps, but never earlier than that of the message before.
     """
     logs_ns = np.maximum.accumulate(stamps_ns).tolist()
     for log_ns, message in zip(logs_ns, _messages(stamps_ns, values, frame), strict=True):
@@ -64,7 +65,7 @@ def write_imu(
 
 
 def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
-    """One message in CDR, with the stamps and numbers of each put in its place."""
+    """Return messages in CDR, made from one template by replacing stamps and numbers."""
     template = np.frombuffer(_template(Cdr(), frame), np.uint8)
     rows = np.tile(template, (len(stamps_ns), 1))
     seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
@@ -93,7 +94,7 @@ def _template(cdr: Cdr, frame: str) -> bytes:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's arguments."""
+    """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
         prog="python -m tirgeo_ros.tools.simulate.static_imu",
         description="Writes a bag of the simulated IMU at rest.",
@@ -118,7 +119,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write what the arguments say."""
+    """Run the command."""
     command = parser()
     args = command.parse_args(argv)
     if not 0 < args.hours <= 1000 or (args.seed is not None and args.seed < 0):

@@ -1,6 +1,6 @@
-"""Surveyed control points on corners of flower beds, and an operator who clicks on them.
+"""Survey control points on corners of flower beds, and simulate an operator's clicks on them.
 
-As in section 5.1 of Ren et al. 2022: each point is measured with RTK and clicked in several
+As in section 5.1 of Ren et al. 2022, each point is measured with RTK and clicked in several
 pictures in which it is near enough to be seen well.
 """
 
@@ -28,20 +28,20 @@ from tirgeo_ros.tools.simulate.targets import Target
 
 @dataclass(frozen=True)
 class Views:
-    """Where points, corners of beds say, are in every picture."""
+    """Hold where points, for example corners of beds, are in every picture."""
 
     corners_p: Array  # (C, 3) m, on the plane of the site
     exposures: Epochs  # of F pictures
-    uv: Array  # (F, C, 2) px, the true camera's; nan where it is not seen
-    good: npt.NDArray[np.bool_]  # (F, C) where an operator would click
+    uv: Array  # (F, C, 2) px, by the true camera; nan if not visible
+    good: npt.NDArray[np.bool_]  # (F, C) whether an operator would click
 
 
 def surveyed(
     flight: Flight, camera: Camera, park: Park
 ) -> tuple[list[SurveyPoint], list[Observation]]:
-    """Control points of a flight, and the clicks on them in order of their stamps.
+    """Return control points of a flight, and the clicks on them in order of their stamps.
 
-    Raises ScenarioError if too few corners are seen often enough.
+    Raise ScenarioError if too few corners are seen often enough.
     """
     config = flight.scenario.survey
     level = np.concatenate([bed.outline for bed in park.beds])
@@ -61,15 +61,16 @@ def surveyed(
 
 
 def exposures(flight: Flight) -> Epochs:
-    """The instants at which those pictures are exposed that arrive before the flight's end."""
+    """Return the exposures of the pictures that arrive before the flight's end."""
     video = flight.scenario.video
     return Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
 
 
 def sightings(flight: Flight, camera: Camera, targets: Sequence[Target]) -> list[Observation]:
-    """Each time that a target passes where an operator would click, its pixel nearest the middle.
+    """Return a click on each target for each pass through the area that an operator clicks in.
 
-    In order of their stamps; without an error.
+    It is the pixel nearest to the picture's middle, without an error. Clicks are in order of their
+    stamps.
     """
     if not targets:
         return []
@@ -87,7 +88,7 @@ def sightings(flight: Flight, camera: Camera, targets: Sequence[Target]) -> list
 
 
 def _passes(good: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.intp]]:
-    """The pictures in which a point is well seen, one array for each unbroken run."""
+    """Return the pictures in which a point is well seen, one array for each unbroken run."""
     frames = np.flatnonzero(good)
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
     return [run for run in runs if run.size]
@@ -119,7 +120,7 @@ def _well_seen(
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
-    """Pictures in which a corner is seen well, each ``apart_s`` after the one before."""
+    """Return pictures in which a corner is well seen, each ``apart_s`` after the one before."""
     found: list[int] = []
     for frame in np.flatnonzero(views.good[:, corner]).tolist():
         t_s = views.exposures.t_s
@@ -129,7 +130,7 @@ def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
 
 
 def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
-    """Of the candidates so many that lie far apart: each next is the farthest from all before."""
+    """Choose ``count`` candidates far apart: each next is the farthest from all before."""
     places = corners_p[candidates]
     chosen = [int(np.argmin(places[:, 1]))]
     distance = np.linalg.norm(places - places[chosen[0]], axis=1)
@@ -140,7 +141,7 @@ def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
 
 
 def _measured(flight: Flight, corners_p: Array) -> list[SurveyPoint]:
-    """The corners as an RTK rover finds them."""
+    """Return the corners as measured by an RTK rover."""
     noise = generator(flight.seed, "survey").standard_normal(corners_p.shape)
     found_p = corners_p + noise * np.array(flight.scenario.survey.sigma_m)
     lat, lon, height = flight.plane.geodetic_from_ned(found_p)
@@ -153,7 +154,7 @@ def _measured(flight: Flight, corners_p: Array) -> list[SurveyPoint]:
 def _clicks(
     flight: Flight, views: Views, seen: list[tuple[str, int, list[int]]]
 ) -> list[Observation]:
-    """Of every (id, corner, frames) some frames at random, clicked with an unsteady hand."""
+    """Return clicks with random errors in some random frames of every (id, corner, frames)."""
     config, rng = flight.scenario.survey, generator(flight.seed, "clicks")
     latency_ns = round(flight.scenario.video.latency_s * 1e9)
     found = []

@@ -1,4 +1,4 @@
-"""What a search looks for: people, fires and vehicles, where they are and how warm."""
+"""Define the targets of a search: people, fires and vehicles, their positions and warmth."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.warm_spots import Patch
 
-#: Of seeded ones: from and to, warmer than the grass by (K), and size (m).
+#: Ranges for seeded targets: contrast to the grass (K) and size (m).
 _SEEDED = {
     "person": ((10.0, 14.0), (0.45, 0.55)),
     "fire": ((300.0, 500.0), (1.0, 3.0)),
     "vehicle": ((3.0, 6.0), (4.3, 4.7)),
 }
-_BONNET_K, _BONNET = 8.0, 0.28  # warmer than the rest of a vehicle, and its share of the length
+_BONNET_K, _BONNET = 8.0, 0.28  # contrast to the rest of a vehicle, and its share of the length
 _WIDTH = 2.0 / 4.5  # of a vehicle, per length
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Something warm on the ground."""
+    """Hold a warm object on the ground."""
 
     id: str  # ``person 1``
     kind: str  # person, fire, vehicle
     center: Array  # (2,) m, north and east of the site's origin
-    warmer_k: float  # than the grass
+    warmer_k: float  # contrast to the grass
     size_m: float  # side of a person, diameter of a fire, length of a vehicle
     heading_rad: float
 
     def patches(self) -> list[Patch]:
-        """What the thermal camera sees of it."""
+        """Return the patches that the thermal camera sees."""
         half = self.size_m / 2
         if self.kind != "vehicle":
             is_fire = self.kind == "fire"
@@ -53,7 +53,7 @@ class Target:
 
 
 def targets_of(scenario: Scenario, seed: int) -> list[Target]:
-    """The targets of a scenario: of each kind the given ones, then those at seeded places."""
+    """Return the targets of a scenario: of each kind the given ones, then the seeded ones."""
     scene = scenario.scene
     wanted = {
         "person": (scene.people_at, scene.people),
@@ -73,7 +73,7 @@ def _of_kind(
     park = scenario.park
     low, high = np.transpose([park.north_m, park.east_m])
     for number in range(1, len(given) + count + 1):
-        # Each has a generator of its own, so that one more leaves the others where they are.
+        # Each target has its own generator, so that one more does not move the others.
         rng = generator(seed, f"{kind} {number}")
         heading = rng.uniform(0.0, 2 * math.pi)
         row = np.array([*rng.uniform(low, high), *(rng.uniform(*of) for of in _SEEDED[kind])])
@@ -83,7 +83,7 @@ def _of_kind(
 
 
 def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LEVEL) -> str:
-    """The targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
+    """Return the targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
     return collection([_feature(target, plane, relief) for target in targets])
 
 

@@ -1,8 +1,8 @@
-"""The true motion of the aircraft, and what a perfect IMU on the turning earth feels of it.
+"""Simulate the true motion of the aircraft, and the output of a perfect IMU on the rotating earth.
 
 Position and heading are splines with six continuous derivatives; roll and pitch follow from the
-thrust that the acceleration and the air need. Here ``p`` is the tangent plane at the site (north,
-east, down there): it is fixed to the earth, so earth rate, Coriolis and gravity come in exactly.
+thrust that acceleration and drag need. Here ``p`` is the tangent plane at the site (its north,
+east, down). It is fixed to the earth, so earth rate, Coriolis and gravity are exact.
 """
 
 from __future__ import annotations
@@ -26,23 +26,24 @@ from tirgeo_ros.tools.simulate.scenario import Scenario
 
 _KNOT_S = 0.4
 _HOLD_TIME_S = 4.0
-_GRAVITY_P = np.array([0.0, 0.0, 9.8])  # for leaning only; the IMU feels the ellipsoid's
+# For the lean only; the IMU measures the ellipsoid's gravity.
+_GRAVITY_P = np.array([0.0, 0.0, 9.8])
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the aircraft is at N instants, in the plane ``p`` of the site."""
+    """Hold the motion of the aircraft at N instants, in the plane ``p`` of the site."""
 
     t_s: Array  # (N,)
     position_p: Array  # (N, 3) m, the IMU
     velocity_p: Array  # (N, 3) m/s
     acceleration_p: Array  # (N, 3) m/s2
     rotation_pb: Array  # (N, 3, 3)
-    rate_pb_b: Array  # (N, 3) rad/s, of the body against the earth
+    rate_pb_b: Array  # (N, 3) rad/s, of the body relative to the earth
     heading_rad: Array  # (N,) unwrapped
 
     def at_arm(self, arm_b: Array) -> tuple[Array, Array]:
-        """Position and velocity (N, 3) in ``p`` of a point ``arm_b`` (3,) from the IMU."""
+        """Return position and velocity (N, 3) in ``p`` of a point ``arm_b`` (3,) from the IMU."""
         spin = np.cross(self.rate_pb_b, arm_b)
         return (
             self.position_p + self.rotation_pb @ arm_b,
@@ -51,10 +52,10 @@ class Motion:
 
 
 class Trajectory:
-    """A flight as a function of time."""
+    """Compute a flight as a function of time."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        """Plan the route and draw the gusts and the autopilot's slips."""
+        """Plan the route and draw the gusts and the autopilot's position errors."""
         self.plane: TangentPlane = scenario.site.plane
         self._drag_1_s = scenario.wind.drag_1_s
         self._mean_wind_p = np.array([*scenario.wind.mean_m_s, 0.0])
@@ -64,13 +65,13 @@ class Trajectory:
         control = np.column_stack([level, down]) + _slips(scenario, seed, len(times_s))
         self._position = Spline(control, _KNOT_S)
         self._heading = Spline(heading[:, None], _KNOT_S)
-        gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # less of it upright
+        gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # weaker vertically
         self._gust = smooth_noise(
             generator(seed, "gusts"), scenario.duration_s, scenario.wind.gust_time_s, gust
         )
 
     def motion(self, t_s: npt.ArrayLike) -> Motion:
-        """The motion at times (N,) in seconds from the start."""
+        """Return the motion at times (N,) in seconds from the start."""
         times = np.atleast_1d(np.asarray(t_s, float))
         position, velocity, acceleration, jerk = (self._position(times, k) for k in range(4))
         yaw, yaw_rate = (self._heading(times, k)[:, 0] for k in range(2))
@@ -83,7 +84,7 @@ class Trajectory:
         return Motion(times, position, velocity, acceleration, rotation, rate, yaw)
 
     def inertial(self, motion: Motion) -> tuple[Array, Array]:
-        """Specific force and angular rate (N, 3) in ``b`` that a perfect IMU would measure."""
+        """Return specific force and angular rate (N, 3) in ``b`` of a perfect IMU."""
         lat, lon, height = self.plane.geodetic_from_ned(motion.position_p)
         gravity_p = np.array(
             [
@@ -100,7 +101,7 @@ class Trajectory:
 
 
 def local_axes(plane: TangentPlane, latitude_rad: Array, longitude_rad: Array) -> Array:
-    """(N, 3, 3) rotations from the plane ``p`` to north, east, down at N places."""
+    """Return the rotations (N, 3, 3) from the plane ``p`` to north, east, down at N places."""
     places = zip(latitude_rad, longitude_rad, strict=True)
     return np.array([plane.rotation_from_local(lat, lon).T for lat, lon in places])
 
@@ -108,7 +109,10 @@ def local_axes(plane: TangentPlane, latitude_rad: Array, longitude_rad: Array) -
 def geodetic_state(
     plane: TangentPlane, position_p: Array, velocity_p: Array, rotation_pb: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Latitude, longitude (rad), height (m), velocity (N, 3) and quaternion (N, 4), local NED."""
+    """Return latitude, longitude (rad), height (m), velocity (N, 3), quaternion (N, 4), NED.
+
+    The axes are the local ones at each position.
+    """
     lat, lon, height = plane.geodetic_from_ned(position_p)
     turn = local_axes(plane, lat, lon)
     velocity_n = np.einsum("nij,nj->ni", turn, velocity_p)
@@ -122,12 +126,11 @@ def _slips(scenario: Scenario, seed: int, count: int) -> Array:
 
 
 def _tilt(thrust: Array, thrust_rate: Array, yaw: Array, yaw_rate: Array) -> tuple[Array, Array]:
-    """Roll and pitch (N, 2) that point the body's up along ``thrust``, and their rates."""
+    """Return roll and pitch (N, 2) that point the body's up along ``thrust``, and their rates."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     north, east, down = -thrust.T
     north_rate, east_rate, down_rate = -thrust_rate.T
-    # Down of the body, in axes turned by the heading: (cos r sin p, -sin r, cos r cos p) times its
-    # length.
+    # Body down in axes turned by the heading: (cos r sin p, -sin r, cos r cos p) times its length.
     x, y, z = cos * north + sin * east, cos * east - sin * north, down
     x_rate = cos * north_rate + sin * east_rate + yaw_rate * y
     y_rate = cos * east_rate - sin * north_rate - yaw_rate * x
@@ -140,7 +143,7 @@ def _tilt(thrust: Array, thrust_rate: Array, yaw: Array, yaw_rate: Array) -> tup
 
 
 def _body_rate(tilt: Array, tilt_rate: Array, yaw_rate: Array) -> Array:
-    """(N, 3) rate in ``b`` from rates of Euler angles (Groves 2.57)."""
+    """Return the rate (N, 3) in ``b`` from rates of Euler angles (Groves 2.57)."""
     (roll, pitch), (roll_rate, pitch_rate) = tilt.T, tilt_rate.T
     return np.stack(
         [

@@ -1,7 +1,7 @@
-"""Warm things on the ground, laid over the painted ground at the size of the pixels.
+"""Draw warm objects over the painted ground, at the size of the pixels.
 
-A pixel has the share of a patch that it covers on the ground, so that a patch of less than a
-pixel is as faint as it is small, and its middle is where the camera projects it.
+A pixel shows a patch by the share of its ground that the patch covers. So a patch smaller than a
+pixel is correspondingly faint, and its middle is where the camera projects it.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K
 
 Floats = npt.NDArray[np.float32]
 
-_PARTS = 8  # of a pixel, each way
-_COARSEST_M = 5.0  # pixels that see more of the ground show no patch
+_PARTS = 8  # of a pixel, in each direction
+_COARSEST_M = 5.0  # pixels that cover more ground than this show no patch
 _OFFSETS = (np.arange(_PARTS, dtype=np.float32) + 0.5) / _PARTS - 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle on the ground, or the ellipse within it, of one temperature."""
+    """Hold a rectangle on the ground, or the ellipse within it, of one temperature."""
 
     center: Array  # (2,) m, north and east
-    half_m: tuple[float, float]  # half its length along the heading, and across
+    half_m: tuple[float, float]  # half its length along the heading, half its width
     heading_rad: float
-    warmer_k: float  # than the grass
+    warmer_k: float  # contrast to the grass
     is_round: bool = False
 
 
 def lay_on(picture: Floats, patches: Sequence[Patch], north: Floats, east: Floats) -> None:
     """Draw patches into a picture (h, w) of grey levels, later ones over earlier ones.
 
-    ``north`` and ``east`` (h, w) are the place on the ground that each pixel's middle sees.
+    ``north`` and ``east`` (h, w) are the ground position that each pixel's middle sees, m.
     """
     if not patches:
         return
@@ -55,19 +55,19 @@ def lay_on(picture: Floats, patches: Sequence[Patch], north: Floats, east: Float
 
 
 def _pixel_m(north: Floats, east: Floats) -> Floats:
-    """(h, 1) the longest way (m) on the ground through a pixel of each row."""
+    """Return the longest extent (h, 1), m, on the ground of a pixel of each row."""
     sides = [np.hypot(*(np.gradient(of, axis=axis) for of in (north, east))) for axis in (0, 1)]
     return np.asarray((sides[0] + sides[1])[:, :1])
 
 
 def _around(marked: npt.NDArray[np.bool_]) -> slice:
-    """The marked ones with one more on either side."""
+    """Return the range of the marked items, with one more on either side."""
     found = np.flatnonzero(marked)
     return slice(max(int(found[0]) - 1, 0), int(found[-1]) + 2)
 
 
 def _share(patch: Patch, north: Floats, east: Floats) -> Floats:
-    """(h, w) of each pixel, the share that the patch covers."""
+    """Return the share (h, w) of each pixel that the patch covers."""
     cos, sin = np.cos(patch.heading_rad), np.sin(patch.heading_rad)
     n, e = north - patch.center[0], east - patch.center[1]
     along = _in_parts((cos * n + sin * e) / patch.half_m[0])
@@ -80,7 +80,7 @@ def _share(patch: Patch, north: Floats, east: Floats) -> Floats:
 
 
 def _in_parts(values: Floats) -> Floats:
-    """(parts, parts, h, w): values over each pixel, taken as a plane there."""
+    """Return values (parts, parts, h, w) over each pixel, linear there."""
     by_row, by_column = np.gradient(values)
     rows, columns = np.meshgrid(_OFFSETS, _OFFSETS, indexing="ij")
     return np.asarray(

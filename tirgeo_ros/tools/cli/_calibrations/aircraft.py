@@ -71,7 +71,7 @@ def _names(text: str) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Calibrate."""
+    """Run the calibration; return its summary."""
     from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
 
     with Progress("calibrating", unit="runs") as bar:
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The estimates as a table, what was not told, and how well the flight fits."""
+    """Return the estimates as a table, what was not determined, and the innovations' size."""
     lines = [f"{'parameter':<20}{'before':>10}{'found':>10}{'sigma':>9}{'left out':>10}"]
     for name, one in result["parameters"].items():
         cells = (one["before"], one["found"], one["sigma"], one["left_out"])

@@ -41,7 +41,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Find the noise."""
+    """Estimate the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
 
     check_window(args)
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The axes as a table, and what was written."""
+    """Return the axes as a table, and what was written."""
     from tirgeo_ros.tools.calibrate.allan_table import table  # noqa: PLC0415 heavy
 
     odd = ", ".join(f"{number} {what}" for what, number in result["irregular"].items() if number)

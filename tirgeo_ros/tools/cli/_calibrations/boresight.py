@@ -67,7 +67,7 @@ def _pixels(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Calibrate."""
+    """Run the calibration; return its summary."""
     from tirgeo_ros.tools.calibrate.boresight import calibrate_boresight  # noqa: PLC0415 heavy
 
     both = sorted(set(args.estimate or ()) & set(args.hold))
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The estimates as a table, and how well they fit."""
+    """Return the estimates as a table, and how well they fit."""
     lines = [f"{'parameter':<16}{'before':>10}{'found':>10}{'sigma':>9}"]
     lines += [
         f"{name:<16}{one['before']:>10.3f}{one['found']:>10.3f}{one['sigma']:>9.3f} {one['unit']}"

@@ -45,7 +45,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Find the attitudes."""
+    """Measure the attitudes; return a summary."""
     if not args.rate > 0:
         raise UsageError("--rate must be positive")
     from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """The standard deviations as a table, and which pictures were not used."""
+    """Return the standard deviations as a table, and how many pictures were not used."""
     columns = {
         "std_deg": "std",
         "noise_deg": "of noise",
@@ -88,5 +88,5 @@ def describe(result: Mapping[str, Any]) -> str:
 
 
 def describe_all(result: Mapping[str, Any]) -> str:
-    """The same, then each picture that was not used with its reason."""
+    """Return the same, then each picture that was not used with its reason."""
     return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

@@ -41,7 +41,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Measure."""
+    """Measure the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.imu import calibrate_imu  # noqa: PLC0415 heavy
 
     check_window(args)
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The axes as a table, and what was written."""
+    """Return the axes as a table, and what was written."""
     from tirgeo_ros.tools.calibrate.flight_noise_table import table  # noqa: PLC0415 heavy
 
     rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""

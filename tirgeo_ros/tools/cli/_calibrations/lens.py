@@ -59,7 +59,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Calibrate."""
+    """Run the calibration; return its summary."""
     if not args.every > 0:
         raise UsageError("--every must be positive")
     if args.k3 and args.model == "rational":
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """The parameters with their standard deviations, and which views were not used."""
+    """Return the parameters with their standard deviations, and how many views were not used."""
     lines = [
         f"{name:<3}{value:14.6g} +- {result['sigma'][name]:.2g}"
         for name, value in result["parameters"].items()
@@ -109,5 +109,5 @@ def describe(result: Mapping[str, Any]) -> str:
 
 
 def describe_all(result: Mapping[str, Any]) -> str:
-    """The same, then each picture that was not used with its reason."""
+    """Return the same, then each picture that was not used with its reason."""
     return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

@@ -57,7 +57,7 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Lay the features."""
+    """Georeference the features; return a summary."""
     from tirgeo_ros.tools.calibrate.map import calibrate_map  # noqa: PLC0415 heavy
 
     if args.survey is not None and args.points_crs is not None:
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The residuals as a table, their means, and what was written."""
+    """Return the residuals as a table, their means, and what was written."""
     rows = [("point", "column", "row", "x [m]", "y [m]", "length [m]", "[px]", "left out [m]")]
     rows += [
         (
