@@ -1,1 +1,1 @@
-"""The ROS nodes, one thin file each."""
+"""Run the ROS nodes, one thin file each."""

@@ -1,4 +1,4 @@
-"""The parameters of the nodes and of the commands, each default once, by node."""
+"""Define the parameters of nodes and commands, each default once, by node."""
 
 from __future__ import annotations
 

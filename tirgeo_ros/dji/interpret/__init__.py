@@ -1,4 +1,4 @@
-"""Convert the aircraft's readings to the core's samples.
+"""Interpret the aircraft's readings: readings in, the core's samples out.
 
 Only this package knows the meaning of its flags, heights, units, repeats and reference directions.
 """

@@ -1,4 +1,4 @@
-"""Simulate an aircraft: send a recorded flight again in DJI's serial protocol.
+"""Simulate an aircraft: say in DJI's serial protocol what a flight recorded.
 
 This is the reverse of the way from bytes to samples (``dji.link.framing``,
 ``dji.sources.serial_readings``, ``dji.interpret``), for tests of that way and for a demonstration

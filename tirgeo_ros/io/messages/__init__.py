@@ -1,4 +1,4 @@
-"""Convert ROS messages to the core's types and back: layouts, frames and topics.
+"""Convert ROS messages to samples and back: layouts, frames, topics, in this one place.
 
 Only this package knows them. It works with both kinds of message classes, rclpy's and those that
 bags are read with: attributes and keyword arguments have the same names.

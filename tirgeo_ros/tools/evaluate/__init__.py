@@ -1,1 +1,1 @@
-"""The paper's experiment (section 5.1) on a recorded flight: ``tirgeo evaluate``."""
+"""Do the work of ``tirgeo evaluate``: the paper's experiment (section 5.1) on a flight."""

@@ -1,4 +1,4 @@
-"""The checks of a recorded flight: what feeds them, and what they say to people."""
+"""Replay a recorded flight through the core: process, check and locate."""
 
 from tirgeo_ros.tools.replay.check_setting import CheckSetting, setting_of
 from tirgeo_ros.tools.replay.finding_lines import finding_items, finding_lines

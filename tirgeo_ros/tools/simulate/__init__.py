@@ -1,4 +1,4 @@
-"""A flight with truth: trajectory, sensors, pictures, map, survey.
+"""Simulate a flight with truth: trajectory, sensors, pictures, map, survey.
 
 ``fly`` returns a flight in memory, ``simulate`` writes one to files.
 """
