@@ -1,4 +1,4 @@
-"""Findings from joint angles beside those that the reported camera attitude makes."""
+"""Report faults of joint angles, compared with the angles of the reported camera attitude."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: A constant difference counts beyond this: yaw with the gimbal's north (3 deg) in it.
+#: Largest constant difference without a finding; yaw includes the gimbal's north bias (3 deg).
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _STEADY_RAD = math.radians(2.0)
-_UNLIKE_RAD = math.radians(5.0)  # rms: nothing agrees
+_UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
 _TOPIC = "gimbal/joint_states"
 _CHAIN = "send radians by these names: yaw about up, roll about forward, then pitch about left"
 
 
 def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool) -> list[Finding]:
-    """Return what angles (N, 3) yaw, roll, pitch show, rad; ``used``: they drive the poses.
+    """Return the faults of joint angles (N, 3) yaw, roll, pitch, rad.
 
-    ``rotations_bg`` (N, 3, 3) by the reported attitudes; ``order`` is that of the parameters.
+    ``rotations_bg`` (N, 3, 3) come from the reported attitudes, ``order`` from the parameters.
+    ``used`` is whether the joint angles give the camera's poses.
     """
     reported = joint_angles(rotations_bg, order)
     other = other_order(joints, rotations_bg, order)

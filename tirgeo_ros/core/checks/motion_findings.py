@@ -1,4 +1,4 @@
-"""Findings from how the pictures move, beside how the camera's poses say that they do."""
+"""Report set-up errors from the pictures' motion, compared with that of the camera's poses."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY,
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: An error counts beyond so many of its standard deviations. They are of pairs of pictures, whose
-#: errors are alike where a flight turns all the time: 3.8 were seen without an error.
+#: An error is significant beyond this many of its standard deviations. Errors of picture pairs are
+#: correlated where a flight turns all the time: 3.8 sigmas were seen without an error.
 _SURE = 6.0
-#: And where leaving it makes what remains larger by this: 1.19 was seen without one.
+#: Leaving the error must also make the rest larger by this factor: 1.19 was seen without an error.
 _TELLS = (1.25, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
-#: What remains is no more than this where the poses are good; with more, as where a filter without
-#: headings begins, an error must explain more: 1.29 times as much was seen without one.
+#: The rest with good poses is at most this. With more, as where a filter starts without headings,
+#: an error must explain more: a factor of 1.29 was seen without an error.
 _GOOD_PX = 1.0
-_LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the latter as logarithms
+_LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the last two are logarithms
 _LEAST_HEIGHT_M = 2.0
 _LEAST_BORESIGHT_RAD = math.radians(2.5)
-_WRONG = 0.15  # as a logarithm: from here on the map is wrong, and not only beside its place
-#: Of what the pictures move, in pairs, that no error explains.
+_WRONG = 0.15  # as a logarithm: a larger error makes the map wrong, not only displaced
+#: Share of the pairs' motion, and least size, of a rest that no fitted error explains.
 _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
 
 
 def motion_findings(
     fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
 ) -> list[Finding]:
-    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed.
+    """Return the findings of a fit; ``lens`` and ``ground`` name the parameters it corrects.
 
-    ``ground`` is empty where nothing does.
+    ``ground`` is empty if no parameter sets the ground's height.
     """
     if _unexplained(fit):
         return [_other_motion(fit)]

@@ -127,7 +127,7 @@ def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
 def _height_m(
     camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, uv: Array
 ) -> float:
-    """Return the camera's height over the ground, m; on a DEM, over a pixel's (2,) ground point."""
+    """Return the camera's height over the ground, m; on a DEM, over a pixel's (2,) hit."""
     if isinstance(ground, Terrain):
         points, _ = locate(camera, pose, uv[None], plane, ground)
         return float(points[0, 2] - pose.position_n[2])
