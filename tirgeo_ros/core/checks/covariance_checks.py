@@ -49,12 +49,12 @@ class CovarianceChecks:
 
     def findings(self) -> list[Finding]:
         """Return one finding for each fault, naming all topics that have it."""
-        said: dict[str, list[str]] = {}
+        by_fault: dict[str, list[str]] = {}
         for topic, wrong in self._wrong.items():
             for what, number in wrong.items():
                 if number >= max(_LEAST_NUMBER, _MOST_SHARE * self._count[topic]):
-                    said.setdefault(what, []).append(topic)
-        return [self._finding(what, topics) for what, topics in said.items()]
+                    by_fault.setdefault(what, []).append(topic)
+        return [self._finding(what, topics) for what, topics in by_fault.items()]
 
     def _finding(self, what: str, topics: list[str]) -> Finding:
         numbers = ", ".join(

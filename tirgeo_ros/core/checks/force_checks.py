@@ -107,8 +107,8 @@ def _wrong_axes(mean_b: Array, up_b: Array) -> Finding | None:
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
     if cosine > math.cos(_LARGEST_ANGLE_RAD):
         return None
-    told = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
-    evidence = f"the mean specific force is ({told}) m/s2 forward, left, up, not (0, 0, +9.8)"
+    numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
+    evidence = f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
     mend = (
         "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
         if cosine < -math.cos(_LARGEST_ANGLE_RAD)

@@ -94,9 +94,9 @@ class FrameStamps:
 
     def _changing(self) -> Finding:
         most = self._sizes.most_common(_SHOWN)
-        told = ", ".join(f"{width}x{height} ({n})" for (width, height), n in most)
+        text = ", ".join(f"{width}x{height} ({n})" for (width, height), n in most)
         mend = "let the camera send one size: that of its calibration"
-        return Finding("picture_sizes", Severity.STOP, f"pictures of {told} pixels", _TOPIC, mend)
+        return Finding("picture_sizes", Severity.STOP, f"pictures of {text} pixels", _TOPIC, mend)
 
     def _zero(self) -> Finding:
         evidence = f"{self._counts['zero']} of {self._frames} pictures have no stamp"

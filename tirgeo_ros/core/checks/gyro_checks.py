@@ -75,11 +75,11 @@ class GyroChecks:
         """Return the most severe fault of any axis: unit, axes and signs, or scale."""
         if self._number < _LEAST_NUMBER:
             return []
-        told = np.sqrt(self._other / self._number) > _LEAST_RAD_S
+        is_excited = np.sqrt(self._other / self._number) > _LEAST_RAD_S
         scale = np.sqrt(np.outer(self._own, self._other))
         same = np.divide(self._both, scale, out=np.zeros((3, 3)), where=scale > 0)
         ratio = np.sqrt(self._own / np.maximum(self._other, 1e-12))
-        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if told[k]]
+        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if is_excited[k]]
         kinds = [one for one in found if one]
         return sorted(kinds, key=lambda one: -one.severity)[:1]
 

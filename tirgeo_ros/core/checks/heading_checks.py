@@ -167,26 +167,26 @@ class HeadingChecks:
         evidence = f"while the gyroscopes turned by {turned_deg:.0f} deg"
         long = sums["turned"] > _LEAST_TURNED_RAD
         if long and sums["own"] < 1e-12:
-            told = f"{evidence}, rtk/heading stayed the same"
+            text = f"{evidence}, rtk/heading stayed the same"
             mend = "the receiver or its driver repeats one value"
-            return Finding("heading_stuck", Severity.STOP, told, "rtk/heading", mend)
+            return Finding("heading_stuck", Severity.STOP, text, "rtk/heading", mend)
         slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscope turn / change
         left = sums["gyro"] - slope * sums["both"]
         explained = long and left < _EXPLAINED**2 * sums["gyro"]
         if explained and -1.3 < slope < -0.7:
-            told = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
+            text = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
             mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-            return Finding("heading_sign", Severity.STOP, told, "rtk/heading", mend)
+            return Finding("heading_sign", Severity.STOP, text, "rtk/heading", mend)
         if explained and not 0.7 < slope < 1.3:
-            told = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
+            text = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
             mend = "is one of both in degrees? Both are in radians"
             where = "imu/data angular_velocity, rtk/heading"
-            return Finding("heading_unit", Severity.STOP, told, where, mend)
+            return Finding("heading_unit", Severity.STOP, text, where, mend)
         rms = math.sqrt(sums["left"] / max(self._pairs, 1))
         if self._pairs >= 8 and rms > _JUMPING_RAD:
-            told = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
+            text = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
             mend = "degrees for radians in its quaternion, or a receiver without a solution"
-            return Finding("heading_jumps", Severity.STOP, told, "rtk/heading", mend)
+            return Finding("heading_jumps", Severity.STOP, text, "rtk/heading", mend)
         return None
 
     def _offset(self) -> Finding | None:

@@ -73,7 +73,7 @@ class HeightChecks:
             return
         way_m = float(np.linalg.norm(pose.position_n - before[1]))
         speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
-        self._mind_rest(pose.stamp_ns, pose.position_n, speed_m_s)
+        self._update_rest(pose.stamp_ns, pose.position_n, speed_m_s)
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._count("below", self.above_m < -_BELOW_M - 4 * sigma_m)
         self._count("high", self.above_m > _HIGHEST_M)
@@ -93,7 +93,7 @@ class HeightChecks:
         if self._counts[name] >= _LASTS:
             self._worst[name] = self.above_m
 
-    def _mind_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
+    def _update_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
         height_m = -float(position_n[2])
         self._lowest_m = min(self._lowest_m, height_m)
         self._highest_m = max(self._highest_m, height_m)

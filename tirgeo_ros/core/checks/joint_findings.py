@@ -52,7 +52,7 @@ def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool
 def _mistaken(reading: Reading, joints: Array, reported: Array, *, used: bool) -> Finding:
     before, after = _sizes(joints, reported), _sizes(reading.angles(joints), reported)
     return Finding(
-        "joint_angles", _severity(used), _told(reading.words, before, after), _TOPIC, _CHAIN
+        "joint_angles", _severity(used), _evidence(reading.words, before, after), _TOPIC, _CHAIN
     )
 
 
@@ -60,7 +60,7 @@ def _in_other_order(
     other: str, joints: Array, rotations_bg: Array, order: str, *, used: bool
 ) -> Finding:
     before, after = (_sizes(joints, joint_angles(rotations_bg, one)) for one in (order, other))
-    evidence = _told(f"the joints are those of a gimbal {other}, not {order}", before, after)
+    evidence = _evidence(f"the joints are those of a gimbal {other}, not {order}", before, after)
     mend = f"set it to {other}, or send the angles of a gimbal {order}"
     return Finding("joint_order", _severity(used), evidence, "gimbal_node joint_order", mend)
 
@@ -73,7 +73,7 @@ def _sizes(joints: Array, reported: Array) -> str:
     return _three(np.degrees(np.hypot(*mean_differences(joints, reported))))
 
 
-def _told(words: str, before: str, after: str) -> str:
+def _evidence(words: str, before: str, after: str) -> str:
     return (
         f"{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
         f"{after} deg when mended"

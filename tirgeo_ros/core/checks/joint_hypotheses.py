@@ -55,16 +55,16 @@ class Reading:
     @property
     def words(self) -> str:
         """Return a description of the mistakes for the operator."""
-        told = ["the joint angles are in degrees, not in radians"] if self.degrees else []
+        parts = ["the joint angles are in degrees, not in radians"] if self.degrees else []
         moved = [axis for axis, one in enumerate(self.order) if one != axis]
         if len(moved) == 2:
-            told.append(f"{NAMES[moved[0]]} and {NAMES[moved[1]]} are exchanged")
+            parts.append(f"{NAMES[moved[0]]} and {NAMES[moved[1]]} are exchanged")
         elif moved:
-            told.append("yaw, roll, pitch stand under " + ", ".join(NAMES[i] for i in self.order))
+            parts.append("yaw, roll, pitch stand under " + ", ".join(NAMES[i] for i in self.order))
         turned = [NAMES[one] for one, sign in zip(self.order, self.signs, strict=True) if sign < 0]
         if turned:
-            told.append(f"{' and '.join(turned)} with the other sign")
-        return ", ".join(told)
+            parts.append(f"{' and '.join(turned)} with the other sign")
+        return ", ".join(parts)
 
 
 _READINGS = sorted(

@@ -171,8 +171,10 @@ class LeverChecks:
         given, two = self._given, "rtk/heading" in topics
         if self._lever_b.any() or not two or (given is not None and _LEVER in given):
             return None
-        told = "" if self.found is None else f"; this flight says about {_told(self.found)}"
-        evidence = f"rtk/heading comes, and the antennas' places are still at zero{told}"
+        estimate = (
+            "" if self.found is None else f"; this flight says about {_place_text(self.found)}"
+        )
+        evidence = f"rtk/heading comes, and the antennas' places are still at zero{estimate}"
         severity = Severity.NOTE if given is None else Severity.CAUTION
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
@@ -183,8 +185,10 @@ class LeverChecks:
         if not (np.abs(off) > np.maximum(_sigmas(found) * sigma, _LEAST_M)).any():
             return []
         set_m = flu_from_frd(self._lever_b)
-        told = ", ".join(f"{value:+.2f}" for value in set_m)
-        evidence = f"the flight puts the RTK antenna at {_told(found)}, not at ({told})"
+        configured = ", ".join(f"{value:+.2f}" for value in set_m)
+        evidence = (
+            f"the flight puts the RTK antenna at {_place_text(found)}, not at ({configured})"
+        )
         names = [
             name
             for name, own, other in zip(
@@ -203,11 +207,11 @@ class LeverChecks:
         return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
 
     def _delays(self, found: Lever) -> list[Finding]:
-        told = [
+        delays = [
             _delay("rtk/fix", "rtk.delay_s", found, 0),
             _delay("rtk/vel", "rtk.velocity_delay_s", found, 1),
         ]
-        return [one for one in told if one]
+        return [one for one in delays if one]
 
 
 def _sigmas(found: Lever) -> float:
@@ -231,7 +235,7 @@ def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
     return Finding(check, severity, evidence, f"ekf_node {name}", mend)
 
 
-def _told(found: Lever) -> str:
+def _place_text(found: Lever) -> str:
     place = ", ".join(f"{value:+.2f}" for value in flu_from_frd(found.lever_b))
     sigma = ", ".join(f"{value:.2f}" for value in found.lever_sigma_b)
     return f"({place}) m forward, left, up (sigma {sigma})"

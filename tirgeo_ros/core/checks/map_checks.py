@@ -133,11 +133,11 @@ def _nothing_shown(evidence: str) -> Finding:
 
 
 def _system_findings(laid: LaidMap) -> list[Finding]:
-    said = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
-    if not said:
+    remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
+    if not remarks:
         return []
     mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
-    return [Finding("map_system_unknown", Severity.NOTE, said[0], _MAP, mend)]
+    return [Finding("map_system_unknown", Severity.NOTE, remarks[0], _MAP, mend)]
 
 
 def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:

@@ -34,7 +34,7 @@ BORESIGHT = slice(3, 6)
 _LOOSE = np.array([0.3, 0.3, 1.5, 0.15, 0.15, 0.15])
 #: Prior sigmas of errors that a first fit does not observe, so that the others take the motion.
 _TIGHT = np.array([0.02, 0.05, 1.5, 0.03, 0.03, 0.03])
-_TOLD = 0.6  # times _TIGHT: an error with a larger sigma is not observed
+_OBSERVED = 0.6  # times _TIGHT: an error with a larger sigma is not observed
 _STEPS = np.array([0.005, 0.005, 0.01, 0.002, 0.002, 0.002])
 _LARGEST_STEP = np.array([0.05, 0.3, 0.5, 0.1, 0.1, 0.1])
 _MOST_STEPS = 10
@@ -137,7 +137,7 @@ def fit_motion(
     if _cost(scene, start, _LOOSE) > _FITS_PX:
         start = _searched(scene)
     values, sigmas = _fitted(scene, start, _LOOSE)
-    assumed = sigmas > _TOLD * _TIGHT
+    assumed = sigmas > _OBSERVED * _TIGHT
     assumed[HEIGHT] = False
     if assumed.any():
         start = np.where(assumed, 0.0, values)

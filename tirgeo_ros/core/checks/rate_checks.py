@@ -92,8 +92,8 @@ def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
         if topic.startswith("rtk/") and (stream.rate_hz or _LEAST_RTK_HZ) < _LEAST_RTK_HZ
     }
     if slow:
-        told = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
-        evidence, mend = f"too few come: {told}, not 2 or more", "set the receiver's rate to 5 Hz"
+        text = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
+        evidence, mend = f"too few come: {text}, not 2 or more", "set the receiver's rate to 5 Hz"
         found.append(Finding("rtk_rate", Severity.CAUTION, evidence, next(iter(slow)), mend))
     return found
 
@@ -123,7 +123,7 @@ def _order(streams: Mapping[str, Stream]) -> list[Finding]:
     back = {t: s for t, s in streams.items() if s.back > max(2, _MOST_BACK * s.count)}
     if not back:
         return []
-    told = ", ".join(f"{t} ({s.back} of {s.count})" for t, s in back.items())
-    evidence = f"stamps are not later than the ones before: {told}"
+    text = ", ".join(f"{t} ({s.back} of {s.count})" for t, s in back.items())
+    evidence = f"stamps are not later than the ones before: {text}"
     mend = "is there more than one publisher, or a clock of coarse steps?"
     return [Finding("stamp_order", Severity.CAUTION, evidence, next(iter(back)), mend)]

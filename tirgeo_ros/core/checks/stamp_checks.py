@@ -114,8 +114,8 @@ def _unstamped(streams: Mapping[str, Stream], delayed: Collection[str]) -> list[
     counts = {t: s for t, s in streams.items() if s.unstamped >= 3}
     if not counts:
         return []
-    told = ", ".join(f"{t} ({s.unstamped} of {s.count})" for t, s in counts.items())
-    evidence = f"stamps are 0: {told}; the time of arrival is taken"
+    listed = ", ".join(f"{t} ({s.unstamped} of {s.count})" for t, s in counts.items())
+    evidence = f"stamps are 0: {listed}; the time of arrival is taken"
     mend = "let the driver stamp with the time of measurement, or set the delay to arrival"
     look = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
     names = sorted({look[topic] for topic in counts if topic in look})

@@ -116,12 +116,14 @@ class VelocityChecks:
         left = [1 - max(one, 0.0) ** 2 for one in likeness]
         best = int(np.argmin(left))
         speeds = [math.sqrt(one / self._number) for one in (way, own)]
-        said = f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
+        speeds_text = (
+            f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
+        )
         if left[0] > _WRONG and left[best] < _RIGHT:
-            told = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
+            correlations = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
             evidence = (
                 f"{self.topic} agrees with the changes of {self.positions} "
-                f"{_EXCHANGES[best].name} ({told})"
+                f"{_EXCHANGES[best].name} ({correlations})"
             )
             mend = _EXCHANGES[best].mend
             return Finding(self._name("axes"), Severity.STOP, evidence, self.topic, mend)
@@ -129,10 +131,10 @@ class VelocityChecks:
         if left[0] < _RIGHT and not 1 / 1.5 < ratio < 1.5:
             unit = [name for s, name in _SCALES.items() if abs(ratio / s - 1) < _SCALE_ERROR]
             mend = f"it is in {unit[0]}: send m/s" if unit else "send m/s"
-            return Finding(self._name("unit"), Severity.STOP, said, self.topic, mend)
+            return Finding(self._name("unit"), Severity.STOP, speeds_text, self.topic, mend)
         if left[best] > _WRONG:
             mend = "does it come of this receiver, of now, in ENU?"
-            return Finding(self._name("value"), Severity.STOP, said, self.topic, mend)
+            return Finding(self._name("value"), Severity.STOP, speeds_text, self.topic, mend)
         return None
 
     def _upside_down(self) -> Finding | None:

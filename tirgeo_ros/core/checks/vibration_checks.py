@@ -63,8 +63,8 @@ class VibrationChecks:
         counts = self._clipping.counts
         total = sum(counts.values())
         if total >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
-            told = ", ".join(f"{name} {number}" for name, number in counts.items())
-            evidence = f"imu/data is at the end of its range: {told} of {self._count} samples"
+            listed = ", ".join(f"{name} {number}" for name, number in counts.items())
+            evidence = f"imu/data is at the end of its range: {listed} of {self._count} samples"
             mend = "damp the IMU's mount or choose a larger range; balance the rotors"
             found.append(Finding("imu_clipping", Severity.CAUTION, evidence, "imu/data", mend))
         return found

@@ -5,7 +5,7 @@ is composed (``tirgeo_ros.core.gimbal.camera_pose``) with the interpolated body 
 extrapolated: a sample that waits too long, or that falls into a gap, is dropped and counted.
 
 The reported attitudes also measure the bias of the gimbal's north relative to the autopilot's
-(``tirgeo_ros.core.gimbal.yaw_bias_measurements``). No camera pose is needed for that.
+(``tirgeo_ros.core.gimbal.yaw_bias_measurements``). No body pose is needed for that.
 
 Joints may be computed from the reported attitudes (``JointSample.computed``). They give camera
 poses as encoder angles do, but they are not an independent measurement: compared with the reported
@@ -44,14 +44,14 @@ _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 
 
 @dataclass(frozen=True, slots=True)
-class _Lack:
+class _NoPose:
     """Hold why a gimbal sample has no camera pose, and whether it may get one later."""
 
     reason: str
     may_come: bool = False
 
     @classmethod
-    def of(cls, what: str, miss: Miss) -> _Lack:
+    def of(cls, what: str, miss: Miss) -> _NoPose:
         return cls(f"{what}_{miss.value}", miss in _MAY_COME)
 
 
@@ -145,7 +145,7 @@ class GimbalComposer:
         """Add a body pose and return the camera poses that became possible."""
         if not self._bodies.add(pose):
             return []
-        self._mind_silence(pose.stamp_ns)
+        self._check_joint_silence(pose.stamp_ns)
         return self._resolve()
 
     def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
@@ -181,10 +181,10 @@ class GimbalComposer:
         if not usable_attitude(sample.q_ng):
             self._counts["invalid"] += 1
             return []
-        self._mind_silence(sample.stamp_ns)
+        self._check_joint_silence(sample.stamp_ns)
         return self._take(sample, drives=not self._by_joints)
 
-    def _mind_silence(self, stamp_ns: int) -> None:
+    def _check_joint_silence(self, stamp_ns: int) -> None:
         if self._choice == "auto" and self._presence.gone(stamp_ns):
             self._drive_by(joints=False)
 
@@ -247,7 +247,7 @@ class GimbalComposer:
         self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
 
     def _read_centred(self, sample: JointSample) -> None:
-        """Measure a centred gimbal's north from computed joints, the only bias in their yaw."""
+        """Measure a centred gimbal's north from computed joints; the body's heading cancels."""
         if not (sample.computed and self._centred):
             return
         body = self._bodies.at(sample.stamp_ns)
@@ -260,10 +260,10 @@ class GimbalComposer:
         newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
         return newest_ns - stamp_ns > self._max_wait_ns
 
-    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _Lack:
+    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _NoPose:
         body = self._bodies.at(sample.stamp_ns)
         if isinstance(body, Miss):
-            return _Lack.of("body", body)
+            return _NoPose.of("body", body)
         if isinstance(sample, JointSample):
             if not sample.computed:
                 return from_joints(self._mount, body, sample)
@@ -271,7 +271,7 @@ class GimbalComposer:
             return from_computed(self._mount, body, sample, self.north)
         autopilot = self._autopilot.around(sample.stamp_ns)
         if isinstance(autopilot, Miss):
-            return _Lack.of("autopilot", autopilot)
+            return _NoPose.of("autopilot", autopilot)
         self._north.advance(sample.stamp_ns)
         pose = from_reported(self._mount, body, slerp(*autopilot), sample, self.north)
-        return pose if pose is not None else _Lack("no_heading")
+        return pose if pose is not None else _NoPose("no_heading")

@@ -103,7 +103,7 @@ class GimbalNorth:
     ) -> Outcome:
         self.refused += 1
         self._suspect_rad2 = innovation**2
-        if self._refusals and not self._alike(stamp_ns, reading, variance):
+        if self._refusals and not self._is_consistent(stamp_ns, reading, variance):
             self._refusals.clear()
         self._refusals.append((stamp_ns, reading))
         del self._refusals[1:-_LEAST_REFUSED]  # the first is kept for its stamp
@@ -113,7 +113,7 @@ class GimbalNorth:
         self._start_again(reading, variance, centred=centred)
         return Outcome.RESET
 
-    def _alike(self, stamp_ns: int, reading: float, variance: float) -> bool:
+    def _is_consistent(self, stamp_ns: int, reading: float, variance: float) -> bool:
         """Return whether a measurement is consistent with the same bias as the previous one."""
         before_ns, before = self._refusals[-1]
         if stamp_ns <= before_ns:

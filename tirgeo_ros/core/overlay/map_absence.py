@@ -34,23 +34,23 @@ class MapAbsence:
     def __init__(
         self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
     ) -> None:
-        """Prepare; ``first_n`` (3,) is a point of the map, used if nothing lies on the ground."""
+        """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
         self._whereabouts = Whereabouts(vector_map, first_n)
         self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
         self._plane = plane
-        self._told: tuple[Camera, Array, Array, float, str] | None = None
+        self._last_answer: tuple[Camera, Array, Array, float, str] | None = None
 
     def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
         """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
         axis = matrix_from_quat(pose.q_nc)[:, 2]
-        if self._told is not None:
-            seen_by, position_n, before, reach_m, words = self._told
+        if self._last_answer is not None:
+            seen_by, position_n, before, reach_m, words = self._last_answer
             moved_m = float(np.linalg.norm(pose.position_n - position_n))
             if seen_by == camera and moved_m < reach_m and float(axis @ before) > _TURNED:
                 return words
         distance_m, words = self._why(camera, pose, far_m)
         reach_m = max(_MOVED_M, _MOVED_PART * distance_m)
-        self._told = camera, pose.position_n, axis, reach_m, words
+        self._last_answer = camera, pose.position_n, axis, reach_m, words
         return words
 
     def _why(self, camera: Camera, pose: CameraPose, far_m: float) -> tuple[float, str]:

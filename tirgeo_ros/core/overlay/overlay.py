@@ -32,7 +32,7 @@ from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
 _READING, _FAILED = "reading", "its reading failed"
-_RATES_NS = 100_000_000  # interval for the camera's rates: short beside a turn, long beside noise
+_RATES_NS = 100_000_000  # interval of the camera's rates: less than a turn, enough for noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,8 @@ class Overlay:
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
-        self._lacking = _READING if layers is None else ""  # why no map from elsewhere is here
+        #: Why the map that is draped elsewhere is not here yet.
+        self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
         self._toner = Toner(config.picture, config.palette)
@@ -109,7 +110,7 @@ class Overlay:
 
     @property
     def deadlines_ns(self) -> list[int]:
-        """Return each waiting frame's latest finish, on the caller's clock, oldest first."""
+        """Return when each waiting frame must be drawn, on the caller's clock, oldest first."""
         return [frame.arrival_ns + self._wait_ns for frame in self._frames][::-1]
 
     @property
@@ -120,7 +121,7 @@ class Overlay:
     @property
     def no_map_yet(self) -> str:
         """Return why a map draped elsewhere is not drawn; empty if it is, or without a plane."""
-        return self._lacking if self._plane else ""
+        return self._map_not_ready if self._plane else ""
 
     @property
     def rate_hz(self) -> float:
@@ -133,7 +134,7 @@ class Overlay:
             self._plane = plane
             self._poses.clear()
             self._drawing.set_plane(plane)
-            self._lacking = _READING if self._laid_elsewhere else ""
+            self._map_not_ready = _READING if self._laid_elsewhere else ""
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
@@ -156,12 +157,12 @@ class Overlay:
     def set_map(self, new: LaidMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self._plane:
-            self._laid_elsewhere, self._lacking = True, ""
+            self._laid_elsewhere, self._map_not_ready = True, ""
             self._drawing.set_map(new)
 
     def map_failed(self) -> None:
         """Record that the map from elsewhere will not come; a map that is drawn stays."""
-        self._lacking = self._lacking and _FAILED
+        self._map_not_ready = self._map_not_ready and _FAILED
 
     def set_status(self, status: NavigationStatus) -> None:
         """Set the estimator's status, for the status line and the notices."""
@@ -204,7 +205,7 @@ class Overlay:
 
     def _obstacle(self, pixels: RawPixels) -> str:
         """Return why the map cannot be drawn whatever the pose, else an empty string."""
-        if self._drawing.empty and not self._lacking:
+        if self._drawing.empty and not self._map_not_ready:
             return self._no_map
         camera = self._camera
         if camera is None:
@@ -214,7 +215,7 @@ class Overlay:
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
         if self._plane is None:
             return self._not_navigating() or "no origin"
-        return self._lacking
+        return self._map_not_ready
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self._poses.newest_ns

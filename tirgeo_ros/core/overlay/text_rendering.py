@@ -115,7 +115,7 @@ def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
 
 
 def passing_stamp(text: str, size_px: int, colour: Colour) -> Stamp:
-    """Return the same for a text that will not come again, in a small cache of its own."""
+    """Return the stamp of a text that will not come again, from a small cache of its own."""
     return _kept_briefly(cut(text, LONGEST), size_px, colour)
 
 

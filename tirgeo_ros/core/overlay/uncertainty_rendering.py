@@ -172,8 +172,8 @@ class Confidence:
 
 def layer_sigmas(vector_map: VectorMap) -> Array:
     """Return (features,) position sigma of each feature's layer, m; nan if not given."""
-    told = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
-    return np.array(told, float)[vector_map.layer]
+    sigmas = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
+    return np.array(sigmas, float)[vector_map.layer]
 
 
 def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:

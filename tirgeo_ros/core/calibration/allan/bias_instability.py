@@ -65,7 +65,7 @@ def gauss_markov(tau_s: Array, time_s: float) -> Array:
     """
     r = np.asarray(tau_s / time_s)
     decay = -np.expm1(-r)
-    # 3 - 4 exp(-r) + exp(-2 r) = 2 r - (2 (r - decay) - decay^2); accurate down to r = 1e-3.
+    # 3 - 4 exp(-r) + exp(-2 r) = 2 decay + decay^2, which is accurate down to r = 1e-3.
     closed = 2 / r * (1 - (2 * decay + decay**2) / (2 * r))
     return np.where(r < 1e-3, 2 * r / 3, closed)
 
@@ -101,13 +101,13 @@ def fit_bias(
     sigma = Instability(math.sqrt(best.power), best.sigma / (2 * math.sqrt(best.power)))
     if instability is not None:
         power = instability.value**2
-        told = [
+        constrained = [
             one._replace(power=power, cost=_cost(weights * (values - power * shape)))
             for one, shape in zip(trials, shapes, strict=True)
         ]
-        nearest = min(told, key=lambda trial: trial.cost)
+        nearest = min(constrained, key=lambda trial: trial.cost)
         if nearest.cost <= _AS_NEAR * best.cost:
-            trials, best, sigma = told, nearest, instability
+            trials, best, sigma = constrained, nearest, instability
     factor = _time_factor(trials, best, len(weights))
     return GaussMarkov(sigma.value, best.time_s, sigma.sigma, factor, seen=True)
 

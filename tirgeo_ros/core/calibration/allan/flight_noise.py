@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Frequency that separates motion, below, from vibration, above.
 MOTION_HZ = 8.0
-#: Length of a piece: the time over which the filter itself follows.
+#: Length of a piece: the averaging time of the filter's own vibration meter.
 PIECE_S = 3
 _PRESENT = 0.98  # share of a piece's samples that must be present
 _STANDS_OUT = 4.0  # times the median power: does not happen by chance in 20 s of pieces

@@ -99,8 +99,8 @@ class AllanAnalysis:
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
         ]
         flicker, part = terms[1], slice(start, None)
-        told = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
-        bias = fit_bias(self.tau_s, variances - white, model, spread, part, told)
+        instability = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
+        bias = fit_bias(self.tau_s, variances - white, model, spread, part, instability)
         return NoiseFit(
             white=terms[0],
             flicker=flicker,

@@ -80,7 +80,7 @@ class SampleGrid:
         steps_ns = np.diff(stamps_ns, prepend=stamps_ns[0] if first else self._last_ns)
         self._begun = True
         self._last_ns = int(stamps_ns[-1])
-        self._tell_rate(stamps_ns)
+        self._update_rate(stamps_ns)
         cuts = np.flatnonzero(steps_ns > SPLIT_NS)
         self.irregularities.splits += len(cuts)
         edges = [0, *cuts.tolist(), len(stamps_ns)]
@@ -91,9 +91,9 @@ class SampleGrid:
 
     def _sound(self, stamps_ns: IntArray, values: Array) -> tuple[IntArray, Array]:
         """Return the samples with finite values and rising stamps, without clock steps."""
-        told = self.irregularities
+        faults = self.irregularities
         finite = np.isfinite(values).all(axis=1)
-        told.not_finite += int((~finite).sum())
+        faults.not_finite += int((~finite).sum())
         stamps_ns, values = stamps_ns[finite], values[finite]
         if not len(stamps_ns):
             return stamps_ns, values
@@ -102,10 +102,10 @@ class SampleGrid:
         before = np.maximum.accumulate(stamps_ns)
         first = self._last_ns if self._begun else stamps_ns[0] - 1
         before = np.concatenate([[first], np.maximum(before[:-1], first)])
-        told.repeated += int((stamps_ns == before).sum())
-        told.late += int((stamps_ns < before).sum())
+        faults.repeated += int((stamps_ns == before).sum())
+        faults.late += int((stamps_ns < before).sum())
         rising = stamps_ns > before
-        told.samples += int(rising.sum())
+        faults.samples += int(rising.sum())
         return stamps_ns[rising], values[rising]
 
     def _without_clock_steps(self, stamps_ns: IntArray) -> IntArray:
@@ -127,7 +127,7 @@ class SampleGrid:
         self.irregularities.identical += int((values[1:] == values[:-1]).all(axis=1).sum())
         self._last_values = values[-1].copy()
 
-    def _tell_rate(self, stamps_ns: IntArray) -> None:
+    def _update_rate(self, stamps_ns: IntArray) -> None:
         self.step_ns = usual_step(stamps_ns, self.step_ns, SPLIT_NS)
         total, number = self._rates
         self._rates = (total + self.step_ns * len(stamps_ns), number + len(stamps_ns))

@@ -24,7 +24,7 @@ class SampleRuns(SampleGrid):
         super().__init__()
         self._before_ns = 0
 
-    def _tell_rate(self, stamps_ns: IntArray) -> None:
+    def _update_rate(self, stamps_ns: IntArray) -> None:
         if not self.step_ns:
             steps = np.diff(stamps_ns)
             if len(steps) < _FEWEST:

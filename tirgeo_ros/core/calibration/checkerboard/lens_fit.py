@@ -127,7 +127,7 @@ def fit_lens(
         name, refusal = outlier
         refused[name] = refusal
         del left[name]
-    _check_told(fit)
+    _check_determined(fit)
     fit.refused.update(refused)
     return fit
 
@@ -235,7 +235,7 @@ def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Ar
     return np.asarray((covariance + covariance.T) / 2)
 
 
-def _check_told(fit: LensFit) -> None:
+def _check_determined(fit: LensFit) -> None:
     """Raise CalibrationError if the views do not determine the focal lengths."""
     tilt, sigma = fit.tilt_rad, fit.sigma[:2] / fit.values[:2]
     if tilt < _LEAST_TILT_RAD:
