@@ -23,14 +23,13 @@ _GRAVITY = 9.81
 _BLOCKS = 20  # IMU blocks in a second
 _SECONDS = 30  # seconds that are kept
 _LEAST_SECONDS = 4
-#: The mean force in flight is between half of gravity and twice gravity (alignment_checks).
+#: The mean force in flight is between half of gravity and twice gravity (consistency_checks).
 _LEAST, _LARGEST = 4.9, 19.6
 #: A mean near 1.0 is in g, unless its direction varies: then gravity was removed.
 _LEAST_G, _LARGEST_G, _LARGEST_MEAN_G = 0.7, 1.6, 2.0
 #: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
 _LARGEST_ANGLE_RAD = math.radians(45)
 #: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
-#: Seconds without turns or shocks, where the size is gravity's alone.
 _QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
 #: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
 _LARGEST_SHARE = 0.03

@@ -1,10 +1,10 @@
 """Fit the filter's bias model, a Gauss-Markov process, to an Allan curve.
 
-``error_state`` models a bias as a first-order Gauss-Markov process of standard deviation ``s`` and
-correlation time ``T``, driven by ``s sqrt(2 / T)``. A sensor's bias is rather flicker noise and a
-random walk, which no such process reproduces. The process nearest to the curve is wanted, with
-equal weight at all averaging times from the shortest to a quarter of the record. So each point is
-given a relative error of at least a fifth.
+``ins_error_model`` models a bias as a first-order Gauss-Markov process of standard deviation ``s``
+and correlation time ``T``, driven by ``s sqrt(2 / T)``. A sensor's bias is rather flicker noise
+and a random walk, which no such process reproduces. The process nearest to the curve is wanted,
+with equal weight at all averaging times from the shortest to a quarter of the record. So each
+point is given a relative error of at least a fifth.
 
 If a process whose ``s`` is the bias instability B is about as near, it is taken, because B is the
 number in data sheets and in other tools. Flicker noise is then modelled by B and the best time.
@@ -61,7 +61,7 @@ class Instability(NamedTuple):
 def gauss_markov(tau_s: Array, time_s: float) -> Array:
     """Return the Allan variance of a first-order Gauss-Markov process of standard deviation 1.
 
-    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``error_state``.
+    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``ins_error_model``.
     """
     r = np.asarray(tau_s / time_s)
     decay = -np.expm1(-r)
