@@ -136,8 +136,9 @@ def heading_rms_deg(averages, delay_s, seeds):
 def test_an_imu_that_averages_is_half_its_interval_late():
     """With its delay as good as an IMU that does not average; without, its turns tell.
 
-    Headings alone give 0.062 deg over many flights (docs/accuracy.md); the delay of 5 ms is an error of
-    5 ms times the rate in turns of 45 deg/s and more, 0.2 deg there and less along the legs.
+    Headings alone give 0.062 deg over many flights (docs/accuracy.md); the delay of 5 ms is an
+    error of 5 ms times the rate in turns of 45 deg/s and more, 0.2 deg there and less along the
+    legs.
     """
     seeds = range(1, 4)
     plain, known = heading_rms_deg(False, 0.0, seeds), heading_rms_deg(True, 0.005, seeds)

@@ -1,6 +1,6 @@
-"""Find what is wrong with a set-up or a sensor in the data themselves.
+"""Check the set-up and the sensors by their own data.
 
-A check takes what comes (samples, solutions, poses, frames) and tells, when asked, what it has
-found: the evidence in numbers, the parameter that is wrong, and how to mend it. The same checks
-run in the nodes and in the commands. They refuse nothing: that is the filter's.
+A check takes the data (samples, solutions, poses, frames) and returns, when asked, its findings:
+the evidence in numbers, the parameter that is wrong, and how to correct it. The same checks run in
+the nodes and in the commands. They reject no data; only the filter does that.
 """

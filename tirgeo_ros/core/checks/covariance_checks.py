@@ -1,4 +1,4 @@
-"""Whether what receivers say of their own accuracy can be meant."""
+"""Check whether the receivers' stated covariances are plausible."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tirgeo_ros.core.types.measurements import (
 )
 
 _LEAST_NUMBER = 10
-_MOST_SHARE = 0.5  # of the samples that may say it before it is told
-#: No receiver is better, no fixed position so bad.
+_MOST_SHARE = 0.5  # share of a topic's samples at which a finding is made
+#: Limits of sigma: no receiver is better than the least, no fixed position worse than the largest.
 _LEAST_M, _LARGEST_FIXED_M = 5e-4, 1.0
 _LEAST_M_S, _LARGEST_M_S = 5e-4, 10.0
 _LEAST_RAD, _LARGEST_RAD = math.radians(0.005), math.radians(30)
 
 
 class CovarianceChecks:
-    """Counts covariances that are zero, too small or too large, by topic."""
+    """Count covariances that are zero, too small or too large, by topic."""
 
     def __init__(self, config: EkfConfig) -> None:
         rtk, heading = config.rtk, config.heading
@@ -38,7 +38,7 @@ class CovarianceChecks:
         self._wrong: dict[str, dict[str, int]] = {}  # topic -> what -> number
 
     def take(self, topic: str, sample: PositionSample | VelocitySample | HeadingSample) -> None:
-        """Take a sample as it came."""
+        """Take a sample as it arrived."""
         if isinstance(sample, PositionSample) and sample.status is FixStatus.NONE:
             return
         self._count[topic] = self._count.get(topic, 0) + 1
@@ -48,13 +48,13 @@ class CovarianceChecks:
             counts[wrong] = counts.get(wrong, 0) + 1
 
     def findings(self) -> list[Finding]:
-        """Return a finding for each way of being wrong, with all topics that are so."""
-        said: dict[str, list[str]] = {}
+        """Return one finding for each fault, naming all topics that have it."""
+        by_fault: dict[str, list[str]] = {}
         for topic, wrong in self._wrong.items():
             for what, number in wrong.items():
                 if number >= max(_LEAST_NUMBER, _MOST_SHARE * self._count[topic]):
-                    said.setdefault(what, []).append(topic)
-        return [self._finding(what, topics) for what, topics in said.items()]
+                    by_fault.setdefault(what, []).append(topic)
+        return [self._finding(what, topics) for what, topics in by_fault.items()]
 
     def _finding(self, what: str, topics: list[str]) -> Finding:
         numbers = ", ".join(
@@ -71,7 +71,7 @@ class CovarianceChecks:
 
 
 def _wrong(sample: PositionSample | VelocitySample | HeadingSample) -> str:
-    """Return ``zero``, ``too small``, ``too large``, or nothing."""
+    """Return ``zero``, ``too small``, ``too large``, or an empty string."""
     if isinstance(sample, HeadingSample):
         variances, least, largest = (sample.variance_rad2,), _LEAST_RAD, _LARGEST_RAD
     elif isinstance(sample, VelocitySample):

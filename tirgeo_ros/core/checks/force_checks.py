@@ -1,7 +1,7 @@
-"""Whether the accelerometers measure specific force: its unit, its sign, its axes, its size.
+"""Check the accelerometers' specific force: its unit, its sign, its axes, its size.
 
-At rest and in steady flight specific force is gravity's reaction: 9.8 m/s2, upwards. In flight
-accelerations come and go; over some seconds their mean is small against gravity.
+At rest and in steady flight the specific force is the reaction to gravity: 9.8 m/s2, upwards.
+Accelerations in flight change sign; over some seconds their mean is small compared with gravity.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 _GRAVITY = 9.81
-_BLOCKS = 20  # blocks of a second
-_SECONDS = 30  # that are kept
+_BLOCKS = 20  # IMU blocks in a second
+_SECONDS = 30  # seconds that are kept
 _LEAST_SECONDS = 4
-#: An aircraft is carried by half of gravity at least, by twice it at most (alignment_checks).
+#: The mean force in flight is between half of gravity and twice gravity (consistency_checks).
 _LEAST, _LARGEST = 4.9, 19.6
-#: A mean of 1.0 is in g; accelerations without gravity have no constant direction.
+#: A mean near 1.0 is in g, unless its direction varies: then gravity was removed.
 _LEAST_G, _LARGEST_G, _LARGEST_MEAN_G = 0.7, 1.6, 2.0
-#: Mean accelerations of 0.5 g turn a mean of seconds by 27 deg; wrong axes turn it by 90.
+#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
 _LARGEST_ANGLE_RAD = math.radians(45)
-#: Seconds without turns or shocks, where the size is gravity's alone.
+#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
 _QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
-#: 3 %: a bias of 0.3 m/s2 is 15 times ``imu.accel_turn_on_bias``.
+#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
 _LARGEST_SHARE = 0.03
-#: The mean of no aircraft's rates over seconds.
+#: No aircraft turns at this mean rate over seconds.
 _LARGEST_RATE_RAD_S = 10.0
 _TOPIC = "imu/data linear_acceleration"
 
 
 class ForceChecks:
-    """Hears blocks of the IMU; looks at means of seconds."""
+    """Check the means of the IMU over seconds, computed from its blocks."""
 
     def __init__(self, aircraft: AircraftConfig) -> None:
         self._rotation_bi = aircraft.rotation_bi
         self._blocks: list[ImuBlock] = []
-        # of each second: mean force (3,), what it should point along (3,), mean size of the rate
+        # for each second: mean force (3,), its expected direction (3,), mean size of the rate
         self._seconds: deque[tuple[Array, Array, float]] = deque(maxlen=_SECONDS)
         self._quiet: deque[float] = deque(maxlen=_SECONDS)
 
@@ -56,7 +56,7 @@ class ForceChecks:
             self._blocks = []
 
     def findings(self) -> list[Finding]:
-        """Return what is wrong: one fault of the force, one of the rates."""
+        """Return the findings: at most one on the force and one on the rates."""
         if len(self._seconds) < _LEAST_SECONDS:
             return []
         forces, upwards, rates = (np.array(column) for column in zip(*self._seconds, strict=True))
@@ -102,12 +102,12 @@ class ForceChecks:
 
 
 def _wrong_axes(mean_b: Array, up_b: Array) -> Finding | None:
-    """Of a mean force (3,) m/s2 and the mean direction (3,) that it should have."""
+    """Check the direction of a mean force (3,), m/s2, against the mean expected direction (3,)."""
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
     if cosine > math.cos(_LARGEST_ANGLE_RAD):
         return None
-    told = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
-    evidence = f"the mean specific force is ({told}) m/s2 forward, left, up, not (0, 0, +9.8)"
+    numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
+    evidence = f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
     mend = (
         "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
         if cosine < -math.cos(_LARGEST_ANGLE_RAD)

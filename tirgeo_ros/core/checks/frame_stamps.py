@@ -1,4 +1,4 @@
-"""What is wrong with the stamps of pictures, their rate and their sizes."""
+"""Check the frames' time stamps, their rate and their sizes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections import Counter
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 _TOPIC = "thermal/image_raw"
-_FEWEST = 20  # frames before anything is told
-_SHARE = 0.1  # of the frames
-_AHEAD_NS = 100_000_000  # of their arrival
+_FEWEST = 20  # frames before anything but changing sizes is reported
+_SHARE = 0.1  # of the frames: a fault that is more frequent is reported
+_AHEAD_NS = 100_000_000  # a stamp further ahead of the arrival is a fault
 _LATE_NS = 1_000_000_000
-_APART_NS = 2_000_000_000  # from the newest pose
+_APART_NS = 2_000_000_000  # a stamp further from the newest pose's is a fault
 _SLOWEST_HZ = 2.0
 _SHOWN = 3
 
 
 class FrameStamps:
-    """Stamps and sizes of frames in, findings out."""
+    """Check the stamps and sizes of frames."""
 
     def __init__(self) -> None:
-        self._pose_ns: int | None = None  # of the newest pose since the frame before
+        self._pose_ns: int | None = None  # stamp of the newest pose since the last frame
         self._counts: Counter[str] = Counter()
         self._sums: Counter[str] = Counter()  # ns
         self._sizes: Counter[tuple[int, int]] = Counter()
@@ -29,15 +29,14 @@ class FrameStamps:
         self._steps = self._steps_ns = 0
 
     def pose(self, stamp_ns: int) -> None:
-        """Take the stamp of a pose of the camera."""
+        """Take the stamp of a camera pose."""
         self._pose_ns = stamp_ns
 
     def frame(self, stamp_ns: int, size: tuple[int, int] | None, arrival_ns: int) -> None:
-        """Take a frame's stamp, its size (width, height) and when it arrived; 0: nobody knows.
+        """Take a frame's stamp, its size (width, height) and its arrival time.
 
-        The size is None where it is not known.
-
-        A clock that is played with a bag stands at 0 until it is heard.
+        The size is None if it is not known. An arrival time of 0 means unknown, because a clock
+        that is played with a bag is 0 until its first message.
         """
         self._frames += 1
         if size is not None:
@@ -48,7 +47,7 @@ class FrameStamps:
         if arrival_ns:
             self._add("ahead", stamp_ns - arrival_ns, _AHEAD_NS)
             self._add("late", arrival_ns - stamp_ns, _LATE_NS)
-        if self._pose_ns is not None:  # where poses have ended they say nothing
+        if self._pose_ns is not None:  # compare only with a pose that came since the last frame
             off_ns, self._pose_ns = stamp_ns - self._pose_ns, None
             self._add("apart", abs(off_ns), _APART_NS, off_ns)
         if self._newest_ns is not None:
@@ -70,7 +69,7 @@ class FrameStamps:
         return self._sums[name] * 1e-9 / self._counts[name]
 
     def findings(self) -> list[Finding]:
-        """Return what was found up to now."""
+        """Return the findings so far."""
         found = []
         if len(self._sizes) > 1:
             found.append(self._changing())
@@ -95,9 +94,9 @@ class FrameStamps:
 
     def _changing(self) -> Finding:
         most = self._sizes.most_common(_SHOWN)
-        told = ", ".join(f"{width}x{height} ({n})" for (width, height), n in most)
+        text = ", ".join(f"{width}x{height} ({n})" for (width, height), n in most)
         mend = "let the camera send one size: that of its calibration"
-        return Finding("picture_sizes", Severity.STOP, f"pictures of {told} pixels", _TOPIC, mend)
+        return Finding("picture_sizes", Severity.STOP, f"pictures of {text} pixels", _TOPIC, mend)
 
     def _zero(self) -> Finding:
         evidence = f"{self._counts['zero']} of {self._frames} pictures have no stamp"

@@ -1,4 +1,4 @@
-"""What joint angles and reported camera attitudes say of the gimbal's set-up."""
+"""Check the gimbal's set-up with joint angles and reported camera attitudes."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
-_EVERY_NS = 200_000_000
-_ATTITUDES_NS = 15_000_000  # of the body are taken no more often
+_EVERY_NS = 200_000_000  # interval between the compared instants
+_ATTITUDES_NS = 15_000_000  # body attitudes are taken at most this often
 _HISTORY_S = 1.0
-_KEPT = 300  # instants: a minute
-_FEWEST = 25  # five seconds
-_MOST = 0.9  # of the instants
+_KEPT = 300  # instants: one minute
+_FEWEST = 25  # instants: five seconds
+_MOST = 0.9  # share of the instants at which a fault is reported
 _SKY_RAD = math.radians(5.0)  # above the horizon
-_TILT_RAD = math.radians(15.0)  # of a picture that should be level
+_TILT_RAD = math.radians(15.0)  # largest tilt of a picture that should be level
 _JOINTS, _REPORTED = "gimbal/joint_states", "gimbal/attitude"
 
 
 class GimbalChecks:
-    """Samples in, in order of arrival; findings out, at any time.
+    """Take samples in order of arrival; return findings at any time.
 
-    ``given`` are the parameters of gimbal_node that somebody set, None where that is not known;
-    ``overlaid`` says that a map is drawn by these poses.
+    ``given`` are the parameters of gimbal_node that were set explicitly, None if not known.
+    ``overlaid`` is whether a map is drawn with these poses.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class GimbalChecks:
         self._joints: StampedHistory[Array] = StampedHistory(_HISTORY_S)
         self._autopilot: StampedHistory[Array] = StampedHistory(_HISTORY_S)
         self._bodies: StampedHistory[Array] = StampedHistory(_HISTORY_S)
-        self._waiting: dict[str, tuple[int, Array]] = {}  # by topic: the instant to look at next
+        self._waiting: dict[str, tuple[int, Array]] = {}  # by topic: the next sample to check
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported R_bg
-        self._looks: dict[str, deque[tuple[float, float]]] = {}  # up, tilt, rad
-        self._sizes: deque[float] = deque(maxlen=_KEPT)  # larger of roll and pitch, rad
+        self._looks: dict[str, deque[tuple[float, float]]] = {}  # elevation, tilt, rad
+        self._sizes: deque[float] = deque(maxlen=_KEPT)  # larger of |roll| and |pitch|, rad
 
     def joints(self, sample: JointSample) -> None:
-        """Take angles; those that no encoder saw say nothing."""
+        """Take joint angles; computed ones, which no encoder measured, are ignored."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         if sample.computed or joints_fault(angles):
             return
@@ -73,17 +73,17 @@ class GimbalChecks:
         self._look(_JOINTS, sample.stamp_ns, found)
 
     def reported(self, sample: CameraAttitudeSample) -> None:
-        """Take the attitude of the camera that the flight controller reports."""
+        """Take the camera attitude that the flight controller reports."""
         if usable_attitude(sample.q_ng):
             self._look(_REPORTED, sample.stamp_ns, sample.q_ng)
 
     def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take the autopilot's own attitude (4,)."""
+        """Take the autopilot's attitude (4,)."""
         if _due(self._autopilot, stamp_ns) and usable_attitude(q_nb):
             self._autopilot.put(stamp_ns, q_nb)
 
     def body(self, pose: BodyPose) -> None:
-        """Take a pose of the body, which serves where the autopilot's attitude is not there."""
+        """Take a body pose, which is used where the autopilot's attitude is missing."""
         heard_ns = self._autopilot.newest_ns
         if heard_ns is not None and abs(pose.stamp_ns - heard_ns) < _HISTORY_S * 1e9:
             return
@@ -91,7 +91,7 @@ class GimbalChecks:
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
     def _look(self, topic: str, stamp_ns: int, entry: Array) -> None:
-        """Look at the sample that waits, once those around it have come; a few times a second."""
+        """Check the waiting sample once later data have arrived; a few times a second."""
         before = self._waiting.get(topic)
         if before is not None and 0 <= stamp_ns - before[0] < _EVERY_NS:
             return
@@ -131,7 +131,7 @@ class GimbalChecks:
         self._looks.setdefault(topic, deque(maxlen=_KEPT)).append((up, tilt))
 
     def findings(self) -> list[Finding]:
-        """Return what was found up to now."""
+        """Return the findings so far."""
         found = []
         if len(self._pairs) >= _FEWEST:
             joints, reported = map(np.array, zip(*self._pairs, strict=True))

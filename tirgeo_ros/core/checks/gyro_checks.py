@@ -1,7 +1,7 @@
-"""Whether the gyroscopes turn as the autopilot's own attitude does: unit, signs, axes.
+"""Check the gyroscopes against the autopilot's attitude: unit, signs, axes.
 
-Rotations over a quarter of a second by the gyroscopes are compared with those by the attitude in
-``imu/data``, axis by axis, by their correlations: the attitude's slow errors do not matter.
+Rotations over a quarter of a second, from the gyroscopes and from the attitude in ``imu/data``,
+are compared axis by axis by their correlations. So slow errors of the attitude do not matter.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-_BLOCKS = 5  # of a comparison: a quarter of a second
+_BLOCKS = 5  # IMU blocks in a comparison: a quarter of a second
 _LEAST_NUMBER = 24
-_KEPT = 1 - 1 / 240  # a running sum of a minute
-#: Root mean square of an axis' rate from which it can be judged. Noise does not correlate.
+_KEPT = 1 - 1 / 240  # weight per comparison of the running sums: a memory of one minute
+#: Least rms rate at which an axis is judged. Noise does not correlate.
 _LEAST_RAD_S = math.radians(1.0)
-_SURE = 0.8  # correlation; 24 pairs of noise reach it once in 1e5 times
+_SURE = 0.8  # correlation; 24 pairs of noise reach it with probability 1e-5
 _UNSURE = 0.5
-#: A Phantom's own attitude yaws 1.4 times less than it turns; twice is no autopilot's error.
+#: A Phantom's attitude yaws 1.4 times less than the aircraft; no autopilot is wrong by twice.
 _WRONG_SCALE = 2.0
 _IN_DEGREES = (40.0, 80.0)
 _AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
@@ -32,18 +32,18 @@ _TOPIC = "imu/data angular_velocity"
 
 
 class GyroChecks:
-    """Hears blocks of the IMU with the autopilot's attitude."""
+    """Compare the IMU's blocks with the autopilot's attitude."""
 
     def __init__(self, aircraft: AircraftConfig) -> None:
         self._rotation_bi = aircraft.rotation_bi
-        self._rotated_b = np.zeros(3)  # by the gyroscopes since the start of a comparison, rad
+        self._rotated_b = np.zeros(3)  # by the gyroscopes since the comparison's start, rad
         self._seconds = 0.0
         self._count = 0
-        self._from: Array | None = None  # attitude there
+        self._from: Array | None = None  # attitude at the comparison's start
         self._number = 0.0
-        self._own = np.zeros(3)  # sums of squares by the gyroscopes
-        self._other = np.zeros(3)  # by the attitude
-        self._both = np.zeros((3, 3))  # [gyroscope, attitude]
+        self._own = np.zeros(3)  # sums of squares, gyroscopes
+        self._other = np.zeros(3)  # sums of squares, attitude
+        self._both = np.zeros((3, 3))  # sums of products [gyroscope, attitude]
 
     def block(self, block: ImuBlock) -> None:
         """Take the next block."""
@@ -72,20 +72,20 @@ class GyroChecks:
         self._both = _KEPT * self._both + np.outer(own, other)
 
     def findings(self) -> list[Finding]:
-        """Return the unit if that is wrong, else axes and signs, else the scale."""
+        """Return the most severe fault of any axis: unit, axes and signs, or scale."""
         if self._number < _LEAST_NUMBER:
             return []
-        told = np.sqrt(self._other / self._number) > _LEAST_RAD_S
+        is_excited = np.sqrt(self._other / self._number) > _LEAST_RAD_S
         scale = np.sqrt(np.outer(self._own, self._other))
         same = np.divide(self._both, scale, out=np.zeros((3, 3)), where=scale > 0)
         ratio = np.sqrt(self._own / np.maximum(self._other, 1e-12))
-        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if told[k]]
+        found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if is_excited[k]]
         kinds = [one for one in found if one]
         return sorted(kinds, key=lambda one: -one.severity)[:1]
 
 
 def _fault(axis: int, same: Array, ratio: float) -> Finding | None:
-    """Of one axis of the attitude: correlations (3,) with the gyroscopes, their size over its."""
+    """Return an axis' fault or None; ``same`` (3,) is its correlation with each gyroscope axis."""
     name, best = _AXES[axis], int(np.argmax(np.abs(same)))
     against = f"(correlation with the orientation in imu/data {same[axis]:+.2f})"
     if _IN_DEGREES[0] < ratio < _IN_DEGREES[1] and same[axis] > _SURE:

@@ -1,7 +1,7 @@
-"""Whether the two antennas' heading is the nose's: offset, sign, unit, whether it lives.
+"""Check the dual-antenna heading: offset, sign, unit, and whether it changes at all.
 
-Changes of the heading over a second are compared with what the gyroscopes turned about the
-vertical, the heading itself with the autopilot's, or where there is none with the course.
+Changes of the heading over a second are compared with the gyroscopes' rotation about the vertical.
+The heading itself is compared with the autopilot's, or without an autopilot with the course.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
-#: Blocks that are kept: as long as a heading may be on its way.
+#: Number of IMU blocks that are kept: as long as a heading may be late.
 _KEPT = 60
 _PAIR_NS = 1_000_000_000
 _LONGEST_PAIR_NS = 3_000_000_000
-#: A change that tells of turning: whole degrees differ by one by rounding.
+#: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
 _TURNED_RAD = math.radians(5)
-_LEAST_TURNED_RAD = math.radians(40)  # in all
-#: Root mean square of what is left of the turns under a true explanation, as a part of them.
+_LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a finding
+#: Largest rms residual of the turns under a correct explanation, relative to the turns' rms.
 _EXPLAINED = 0.3
-#: Jumps between headings that no gyroscope saw.
+#: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
 _JUMPING_RAD = math.radians(15)
 _DEGREES = 180 / math.pi
 _MEMORY = 100  # samples of a running mean
-_LEAST_NUMBER, _LEAST_CONSTANT = 15, 0.9  # samples; mean length of unit vectors (26 deg rms)
-#: Compasses err by 10 deg near steel or with no declination set.
+_LEAST_NUMBER, _LEAST_CONSTANT = 15, 0.9  # samples; length of the mean unit vector (26 deg rms)
+#: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
 _SIGMAS = 5.0
-_QUARTER_RAD = math.radians(20)  # so near to a multiple of 90 deg it is one
+_QUARTER_RAD = math.radians(20)  # an offset within this of a multiple of 90 deg is that multiple
 _FORWARD_M_S, _LEAST_COURSES = 2.0, 100
 _SECOND = "ekf_node aircraft.second_antenna_m"
 
 
 class _Turn(NamedTuple):
     stamp_ns: int
-    turned_rad: float  # about the vertical, by the gyroscopes since the start
-    autopilot_rad: float  # its heading; nan without
+    turned_rad: float  # rotation about the vertical, by the gyroscopes since the start
+    autopilot_rad: float  # the autopilot's heading; nan without
 
 
 class _Circle:
-    """Running mean of directions."""
+    """Track the running mean of directions."""
 
     def __init__(self) -> None:
         self.number = 0
@@ -71,7 +71,7 @@ class _Circle:
 
 
 class HeadingChecks:
-    """Hears blocks of the IMU, headings and velocities."""
+    """Check headings against blocks of the IMU and velocities."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._rotation_bi = config.aircraft.rotation_bi
@@ -80,10 +80,10 @@ class HeadingChecks:
         self._turns: deque[_Turn] = deque(maxlen=_KEPT)
         self._turned_rad = 0.0
         self._waiting: deque[HeadingSample] = deque(maxlen=20)
-        self._before: tuple[HeadingSample, float] | None = None  # and what had turned then
+        self._before: tuple[HeadingSample, float] | None = None  # with the rotation at its stamp
         self._autopilot, self._course = _Circle(), _Circle()
         self._newest: HeadingSample | None = None
-        # of pairs: what turned; squares of turns, headings, and of their product; what is left
+        # over pairs: |turn|; squares of gyro turn and of heading change; product; residual square
         self._sum = dict.fromkeys(("turned", "gyro", "own", "both", "left"), 0.0)
         self._pairs = self._still = 0
 
@@ -108,7 +108,7 @@ class HeadingChecks:
             self._match(self._waiting.popleft())
 
     def heading(self, sample: HeadingSample) -> None:
-        """Take a heading; it waits until the IMU is as far."""
+        """Take a heading; it waits until the IMU's blocks reach its stamp."""
         if math.isfinite(sample.heading_rad):
             self._newest = sample
             self._waiting.append(sample)
@@ -116,7 +116,7 @@ class HeadingChecks:
                 self._match(self._waiting.pop())
 
     def velocity(self, sample: VelocitySample) -> None:
-        """Take a velocity: its course tells where there is no autopilot."""
+        """Take a velocity; its course is used where there is no autopilot."""
         north, east = sample.velocity_n.tolist()[:2]
         if self._newest is not None and math.hypot(north, east) > _FORWARD_M_S:
             self._course.add(self._newest.heading_rad - math.atan2(east, north))
@@ -148,11 +148,11 @@ class HeadingChecks:
         sums["gyro"] += turned * turned
         sums["own"] += change * change
         sums["both"] += change * turned
-        sums["left"] += (change - turned) ** 2  # nothing that flies turns by 180 deg a second
+        sums["left"] += (change - turned) ** 2  # not wrapped: nothing that flies turns 180 deg/s
         self._still += change == 0.0
 
     def findings(self) -> list[Finding]:
-        """Return what the changes say, or where they are right what the mean says."""
+        """Return a fault of the heading's changes, or if they are right, of its mean."""
         changes = self._changing()
         if changes:
             return [changes]
@@ -162,31 +162,31 @@ class HeadingChecks:
     def _changing(self) -> Finding | None:
         sums = self._sum
         if sums["left"] <= _EXPLAINED**2 * sums["gyro"]:
-            return None  # it turns as the gyroscopes do
+            return None  # the heading turns as the gyroscopes do
         turned_deg = math.degrees(sums["turned"])
         evidence = f"while the gyroscopes turned by {turned_deg:.0f} deg"
         long = sums["turned"] > _LEAST_TURNED_RAD
         if long and sums["own"] < 1e-12:
-            told = f"{evidence}, rtk/heading stayed the same"
+            text = f"{evidence}, rtk/heading stayed the same"
             mend = "the receiver or its driver repeats one value"
-            return Finding("heading_stuck", Severity.STOP, told, "rtk/heading", mend)
-        slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscopes over heading
+            return Finding("heading_stuck", Severity.STOP, text, "rtk/heading", mend)
+        slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscope turn / change
         left = sums["gyro"] - slope * sums["both"]
         explained = long and left < _EXPLAINED**2 * sums["gyro"]
         if explained and -1.3 < slope < -0.7:
-            told = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
+            text = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
             mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-            return Finding("heading_sign", Severity.STOP, told, "rtk/heading", mend)
+            return Finding("heading_sign", Severity.STOP, text, "rtk/heading", mend)
         if explained and not 0.7 < slope < 1.3:
-            told = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
+            text = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
             mend = "is one of both in degrees? Both are in radians"
             where = "imu/data angular_velocity, rtk/heading"
-            return Finding("heading_unit", Severity.STOP, told, where, mend)
+            return Finding("heading_unit", Severity.STOP, text, where, mend)
         rms = math.sqrt(sums["left"] / max(self._pairs, 1))
         if self._pairs >= 8 and rms > _JUMPING_RAD:
-            told = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
+            text = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
             mend = "degrees for radians in its quaternion, or a receiver without a solution"
-            return Finding("heading_jumps", Severity.STOP, told, "rtk/heading", mend)
+            return Finding("heading_jumps", Severity.STOP, text, "rtk/heading", mend)
         return None
 
     def _offset(self) -> Finding | None:

@@ -1,8 +1,8 @@
-"""Heights above ground that cannot be: at rest, in flight, below the ground.
+"""Check heights above ground: at rest, in flight, below the ground.
 
-An aircraft that rests lies on the ground. That it rests is believed only where it was still for
-some seconds and nothing of the flight was lower: one that hovers moves by centimetres, and flies
-lower before or after. A flight that neither begins nor ends on the ground says nothing.
+An aircraft at rest stands on the ground. It counts as at rest only if it was still for some
+seconds and no part of the flight was lower: a hovering aircraft moves by centimetres, and flies
+lower before or after. A flight that neither begins nor ends on the ground gives no such finding.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 _EVERY_NS = 250_000_000
 _LONGEST_GAP_NS = 1_000_000_000
 _REST_S = 3.0
-_STILL_M_S = 0.05  # filtered RTK shakes by less; a hover of half a minute by more
-_STILL_M = 0.05  # from where it was when the rest began
-_CLIMBS_M = 5.0  # from the rest, to say that it was not a hover
-_LOWER_M = 0.5  # no part of the flight is lower than the rest by more
-#: The body above the ground at rest: legs, roofs and models of the ground leave it within these.
+_STILL_M_S = 0.05  # filtered RTK noise is slower; a hover of half a minute is faster
+_STILL_M = 0.05  # distance from where the rest began
+_CLIMBS_M = 5.0  # height range of the flight that proves that the rest was not a hover
+_LOWER_M = 0.5  # the rest is no more than this above the flight's lowest point
+#: Plausible heights of the body above ground at rest, by legs, roofs and errors of the ground.
 _RESTS_M = (-2.0, 3.0)
-_RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # models from orbit
+_RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
 _HIGHEST_M = 500.0
 _LOWEST_M, _FLIES_M_S = 2.0, 3.0
-_LASTS = 8  # samples in a row: two seconds
+_LASTS = 8  # consecutive samples: two seconds
 _LARGEST_UNDULATION_M = 110.0
 
 
 def ground_parameter(ground: Ground | None) -> str:
-    """Return the parameter that says where the ground is."""
+    """Return the parameter that sets the ground's height."""
     terrain = isinstance(ground, Terrain)
     return "overlay_node dem, dem_undulation_m" if terrain else "overlay_node ground_height_m"
 
 
 class HeightChecks:
-    """Poses in, findings out; ``above_m`` is the newest height above ground, nan where unknown."""
+    """Check poses; ``above_m`` is the newest height above ground, nan if unknown."""
 
     def __init__(self, ground: Ground | None) -> None:
         self.plane: TangentPlane | None = None
         self.above_m = math.nan
         self._ground = ground
         self._sampled: tuple[int, Array] | None = None
-        self._rest: tuple[int, Array, float] | None = None  # since when, where, above ground
-        self._rested: tuple[float, float] | None = None  # height in the plane, above ground
+        self._rest: tuple[int, Array, float] | None = None  # start, position, height above ground
+        self._rested: tuple[float, float] | None = None  # height in the plane, height above ground
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._counts = dict.fromkeys(("below", "high", "low"), 0)
         self._worst: dict[str, float] = {}
@@ -73,7 +73,7 @@ class HeightChecks:
             return
         way_m = float(np.linalg.norm(pose.position_n - before[1]))
         speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
-        self._mind_rest(pose.stamp_ns, pose.position_n, speed_m_s)
+        self._update_rest(pose.stamp_ns, pose.position_n, speed_m_s)
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._count("below", self.above_m < -_BELOW_M - 4 * sigma_m)
         self._count("high", self.above_m > _HIGHEST_M)
@@ -93,7 +93,7 @@ class HeightChecks:
         if self._counts[name] >= _LASTS:
             self._worst[name] = self.above_m
 
-    def _mind_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
+    def _update_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
         height_m = -float(position_n[2])
         self._lowest_m = min(self._lowest_m, height_m)
         self._highest_m = max(self._highest_m, height_m)
@@ -106,7 +106,7 @@ class HeightChecks:
             self._rested = height_m, self.above_m
 
     def findings(self) -> list[Finding]:
-        """Return what was found up to now."""
+        """Return the findings so far."""
         found = [_of_flight(name, self._worst[name], self._ground) for name in self._worst]
         climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
         if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:

@@ -1,4 +1,4 @@
-"""Means of the IMU over short blocks: what checks look at in place of every sample."""
+"""Average the IMU over short blocks, which the checks use in place of every sample."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 
 _BLOCK_NS = 50_000_000
-#: A longer step between samples has lost some: a block across it would be no mean.
+#: After a longer step samples were lost, and a block across the step would not be a mean.
 _LONGEST_STEP_NS = 40_000_000
-#: In whatever unit.
+#: A sample with a larger sum of components is invalid, whatever the unit.
 NO_NUMBER = 1e7
 
 
 class ImuBlock(NamedTuple):
-    """Means over an interval that ends at ``stamp_ns``; the IMU's own axes, FRD."""
+    """Hold means over an interval that ends at ``stamp_ns``, in the IMU's own axes, FRD."""
 
     stamp_ns: int
     step_s: float
     force_b: Vector  # m/s2
     rate_b: Vector  # rad/s
-    autopilot_q_nb: Array | None  # at its end
-    joined: bool  # whether it begins where the block before ended
+    autopilot_q_nb: Array | None  # at the interval's end
+    joined: bool  # whether it begins where the previous block ended
 
 
 class ImuBlocks:
-    """Sums samples up to blocks; a sample costs about 2 us."""
+    """Collect samples into blocks; a sample costs about 2 us."""
 
     def __init__(self) -> None:
         self._begin_ns = self._newest_ns = 0
@@ -37,9 +37,9 @@ class ImuBlocks:
         self._joined = False
 
     def add(self, sample: ImuSample) -> ImuBlock | None:
-        """Take the next sample; return the block that it ends, if it does.
+        """Take the next sample; return the block that it completes, or None.
 
-        A sample stands for the interval before its stamp. One that is no number is left out.
+        A sample represents the interval before its stamp. An invalid sample is ignored.
         """
         stamp_ns = sample.stamp_ns
         step_ns, self._newest_ns = stamp_ns - self._newest_ns, stamp_ns
@@ -50,7 +50,7 @@ class ImuBlocks:
         p, q, r = self._rate
         x, y, z = sample.specific_force_b.tolist()
         u, v, w = sample.angular_rate_b.tolist()
-        if not abs(x + y + z) + abs(u + v + w) < NO_NUMBER:  # nor is a NaN
+        if not abs(x + y + z) + abs(u + v + w) < NO_NUMBER:  # also true for nan
             return None
         self._force = a + x, b + y, c + z
         self._rate = p + u, q + v, r + w

@@ -1,4 +1,4 @@
-"""Findings from joint angles beside those that the reported camera attitude makes."""
+"""Report faults of joint angles, compared with the angles of the reported camera attitude."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: A constant difference counts beyond this: yaw with the gimbal's north (3 deg) in it.
+#: Largest constant difference without a finding; yaw includes the gimbal's north bias (3 deg).
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _STEADY_RAD = math.radians(2.0)
-_UNLIKE_RAD = math.radians(5.0)  # rms: nothing agrees
+_UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
 _TOPIC = "gimbal/joint_states"
 _CHAIN = "send radians by these names: yaw about up, roll about forward, then pitch about left"
 
 
 def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool) -> list[Finding]:
-    """Return what angles (N, 3) yaw, roll, pitch show, rad; ``used``: they drive the poses.
+    """Return the faults of joint angles (N, 3) yaw, roll, pitch, rad.
 
-    ``rotations_bg`` (N, 3, 3) by the reported attitudes; ``order`` is that of the parameters.
+    ``rotations_bg`` (N, 3, 3) come from the reported attitudes, ``order`` from the parameters.
+    ``used`` is whether the joint angles give the camera's poses.
     """
     reported = joint_angles(rotations_bg, order)
     other = other_order(joints, rotations_bg, order)
@@ -51,7 +52,7 @@ def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool
 def _mistaken(reading: Reading, joints: Array, reported: Array, *, used: bool) -> Finding:
     before, after = _sizes(joints, reported), _sizes(reading.angles(joints), reported)
     return Finding(
-        "joint_angles", _severity(used), _told(reading.words, before, after), _TOPIC, _CHAIN
+        "joint_angles", _severity(used), _evidence(reading.words, before, after), _TOPIC, _CHAIN
     )
 
 
@@ -59,7 +60,7 @@ def _in_other_order(
     other: str, joints: Array, rotations_bg: Array, order: str, *, used: bool
 ) -> Finding:
     before, after = (_sizes(joints, joint_angles(rotations_bg, one)) for one in (order, other))
-    evidence = _told(f"the joints are those of a gimbal {other}, not {order}", before, after)
+    evidence = _evidence(f"the joints are those of a gimbal {other}, not {order}", before, after)
     mend = f"set it to {other}, or send the angles of a gimbal {order}"
     return Finding("joint_order", _severity(used), evidence, "gimbal_node joint_order", mend)
 
@@ -72,7 +73,7 @@ def _sizes(joints: Array, reported: Array) -> str:
     return _three(np.degrees(np.hypot(*mean_differences(joints, reported))))
 
 
-def _told(words: str, before: str, after: str) -> str:
+def _evidence(words: str, before: str, after: str) -> str:
     return (
         f"{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
         f"{after} deg when mended"

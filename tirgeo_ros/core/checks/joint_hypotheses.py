@@ -1,8 +1,8 @@
-"""Joint angles beside those that the reported camera attitude makes: which mistake explains them.
+"""Find the mistake that explains joint angles, given those of the reported camera attitude.
 
 Both are yaw, roll, pitch of the same chain, so a mistake in axes, signs or units is a permutation,
-signs and a factor. All of them are tried; the mean of the yaw's difference is not looked at, since
-the gimbal's north may be off.
+signs and a factor. All of them are tried. The mean difference of yaw is ignored, because the
+gimbal's north may be biased.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import JOINT_ORDERS
 
 NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
-#: What reported attitudes, the autopilot's and the gimbal's wander leave between the two, rms:
-#: Table 8's 0.27 and 0.48 deg, 0.5 deg of the autopilot's tilt, and stamps that are 20 ms apart.
+#: Mean square difference without a mistake, from errors of the reported attitudes and of the
+#: autopilot, and from the gimbal's wander: Table 8's 0.27 and 0.48 deg rms, 0.5 deg of the
+#: autopilot's tilt, and stamps that are 20 ms apart.
 _FLOOR_RAD2 = math.radians(0.8) ** 2
-_LARGEST_RAD2 = 0.25  # of one sample: the start of a flight counts no more
-#: The angles are wrong where one axis is off by so much, and another reading of them leaves less
-#: than this share.
+_LARGEST_RAD2 = 0.25  # limit for one sample, so that a flight's start does not dominate
+#: The angles are wrong if one axis differs by more than this rms, and another reading of them
+#: leaves less than _SHARE of the squares.
 _LEAST_RAD = math.radians(1.5)
 _SHARE = 0.25
-_LEAST_BETWEEN_RAD = math.radians(0.7)  # rms, of two orders of the joints
-_EXPLAINED = 0.7  # of the squares
-_ALIKE = 1.5  # readings that leave as much: the simplest is meant
+_LEAST_BETWEEN_RAD = math.radians(0.7)  # rms difference between two orders that can be told apart
+_EXPLAINED = 0.7  # share of the squares that the right order explains
+_ALIKE = 1.5  # readings within this factor of the least are equal: the simplest is chosen
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read the three numbers: which of them is each angle, its sign, and the unit."""
+    """Hold one reading of the three numbers: which is which angle, their signs, and the unit."""
 
     order: tuple[int, ...] = (0, 1, 2)
     signs: tuple[float, ...] = (1.0, 1.0, 1.0)
@@ -42,28 +43,28 @@ class Reading:
 
     @property
     def mistakes(self) -> int:
-        """How many things it supposes to be wrong."""
+        """Return the number of mistakes that it assumes."""
         moved = sum(one != axis for axis, one in enumerate(self.order))
         return moved + self.signs.count(-1.0) + self.degrees
 
     def angles(self, joints: Array) -> Array:
-        """(N, 3) yaw, roll, pitch of the numbers (N, 3) as they came."""
+        """Return (N, 3) yaw, roll, pitch, rad, of the numbers (N, 3) as received."""
         unit = math.pi / 180 if self.degrees else 1.0
         return np.asarray(joints[:, self.order] * np.array(self.signs) * unit)
 
     @property
     def words(self) -> str:
-        """What is wrong, for a person."""
-        told = ["the joint angles are in degrees, not in radians"] if self.degrees else []
+        """Return a description of the mistakes for the operator."""
+        parts = ["the joint angles are in degrees, not in radians"] if self.degrees else []
         moved = [axis for axis, one in enumerate(self.order) if one != axis]
         if len(moved) == 2:
-            told.append(f"{NAMES[moved[0]]} and {NAMES[moved[1]]} are exchanged")
+            parts.append(f"{NAMES[moved[0]]} and {NAMES[moved[1]]} are exchanged")
         elif moved:
-            told.append("yaw, roll, pitch stand under " + ", ".join(NAMES[i] for i in self.order))
+            parts.append("yaw, roll, pitch stand under " + ", ".join(NAMES[i] for i in self.order))
         turned = [NAMES[one] for one, sign in zip(self.order, self.signs, strict=True) if sign < 0]
         if turned:
-            told.append(f"{' and '.join(turned)} with the other sign")
-        return ", ".join(told)
+            parts.append(f"{' and '.join(turned)} with the other sign")
+        return ", ".join(parts)
 
 
 _READINGS = sorted(
@@ -78,14 +79,14 @@ _READINGS = sorted(
 
 
 def mean_differences(joints: Array, reported: Array) -> tuple[Array, Array]:
-    """(3,) mean and (3,) standard deviation of joints less reported angles (N, 3), rad."""
+    """Return (3,) mean and (3,) standard deviation of joints minus reported angles (N, 3), rad."""
     off = np.exp(1j * (joints - reported))
     mean = np.angle(off.mean(axis=0))
     return mean, np.asarray(wrap_pi(joints - reported - mean).std(axis=0))
 
 
 def mistaken_reading(joints: Array, reported: Array) -> Reading | None:
-    """The reading that explains numbers (N, 3) by reported angles (N, 3); None where as is."""
+    """Return the reading that explains joints (N, 3) by reported angles (N, 3), or None."""
     if math.sqrt(_squares(joints, reported).max()) < _LEAST_RAD:
         return None
     parts = [_squares(reading.angles(joints), reported) for reading in _READINGS]
@@ -98,10 +99,10 @@ def mistaken_reading(joints: Array, reported: Array) -> Reading | None:
 
 
 def other_order(joints: Array, rotations_bg: Array, order: str) -> str | None:
-    """The other order that explains angles (N, 3) by reported R_bg (N, 3, 3), if one does.
+    """Return the other order that explains angles (N, 3) by reported R_bg (N, 3, 3), or None.
 
-    Between two orders the angles of an attitude differ by amounts that change with it. Where the
-    joints leave those of ``order`` by these amounts, the other order is theirs.
+    The angles of one attitude in two orders differ by amounts that change with the attitude. If
+    the joints differ from those of ``order`` by these amounts, they are in the other order.
     """
     reported = joint_angles(rotations_bg, order)
     off = _about_mean_yaw(joints - reported)
@@ -111,7 +112,7 @@ def other_order(joints: Array, rotations_bg: Array, order: str) -> str | None:
 
 
 def _left(off: Array, between: Array) -> float:
-    """The sum of squares of differences (N, 3) less those between two orders (N, 3)."""
+    """Return the sum of squares of differences (N, 3) minus those between two orders (N, 3)."""
     between = _about_mean_yaw(between)
     if (between**2).sum(axis=1).mean() < _LEAST_BETWEEN_RAD**2:
         return math.inf
@@ -119,13 +120,13 @@ def _left(off: Array, between: Array) -> float:
 
 
 def _about_mean_yaw(off: Array) -> Array:
-    """Differences (N, 3) within half a turn, the yaw's about its mean."""
+    """Return differences (N, 3) wrapped to half a turn, yaw's relative to its mean."""
     off = wrap_pi(off)
     off[:, 0] = wrap_pi(off[:, 0] - np.angle(np.exp(1j * off[:, 0]).mean()))
     return np.asarray(off)
 
 
 def _squares(angles: Array, reported: Array) -> Array:
-    """(3,) mean squares of the differences, the yaw's about its mean."""
+    """Return (3,) mean squares of the differences, yaw's relative to its mean."""
     off = _about_mean_yaw(angles - reported)
     return np.asarray(np.minimum(off**2, _LARGEST_RAD2).mean(axis=0))

@@ -1,4 +1,4 @@
-"""What is wrong with a camera's calibration by itself, and beside the pictures' size."""
+"""Check a camera's calibration, by itself and against the pictures' size."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: Of the picture's width: no lens is mounted further aside.
+#: Largest offset of the principal point, in picture widths: no lens is mounted further off.
 _ASIDE = 0.1
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
-_SQUARE = 0.1  # fx and fy differ by less; the pixels of sensors are square
-#: Ratios of the sizes in which cameras give their pictures.
+_SQUARE = 0.1  # largest relative difference of fx and fy: the pixels of sensors are square
+#: Ratios between the picture sizes that cameras offer.
 _RATIOS = (0.25, 1 / 3, 0.4, 0.5, 0.6, 0.625, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 1.6, 2, 2.5, 4)
-_NEAR_RATIO = 0.1  # principal points lie aside, too
+_NEAR_RATIO = 0.1  # tolerance, because principal points are off centre too
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
 def lens_findings(camera: Camera, lens: str) -> list[Finding]:
-    """Return what is wrong with a calibration; ``lens`` names where it comes from."""
+    """Return what is wrong with a calibration; ``lens`` names its source."""
     found = (
         _aside(camera, lens),
         _view(camera, lens),
@@ -31,7 +31,7 @@ def lens_findings(camera: Camera, lens: str) -> list[Finding]:
 
 
 def size_finding(camera: Camera, size: tuple[int, int], lens: str) -> Finding | None:
-    """Tell that pictures have another ``size`` (width, height) than the calibration's."""
+    """Return a finding if the pictures' ``size`` (width, height) is not the calibration's."""
     if size == (camera.width, camera.height):
         return None
     evidence = f"pictures are {size[0]}x{size[1]}, the lens {camera.width}x{camera.height}"
@@ -76,7 +76,7 @@ def _square(camera: Camera, lens: str) -> Finding | None:
 
 
 def _folds(camera: Camera, lens: str) -> Finding | None:
-    """Tell of a lens model that does not reach a tenth of the picture or more."""
+    """Return a finding if the lens model is not defined in a tenth or more of the picture."""
     columns = np.linspace(0, camera.width - 1, 9)
     rows = np.linspace(0, camera.height - 1, 9)
     grid = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)

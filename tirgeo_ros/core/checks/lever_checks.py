@@ -1,4 +1,4 @@
-"""Whether the RTK antenna is where the parameters say, and its stamps as late."""
+"""Check the RTK antenna's lever arm and the delays of its time stamps."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.poses import NavSolution
 
-#: Blocks of a window, 4 s: in 2 s the antenna shows in half the time, but delays look like it.
+#: Blocks of a window, 4 s. With 2 s the lever arm shows in half the time, but delays look like it.
 _BLOCKS = 80
 _STEP = 40  # blocks from one window's start to the next one's
-_WAIT = 10  # blocks, for what measures in a window and is still on its way
-_KEPT = 60  # windows, two minutes
-_PATHS = 15  # windows that can be made anew: half a minute
-#: Measurements are kept for those, so much longer, and no more than come at 40 Hz.
+_WAIT = 10  # blocks to wait for measurements of a window that arrive late
+_KEPT = 60  # windows: two minutes
+_PATHS = 15  # windows that can be computed again: half a minute
+#: Measurements are kept for these windows and this much longer, at most as many as come at 40 Hz.
 _LONGER_NS, _AIDS = 6_000_000_000, 1600
-#: Equations are linear in a delay only near the one that they are made for, and not beyond these.
+#: The equations are linear in the delay only within _LINEAR_S of the one for which they are made.
+#: Larger delays are found by iteration, up to _LONGEST_S and in _STEPS.
 _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _SIGMAS, _LEAST_M = 5.0, 0.15
-#: Of few windows they vary themselves: in 14 to 30 s of recorded flights, places err by up to 7.4.
+#: With few windows the sigmas vary: in 14 to 30 s of recorded flights, errors reach 7.4 sigmas.
 _MANY, _SIGMAS_OF_FEW = 15, 8.0
-#: Delays: told; 0.15 s are 45 cm at 3 m/s.
+#: Delays that give a note and a caution; 0.15 s are 45 cm at 3 m/s.
 _LEAST_S, _WRONG_S = 0.05, 0.15
 _NEAR_NS = 500_000_000
 _LEVER = "aircraft.rtk_antenna_m"
@@ -41,16 +42,16 @@ _SECOND = "aircraft.second_antenna_m"
 
 
 class _Stretch(NamedTuple):
-    """What the IMU tells of a window."""
+    """Hold a window's path, integrated from the IMU."""
 
     start_ns: int
     end_ns: int
     path: Path
-    overlaps: bool  # the one before, by half
+    overlaps: bool  # whether it overlaps the previous one by half
 
 
 class LeverChecks:
-    """Hears blocks of the IMU, fixed positions and velocities; fits window by window."""
+    """Fit lever arm and delays to IMU blocks, fixed positions and velocities, by windows."""
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
         self._given = given
@@ -66,22 +67,22 @@ class LeverChecks:
         self._aids: tuple[deque[tuple[int, Array]], ...] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
         self._stretches: deque[_Stretch] = deque(maxlen=_PATHS)
         self._windows: deque[Window] = deque(maxlen=_KEPT)
-        self._delay_s = 0.0  # that the windows' equations are made for
+        self._delay_s = 0.0  # the delay for which the windows' equations are made
         self._solution: NavSolution | None = None
         self._found: Lever | None = None
         self._fresh = True
-        self._overlaps = False  # whether the next window overlaps the one before
+        self._overlaps = False  # whether the next window overlaps the previous one
 
     def solution(self, solution: NavSolution) -> None:
-        """Take the filter's: its attitude begins windows where the autopilot has none."""
+        """Take the filter's solution; its attitude starts windows if the autopilot has none."""
         self._solution = solution
 
     def position(self, stamp_ns: int, position_n: Array) -> None:
-        """Take a fixed position (3,) in any plane, m."""
+        """Take a fixed position (3,) in any NED plane, m."""
         self._aids[0].append((stamp_ns - self._late_ns[0], position_n))
 
     def velocity(self, stamp_ns: int, velocity_n: Array) -> None:
-        """Take a velocity (3,), m/s."""
+        """Take a velocity (3,), NED, m/s."""
         self._aids[1].append((stamp_ns - self._late_ns[1], velocity_n))
 
     def block(self, block: ImuBlock) -> None:
@@ -96,14 +97,14 @@ class LeverChecks:
             self._blocks = self._blocks[_STEP:]
 
     def _attitude(self, block: ImuBlock) -> Array | None:
-        """(4,) at the end of a block that has just come: the autopilot's, or the filter's."""
+        """Return the attitude (4,) at a new block's end: the autopilot's, else the filter's."""
         if usable_attitude(block.autopilot_q_nb):
             return block.autopilot_q_nb
         own = self._solution
         return own.q_nb if own and abs(own.stamp_ns - block.stamp_ns) < _NEAR_NS else None
 
     def _fit(self, blocks: list[ImuBlock]) -> None:
-        """The first block's end is the start."""
+        """Add a window; it starts at the end of the first block."""
         start = blocks[0]
         overlaps, self._overlaps = self._overlaps, start.autopilot_q_nb is not None
         if start.autopilot_q_nb is None:
@@ -122,7 +123,7 @@ class LeverChecks:
                 aids.popleft()
 
     def _window(self, stretch: _Stretch, delay_s: float) -> Window:
-        """Return a window's equations for what stamps are later than by a delay."""
+        """Return a window's equations, made for stamps that are late by ``delay_s``."""
         begin_ns = stretch.start_ns + round(delay_s * 1e9)
         end_ns = stretch.end_ns + round(delay_s * 1e9)
         normals = []
@@ -136,13 +137,13 @@ class LeverChecks:
 
     @property
     def found(self) -> Lever | None:
-        """What the flight tells so far; None while it is too short."""
+        """Return the present estimate; None while the flight is too short."""
         if not self._fresh:
             self._found, self._fresh = self._solved(), True
         return self._found
 
     def _solved(self) -> Lever | None:
-        """Solve the windows, made anew for the delay found while that fits better."""
+        """Solve the windows; make them anew for the delay found while that fits better."""
         found = solved(self._windows)
         for _ in range(_STEPS):
             if found is None or abs(found.delays_s[0]) < _LINEAR_S:
@@ -156,22 +157,24 @@ class LeverChecks:
                 break
             self._delay_s, found = delay_s, after
             self._windows = deque(windows, maxlen=_KEPT)
-        known_s = np.array((self._delay_s, 0.0))  # velocities are later by the same
+        known_s = np.array((self._delay_s, 0.0))  # the second is relative: velocities' extra delay
         return found and found._replace(delays_s=found.delays_s + known_s)
 
     def findings(self, topics: Container[str]) -> list[Finding]:
-        """Return what differs from the parameters; ``topics`` are those that come."""
+        """Return the differences from the parameters; ``topics`` are those that arrive."""
         unset = self._unset(topics)
         found = [] if self.found is None else [*self._lever(self.found), *self._delays(self.found)]
         return [unset, *(one for one in found if one.check != unset.check)] if unset else found
 
     def _unset(self, topics: Container[str]) -> Finding | None:
-        """Of an aircraft with two antennas whose places nobody gave."""
+        """Return a finding if there are two antennas and nobody set their places."""
         given, two = self._given, "rtk/heading" in topics
         if self._lever_b.any() or not two or (given is not None and _LEVER in given):
             return None
-        told = "" if self.found is None else f"; this flight says about {_told(self.found)}"
-        evidence = f"rtk/heading comes, and the antennas' places are still at zero{told}"
+        estimate = (
+            "" if self.found is None else f"; this flight says about {_place_text(self.found)}"
+        )
+        evidence = f"rtk/heading comes, and the antennas' places are still at zero{estimate}"
         severity = Severity.NOTE if given is None else Severity.CAUTION
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
@@ -182,8 +185,10 @@ class LeverChecks:
         if not (np.abs(off) > np.maximum(_sigmas(found) * sigma, _LEAST_M)).any():
             return []
         set_m = flu_from_frd(self._lever_b)
-        told = ", ".join(f"{value:+.2f}" for value in set_m)
-        evidence = f"the flight puts the RTK antenna at {_told(found)}, not at ({told})"
+        configured = ", ".join(f"{value:+.2f}" for value in set_m)
+        evidence = (
+            f"the flight puts the RTK antenna at {_place_text(found)}, not at ({configured})"
+        )
         names = [
             name
             for name, own, other in zip(
@@ -202,20 +207,20 @@ class LeverChecks:
         return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
 
     def _delays(self, found: Lever) -> list[Finding]:
-        told = [
+        delays = [
             _delay("rtk/fix", "rtk.delay_s", found, 0),
             _delay("rtk/vel", "rtk.velocity_delay_s", found, 1),
         ]
-        return [one for one in told if one]
+        return [one for one in delays if one]
 
 
 def _sigmas(found: Lever) -> float:
-    """Return how many sigmas are sure."""
+    """Return the number of sigmas at which a difference is significant."""
     return _SIGMAS if found.windows >= _MANY else _SIGMAS_OF_FEW
 
 
 def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
-    """Of stamps that are later than measurements by so much beyond what is set."""
+    """Return a finding if stamps are later, or earlier, than the parameters say."""
     delay_s, sigma_s = float(found.delays_s[kind]), float(found.delay_sigmas_s[kind])
     if abs(delay_s) < max(_LEAST_S, _sigmas(found) * sigma_s):
         return None
@@ -230,7 +235,7 @@ def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
     return Finding(check, severity, evidence, f"ekf_node {name}", mend)
 
 
-def _told(found: Lever) -> str:
+def _place_text(found: Lever) -> str:
     place = ", ".join(f"{value:+.2f}" for value in flu_from_frd(found.lever_b))
     sigma = ", ".join(f"{value:.2f}" for value in found.lever_sigma_b)
     return f"({place}) m forward, left, up (sigma {sigma})"

@@ -1,10 +1,11 @@
-"""Where the RTK antenna must be, from the receiver's ways and the IMU's alone: no filter in it.
+"""Fit the RTK antenna's lever arm to the receiver's and the IMU's paths, without the filter.
 
-Over a window the antenna's position is ``p + R l - d v``: what the IMU's readings integrate to,
-the lever arm ``l`` turned with the body, and ``d``, by which stamps are later than measurements.
-What the start does not know (position, velocity, tilt, bias, heading) grows with powers of time
-and along the integrals turned by 90 deg: those parts are projected out. Turns tell the horizontal
-lever arm, tilts the vertical one. The velocity is the same, one power lower.
+Over a window the antenna's position is ``p + R l - d v``: the integral of the IMU's readings, the
+lever arm ``l`` turned with the body, and the delay ``d`` of the stamps after the measurements.
+The unknowns at the window's start (position, velocity, tilt, bias, heading) cause errors that grow
+with powers of time and along the integrals turned by 90 deg; these parts are projected out. Turns
+show the horizontal lever arm, tilts the vertical one. Velocity is treated in the same way, with
+one power less.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ _CUBIC, _QUADRATIC = 3, 2
 
 
 class Normal(NamedTuple):
-    """Normal equations of one window for lever arm (m, FRD) and minus the delay (s)."""
+    """Hold one window's normal equations for the lever arm (m, FRD) and minus the delay (s)."""
 
     matrix: Array  # (4, 4)
     right: Array  # (4,)
@@ -33,13 +34,13 @@ class Normal(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What the IMU's readings of a window integrate to, N instants, from zero.
+    """Hold the IMU's readings of a window, integrated from zero, at N instants.
 
-    Attitude, rate and the antenna's motion are those in the middle of each block, the IMU's
-    velocity and position those at its end.
+    Attitude, rate and the antenna's motion are those in the middle of each block; the IMU's
+    velocity and position are those at its end.
     """
 
-    times_s: Array  # (N,) of the ends
+    times_s: Array  # (N,) ends of the blocks
     rotation_nb: Array  # (N, 3, 3)
     rate_b: Array  # (N, 3) rad/s
     velocity_n: Array  # (N, 3) m/s
@@ -49,7 +50,7 @@ class Path(NamedTuple):
 
     @property
     def middles_s(self) -> Array:
-        """(N,) of the middles."""
+        """Return (N,) the times of the blocks' middles."""
         return np.asarray(self.times_s - 0.5 * np.diff(self.times_s, prepend=0.0))
 
 
@@ -58,7 +59,7 @@ def integrated(
 ) -> Path:
     """Return the path over consecutive blocks; ``q_nb`` (4,) is the attitude before the first.
 
-    ``lever_b`` (3,) is where the antenna is thought to be: its swing is small against the way.
+    ``lever_b`` (3,) is an estimate of the lever arm; its motion is small compared with the path.
     """
     forces, rates = (np.array([b[k] for b in blocks]) for k in (2, 3))
     if rotation_bi is not None:
@@ -84,7 +85,7 @@ def integrated(
 
 
 def by_positions(path: Path, times_s: Array, positions_n: Array) -> Normal | None:
-    """Return the equations of (N,) times in the path and positions (N, 3) of any plane."""
+    """Return the equations for positions (N, 3), in any NED plane, at times (N,) of the path."""
     middles_s = path.middles_s
     rotation = _between(middles_s, path.rotation_nb, times_s)
     antenna = _between(middles_s, path.antenna_velocity_n, times_s)
@@ -94,7 +95,7 @@ def by_positions(path: Path, times_s: Array, positions_n: Array) -> Normal | Non
 
 
 def by_velocities(path: Path, times_s: Array, velocities_n: Array) -> Normal | None:
-    """Return the equations of (N,) times in the path and velocities (N, 3)."""
+    """Return the equations for velocities (N, 3), NED, at times (N,) of the path."""
     middles_s = path.middles_s
     rotation = _between(middles_s, path.rotation_nb, times_s)
     rate = _between(middles_s, path.rate_b, times_s)
@@ -105,7 +106,7 @@ def by_velocities(path: Path, times_s: Array, velocities_n: Array) -> Normal | N
 
 
 def _between(known_s: Array, values: Array, times_s: Array) -> Array:
-    """Return values (N, ...) at times, linearly between instants."""
+    """Return values (N, ...) at times, interpolated linearly."""
     at = np.clip(np.searchsorted(known_s, times_s), 1, len(known_s) - 1)
     share = (times_s - known_s[at - 1]) / (known_s[at] - known_s[at - 1])
     share = share.reshape(-1, *[1] * (values.ndim - 1))
@@ -115,10 +116,10 @@ def _between(known_s: Array, values: Array, times_s: Array) -> Array:
 def _reduced(
     times_s: Array, off: Array, design: Array, turning: Array, powers: int
 ) -> Normal | None:
-    """Return normal equations without what the start does not know.
+    """Return normal equations from which the unknowns of the window's start are projected out.
 
-    ``off`` (N, 3) is to be ``design`` (N, 3, 4) times the unknowns; ``turning`` (N, 3) is what an
-    error of the heading turns.
+    ``off`` (N, 3) is ``design`` (N, 3, 4) times the unknowns. ``turning`` (N, 3) is the vector
+    that a heading error turns.
     """
     number = len(times_s)
     if number < _LEAST_ROWS:

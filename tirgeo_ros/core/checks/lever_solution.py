@@ -1,6 +1,7 @@
-"""Lever arm and delays from the windows of a flight, with sigmas that their scatter tells.
+"""Solve the windows of a flight for lever arm and delays, with sigmas from their scatter.
 
-Each window begins in the middle of the one before: its values are in two windows, and count half.
+Each window begins in the middle of the previous one, so each value is in two windows and counts
+half.
 """
 
 from __future__ import annotations
@@ -13,45 +14,46 @@ import numpy as np
 from tirgeo_ros.core.checks.lever_fit import Normal
 from tirgeo_ros.core.types.arrays import Array
 
-#: With fewer their scatter tells no sigma.
+#: With fewer windows their scatter gives no useful sigma.
 _LEAST_WINDOWS = 6
-_ONCE = 0.5  # of what is in two windows
-#: Of lever arm (m), delay, and what velocities are later than that (s): what is believed before,
-#: so that the unseen stays at 0. A receiver measures both at once; some smooth the velocity.
+_ONCE = 0.5  # weight of a value that is in two windows
+#: Prior information for the lever arm (m), the delay (s), and the velocities' extra delay (s). It
+#: keeps unobservable unknowns at 0. A receiver measures both at once; some smooth the velocity.
 _PRIOR = 1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2
-#: What the unknowns of positions and of velocities are in those.
+#: Maps these five unknowns to the four of positions and to the four of velocities.
 _PARTS = np.eye(4, 5), np.eye(4, 5) + np.outer(np.eye(4)[3], np.eye(5)[4])
 
 
 class Window(NamedTuple):
-    """Equations of a window, where there are any."""
+    """Hold a window's equations, None where there are none."""
 
     positions: Normal | None
     velocities: Normal | None
-    overlaps: bool  # whether it begins in the middle of the one before
+    overlaps: bool  # whether it begins in the middle of the previous one
 
 
 class Lever(NamedTuple):
-    """What a flight tells."""
+    """Hold the estimate from a flight."""
 
     lever_b: Array  # (3,) m, FRD
     lever_sigma_b: Array  # (3,)
-    delays_s: Array  # (2,) stamps later than measurements; velocities by so much more
+    delays_s: Array  # (2,) of stamps after measurements; the extra delay of velocities
     delay_sigmas_s: Array  # (2,)
     windows: int
-    misfit: float  # variances of the residuals of positions and of velocities, multiplied
+    misfit: float  # product of the residual variances of positions and of velocities
 
 
 def solved(windows: Sequence[Window]) -> Lever | None:
-    """Return the solution of consecutive windows, None of too few.
+    """Return the solution of consecutive windows, or None if there are too few.
 
-    Each sigma is the larger one of what the residuals and what the scatter from window to window
-    tell: tilts err by more than white noise. The scatter is the sandwich of White (Econometrica
-    48, 1980), with neighbours that overlap as Newey and West have it (Econometrica 55, 1987).
+    Each sigma is the larger of the one from the residuals and the one from the scatter between
+    windows, because tilts have larger errors than white noise. The scatter is the sandwich
+    estimator of White (Econometrica 48, 1980), with the covariance of overlapping neighbours as in
+    Newey and West (Econometrica 55, 1987).
     """
     variances = [_variance(normals) for normals in zip(*(w[:2] for w in windows), strict=True)]
     matrices, rights, overlaps = [], [], []
-    before = False  # whether the window before tells anything
+    before = False  # whether the previous window has equations
     for window in windows:
         matrix, right = _joined(window, variances)
         if matrix.any():
@@ -72,7 +74,7 @@ def solved(windows: Sequence[Window]) -> Lever | None:
 
 
 def _joined(window: Window, variances: Sequence[float | None]) -> tuple[Array, Array]:
-    """Return the equations (5, 5), (5,) of positions and velocities together."""
+    """Return the joint equations (5, 5), (5,) of positions and velocities."""
     matrix, right = np.zeros((5, 5)), np.zeros(5)
     for normal, variance, part in zip(window[:2], variances, _PARTS, strict=True):
         if normal is not None and variance is not None:
@@ -83,9 +85,9 @@ def _joined(window: Window, variances: Sequence[float | None]) -> tuple[Array, A
 
 
 def _scatter(left: Array, overlaps: Array) -> Array:
-    """Return the covariance (5, 5) of the sum of what equations (N, 5) have left.
+    """Return the covariance (5, 5) of the sum of the equations' residuals (N, 5).
 
-    ``overlaps`` (N,) are those that share half of their values with the one before.
+    ``overlaps`` (N,) marks those that share half of their values with the previous one.
     """
     later = overlaps.nonzero()[0]
     shared = left[later].T @ left[later - 1]
@@ -93,7 +95,7 @@ def _scatter(left: Array, overlaps: Array) -> Array:
 
 
 def _variance(normals: Sequence[Normal | None]) -> float | None:
-    """Return the variance of one value about the best fit of all windows."""
+    """Return the variance of one value about the best fit to all windows."""
     there = [one for one in normals if one is not None]
     if len(there) < _LEAST_WINDOWS:
         return None

@@ -1,4 +1,4 @@
-"""What is wrong with map, style sheet and elevation model, beside where the flight is."""
+"""Check map, style sheet and elevation model against the place of the flight."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.map_renderer import LaidMap
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 
-#: Farther than a multirotor flies, and from where the map is still drawn.
+#: Farther than a multirotor flies, and than a map is drawn.
 _FAR_M = 10_000.0
-#: What the readers of maps remark where a file names no system.
+#: Part of the map readers' remark on a file that names no coordinate system.
 _NO_SYSTEM = "taken for WGS84"
-_STEP_RAD = 1e-5  # 64 m: short beside a model, long beside its cells' arithmetic
+_STEP_RAD = 1e-5  # 64 m: short compared with a model, long compared with rounding in its grid
 _MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem"
 
 
 class MapChecks:
-    """Looks at map and elevation model of a flight whenever the map or the plane is new."""
+    """Check the map and the elevation model of a flight whenever map or plane are new."""
 
     def __init__(self, ground: Ground | None) -> None:
         self._ground = math.nan if ground is None else ground
@@ -42,26 +42,26 @@ class MapChecks:
         self._found = dem_findings(self._ground, plane)
 
     def map(self, laid: LaidMap) -> None:
-        """Take a map that is laid in the plane."""
+        """Take a map that is draped in the plane."""
         self._found, self._unread, self._laid = map_findings(laid, self._ground), [], True
 
     def failed(self, why: str) -> None:
-        """Take why the newest map could not be read or laid; the one before stays."""
+        """Take the reason why the newest map was not read or draped; the previous one stays."""
         severity = Severity.CAUTION if self._laid else Severity.STOP
         mend = "mend the file: it is read again when it changes"
         self._unread = [Finding("map_unreadable", severity, why, _MAP, mend)]
 
     def findings(self) -> list[Finding]:
-        """Return what is wrong, the worst first."""
+        """Return the findings, the most severe first."""
         return sorted_findings([*self._found, *self._unread])
 
 
 def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
-    """Return what is wrong with a map that was laid in the flight's plane, the worst first.
+    """Return the faults of a map that was draped in the flight's plane, the most severe first.
 
-    The plane's origin stands for the place of take-off. ``ground`` is what the map was laid on.
-    ``scale_m_px`` is the finest that a pixel in the middle of the picture will span of it, where
-    somebody knows: nan leaves the layers' scales unchecked.
+    The plane's origin is taken as the place of take-off. ``ground`` is what the map was draped on.
+    ``scale_m_px`` is the finest ground length of a pixel in the middle of the picture during the
+    flight, if known; with nan the layers' scale ranges are not checked.
     """
     if not laid.features:
         return [_nothing("the map has no features")]
@@ -73,7 +73,7 @@ def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) ->
 
 
 def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
-    """Return what is wrong with an elevation model at the plane's origin."""
+    """Return the faults of an elevation model at the plane's origin."""
     if not isinstance(ground, Terrain):
         return []
     latitude, longitude = np.array(plane.latitude_rad), np.array(plane.longitude_rad)
@@ -133,21 +133,21 @@ def _nothing_shown(evidence: str) -> Finding:
 
 
 def _system_findings(laid: LaidMap) -> list[Finding]:
-    said = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
-    if not said:
+    remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
+    if not remarks:
         return []
     mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
-    return [Finding("map_system_unknown", Severity.NOTE, said[0], _MAP, mend)]
+    return [Finding("map_system_unknown", Severity.NOTE, remarks[0], _MAP, mend)]
 
 
 def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:
-    """How far the plane's origin lies beside the model's grid, m; 0 on it, nan if nobody knows."""
+    """Return the distance of the plane's origin from the model's grid, m: 0 inside, or nan."""
     rows, columns = terrain.heights_m.shape
     steps = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) * _STEP_RAD
     at = terrain.grid_of(plane.latitude_rad + steps[0], plane.longitude_rad + steps[1])
     column, row = (np.asarray(each, float) for each in at)
     off = np.array([_off(column[0], columns - 1), _off(row[0], rows - 1)])
-    # Nodes per metre to the north and east, then metres for the way back to the grid.
+    # Grid nodes per metre to the north and east; their inverse gives the metres back to the grid.
     cosine = math.cos(plane.latitude_rad)
     per_m = (
         np.array([np.diff(column[[0, 1]]), np.diff(row[[0, 1]])]).ravel(),

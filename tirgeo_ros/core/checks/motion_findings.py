@@ -1,4 +1,4 @@
-"""Findings from how the pictures move, beside how the camera's poses say that they do."""
+"""Report set-up errors from the pictures' motion, compared with that of the camera's poses."""
 
 from __future__ import annotations
 
@@ -10,41 +10,45 @@ from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY,
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: An error counts beyond so many of its standard deviations. They are of pairs of pictures, whose
-#: errors are alike where a flight turns all the time: 3.8 were seen without an error.
-_SURE = 6.0
-#: And where leaving it makes what remains larger by this: 1.19 was seen without one.
-_TELLS = (1.25, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
-#: What remains is no more than this where the poses are good; with more, as where a filter without
-#: headings begins, an error must explain more: 1.29 times as much was seen without one.
+#: An error is significant beyond this many of its standard deviations. Errors of picture pairs are
+#: correlated where a flight turns all the time: 3.8 sigmas were seen without an error.
+_SIGNIFICANT = 6.0
+#: Leaving the error must also make the rest larger by this factor: 1.19 was seen without an error.
+_IMPROVEMENT = (1.25, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
+#: The rest with good poses is at most this. With more, as where a filter starts without headings,
+#: an error must explain more: a factor of 1.29 was seen without an error.
 _GOOD_PX = 1.0
-_LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the latter as logarithms
+_LEAST_LATENCY_S, _LEAST_FOCAL, _LEAST_HEIGHT = 0.03, 0.05, 0.12  # the last two are logarithms
 _LEAST_HEIGHT_M = 2.0
 _LEAST_BORESIGHT_RAD = math.radians(2.5)
-_WRONG = 0.15  # as a logarithm: from here on the map is wrong, and not only beside its place
-#: Of what the pictures move, in pairs, that no error explains.
+_WRONG = 0.15  # as a logarithm: a larger error makes the map wrong, not only displaced
+#: Share of the pairs' motion, and least size, of a rest that no fitted error explains.
 _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
 
 
 def motion_findings(
     fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
 ) -> list[Finding]:
-    """What a fit shows; ``lens`` and ``ground`` are the parameters that say what was believed.
+    """Return the findings of a fit; ``lens`` and ``ground`` name the parameters it corrects.
 
-    ``ground`` is empty where nothing does.
+    ``ground`` is empty if no parameter sets the ground's height.
     """
     if _unexplained(fit):
         return [_other_motion(fit)]
     found = []
-    if _sure(fit, LATENCY, _LEAST_LATENCY_S):
+    if _is_significant(fit, LATENCY, _LEAST_LATENCY_S):
         found.append(_latency(fit, latency_s))
-    if _sure(fit, FOCAL, _LEAST_FOCAL):
+    if _is_significant(fit, FOCAL, _LEAST_FOCAL):
         found.append(_focal(fit, focal_px, lens))
     above_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    least_m = max(_LEAST_HEIGHT_M, _SURE * fit.height_sigma_m)
-    if ground and _sure(fit, HEIGHT, _LEAST_HEIGHT) and abs(above_m - fit.above_m) > least_m:
+    least_m = max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m)
+    if (
+        ground
+        and _is_significant(fit, HEIGHT, _LEAST_HEIGHT)
+        and abs(above_m - fit.above_m) > least_m
+    ):
         found.append(_height(fit, above_m, ground))
-    if _sure_boresight(fit):
+    if _is_boresight_significant(fit):
         found.append(_boresight(fit))
     return found
 
@@ -54,21 +58,21 @@ def _unexplained(fit: MotionFit) -> bool:
     return fit.after > least
 
 
-def _sure(fit: MotionFit, one: int, least: float) -> bool:
+def _is_significant(fit: MotionFit, one: int, least: float) -> bool:
     value, sigma = abs(fit.values[one]), fit.sigmas[one]
-    sure = value > max(least, _SURE * sigma) and not fit.assumed[one]
-    return bool(sure and _tells(fit, one))
+    sure = value > max(least, _SIGNIFICANT * sigma) and not fit.assumed[one]
+    return bool(sure and _improves_fit(fit, one))
 
 
-def _tells(fit: MotionFit, one: int) -> bool:
-    return fit.without[one] > _TELLS[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
+def _improves_fit(fit: MotionFit, one: int) -> bool:
+    return fit.without[one] > _IMPROVEMENT[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
 
 
-def _sure_boresight(fit: MotionFit) -> bool:
+def _is_boresight_significant(fit: MotionFit) -> bool:
     angles, sigmas = fit.values[BORESIGHT], fit.sigmas[BORESIGHT]
-    sure = np.abs(angles) > np.maximum(_LEAST_BORESIGHT_RAD, _SURE * sigmas)
+    sure = np.abs(angles) > np.maximum(_LEAST_BORESIGHT_RAD, _SIGNIFICANT * sigmas)
     sure &= ~np.array(fit.assumed[BORESIGHT])
-    return bool(sure.any() and _tells(fit, 3))
+    return bool(sure.any() and _improves_fit(fit, 3))
 
 
 def _seen(fit: MotionFit) -> str:
@@ -132,9 +136,9 @@ def _boresight(fit: MotionFit) -> Finding:
     off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
     size = math.hypot(*off_deg)
     worst = math.degrees(fit.sigmas[BORESIGHT].max())
-    told = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+    numbers = ", ".join(f"{angle:+.1f}" for angle in off_deg)
     evidence = (
-        f"the camera looks {size:.1f} deg aside of its poses (roll, pitch, yaw {told}; sigma "
+        f"the camera looks {size:.1f} deg aside of its poses (roll, pitch, yaw {numbers}; sigma "
         f"{worst:.1f}) {_seen(fit)}"
     )
     mend = "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"

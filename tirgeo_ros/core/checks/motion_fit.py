@@ -1,13 +1,13 @@
-"""What would make the pictures' own motion the one that the camera's poses foretell.
+"""Fit the set-up errors that explain the pictures' motion, given the camera's poses.
 
-Points of the ground that were followed from one picture to the next are where the poses at both
-exposures, the lens and the ground put them, or not. Six errors are fitted, by Gauss-Newton over
-many pairs of pictures: of the latency, the focal length, the height above ground and the three
-angles of the boresight. Turns tell latency and focal length, flight over ground the height.
+Ground points tracked from one picture to the next should move as predicted from the poses at both
+exposures, the lens and the ground. Six errors are fitted by Gauss-Newton over many pairs of
+pictures: of the latency, the focal length, the height above ground and the three boresight
+angles. Turns show latency and focal length, flight over the ground shows the height.
 
-A pair's points move together by the noise of its two poses. So the mean of a pair and what its
-points differ from that are weighted apart, each by its own spread, and the covariance is that of
-the pairs (the sandwich; White, Econometrica 48, 1980).
+The noise of a pair's two poses moves all its points together. So the mean of a pair, and the
+deviations of its points from that mean, are weighted separately, each by its own spread. The
+covariance is computed over pairs (the sandwich estimator; White, Econometrica 48, 1980).
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
 
-#: A latency is looked for this far on both sides, among poses so far apart.
+#: Range of latency errors on both sides, and interval of the kept poses.
 REACH_S, STEP_S = 0.3, 0.025
-_BEYOND = 2  # steps more on both sides, for the slopes
-#: From the exposure, at which the poses of a pair are kept.
+_BEYOND = 2  # additional intervals on both sides, for the slopes
+#: Times, relative to the exposure, at which the poses of a pair are kept.
 OFFSETS_S = STEP_S * np.arange(-round(REACH_S / STEP_S) - _BEYOND, round(REACH_S / STEP_S) + 3)
 
 LATENCY, FOCAL, HEIGHT = 0, 1, 2
 BORESIGHT = slice(3, 6)
-#: What is thought of the errors where the pictures do not tell: s, log, log, rad.
+#: Prior sigmas of the errors: s, log, log, rad for the three angles.
 _LOOSE = np.array([0.3, 0.3, 1.5, 0.15, 0.15, 0.15])
-#: The same of what pictures did not tell at first: the others then answer for what is seen.
+#: Prior sigmas of errors that a first fit does not observe, so that the others take the motion.
 _TIGHT = np.array([0.02, 0.05, 1.5, 0.03, 0.03, 0.03])
-_TOLD = 0.6  # of that: a standard deviation beyond it tells nothing
+_OBSERVED = 0.6  # times _TIGHT: an error with a larger sigma is not observed
 _STEPS = np.array([0.005, 0.005, 0.01, 0.002, 0.002, 0.002])
 _LARGEST_STEP = np.array([0.05, 0.3, 0.5, 0.1, 0.1, 0.1])
 _MOST_STEPS = 10
-#: Where each error is looked for at first.
+#: Search grids of each error.
 _GRIDS = (
     np.arange(-REACH_S, REACH_S + 0.01, 2 * STEP_S),
     np.arange(-0.5, 0.51, 0.1),
@@ -46,15 +46,15 @@ _GRIDS = (
     *[np.arange(-0.15, 0.16, 0.05)] * 3,
 )
 _SHARES = (1.0, 0.5, 0.25)
-_FITS_PX = 1.5  # mean distances of pairs and points: small enough to go on from
-_LEAST_PX = 0.25  # of a residual's spread: nothing is followed better
+_FITS_PX = 1.5  # cost below which no search is needed before Gauss-Newton
+_LEAST_PX = 0.25  # least sigma of a residual: no tracking is better
 _HUBER = 2.0
 
 
 class Pair(NamedTuple):
-    """Points seen in two pictures, and the camera's poses around both exposures."""
+    """Hold points seen in two pictures, and the camera's poses around both exposures."""
 
-    first: Array  # (N, 2) on the plane z = 1 of the camera
+    first: Array  # (N, 2) on the camera's plane z = 1
     second: Array  # (N, 2) the same points in the second picture
     above_m: Array  # (N,) height of the camera above the ground at each point
     poses: Array  # (2, K, 7) position and quaternion at OFFSETS_S from each exposure
@@ -63,22 +63,22 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionFit:
-    """Errors of what is believed (true less believed), with their standard deviations."""
+    """Hold the errors of the set-up (true minus assumed), with their standard deviations."""
 
     values: Array  # (6,) latency s, log of focal length, log of height, boresight rad (FRD)
     sigmas: Array  # (6,)
-    assumed: tuple[bool, ...]  # (6,) that the pictures do not tell it: it was held near zero
+    assumed: tuple[bool, ...]  # (6,) whether it is not observed and was held near zero
     pairs: int
-    before: float  # rms of what the pairs move beside their poses, px
-    after: float  # the same with the errors taken off
-    moved: float  # rms of what they move, px
-    without: tuple[float, ...]  # (4,) ``after`` with latency, focal, height, boresight left wrong
-    above_m: float  # median height above ground, as believed
-    height_sigma_m: float  # median of the poses'
+    before: float  # rms over pairs of measured minus predicted motion, px
+    after: float  # the same with the errors corrected
+    moved: float  # rms over pairs of the measured motion, px
+    without: tuple[float, ...]  # (4,) ``after`` with latency, focal, height or boresight at zero
+    above_m: float  # median height above ground, as assumed
+    height_sigma_m: float  # median over the pairs' poses
 
 
 class _Scene:
-    """All pairs in arrays."""
+    """Hold all pairs in arrays."""
 
     def __init__(self, pairs: Sequence[Pair], focal_px: float) -> None:
         self.focal_px = focal_px
@@ -90,7 +90,7 @@ class _Scene:
         self.poses = np.stack([one.poses for one in pairs])  # (P, 2, K, 7)
 
     def residuals(self, x: Array) -> Array:
-        """(N, 2) px: seen less foretold, with the errors ``x`` (6,) taken off."""
+        """Return (N, 2) px: measured minus predicted, with the errors ``x`` (6,) corrected."""
         start, end = self._matrices(x)
         scale = np.exp(x[FOCAL])
         rays = np.append(self.first / scale, np.ones((len(self.first), 1)), axis=1)
@@ -104,8 +104,8 @@ class _Scene:
         return np.asarray((self.second - foretold) * self.focal_px)
 
     def _matrices(self, x: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """``R_nc`` (P, 3, 3) and positions (P, 3) of both pictures."""
-        # a latency larger than believed: exposed earlier
+        """Return ``R_nc`` (P, 3, 3) and positions (P, 3) of both pictures."""
+        # A latency larger than assumed means an earlier exposure.
         place = np.clip((-x[LATENCY] - OFFSETS_S[0]) / STEP_S, 0, len(OFFSETS_S) - 1.001)
         low = int(place)
         pose = self.poses[:, :, low] * (low + 1 - place) + self.poses[:, :, low + 1] * (
@@ -117,27 +117,27 @@ class _Scene:
         return (rotations[:, 0], pose[:, 0, :3]), (rotations[:, 1], pose[:, 1, :3])
 
     def means(self, values: Array) -> Array:
-        """(N, ...) to (P, ...): the means of the pairs."""
+        """Return the means over each pair: (N, ...) to (P, ...)."""
         total = np.zeros((len(self.counts), *values.shape[1:]))
         np.add.at(total, self.pair, values)
         return np.asarray(total / self.counts.reshape(-1, *[1] * (values.ndim - 1)))
 
     def pair_rms(self, residuals: Array) -> float:
-        """Of the pairs' means, px."""
+        """Return the rms of the pairs' means, px."""
         return float(np.sqrt((self.means(residuals) ** 2).sum(1).mean()))
 
 
 def fit_motion(
     pairs: Sequence[Pair], focal_px: float, before: MotionFit | None = None
 ) -> MotionFit:
-    """Fit the errors to some pairs, ten or more; begun where the fit ``before`` has ended."""
+    """Fit the errors to ten or more pairs; start from zero or from the previous fit ``before``."""
     scene = _Scene(pairs, focal_px)
     starts = [np.zeros(6), *([before.values] if before else [])]
     start = min(starts, key=lambda x: _cost(scene, x, _LOOSE))
     if _cost(scene, start, _LOOSE) > _FITS_PX:
         start = _searched(scene)
     values, sigmas = _fitted(scene, start, _LOOSE)
-    assumed = sigmas > _TOLD * _TIGHT
+    assumed = sigmas > _OBSERVED * _TIGHT
     assumed[HEIGHT] = False
     if assumed.any():
         start = np.where(assumed, 0.0, values)
@@ -163,7 +163,7 @@ def _left_wrong(scene: _Scene, values: Array, one: int | slice) -> float:
 
 
 def _searched(scene: _Scene) -> Array:
-    """(6,) errors near the best ones: one after another is looked for on its own, twice."""
+    """Return (6,) errors near the best ones: search each on its grid in turn, twice."""
     x = np.zeros(6)
     for _ in range(2):
         for one, grid in enumerate(_GRIDS):
@@ -173,7 +173,7 @@ def _searched(scene: _Scene) -> Array:
 
 
 def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
-    """The errors and their standard deviations, begun at ``x``; ``prior`` is that of zero."""
+    """Return errors and their sigmas, started at ``x``; ``prior`` (6,) are sigmas about zero."""
     for _ in range(_MOST_STEPS):
         residuals = scene.residuals(x)
         slopes = np.stack(
@@ -194,7 +194,7 @@ def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
 
 
 def _better(scene: _Scene, x: Array, step: Array, prior: Array) -> Array | None:
-    """The place a step away, or a part of one, where the residuals are smaller; else None."""
+    """Return the point a step, or part of it, away if its cost is smaller; else None."""
     if (np.abs(step) < 0.1 * _STEPS).all():
         return None
     best = _cost(scene, x, prior)
@@ -207,14 +207,14 @@ def _better(scene: _Scene, x: Array, step: Array, prior: Array) -> Array | None:
 
 
 def _cost(scene: _Scene, x: Array, prior: Array) -> float:
-    """Robust: the pairs' mean and the points' mean distance, px."""
+    """Return the robust cost: mean size of the pairs' means plus mean residual, px, plus prior."""
     residuals = scene.residuals(x)
     sizes = np.linalg.norm(scene.means(residuals), axis=1).mean()
     return float(sizes + np.abs(residuals).mean() + 1e-3 * ((x / prior) ** 2).sum())
 
 
 def _normal_equations(scene: _Scene, residuals: Array, slopes: Array) -> tuple[Array, Array]:
-    """(6, 6) information, and (P, 6) what each pair pulls the errors by."""
+    """Return the information (6, 6), and each pair's contribution (P, 6) to the right side."""
     mean, mean_slopes = scene.means(residuals), scene.means(slopes)
     rest = residuals - mean[scene.pair]
     rest_slopes = slopes - mean_slopes[scene.pair]
@@ -231,7 +231,7 @@ def _normal_equations(scene: _Scene, residuals: Array, slopes: Array) -> tuple[A
 
 
 def _weights(residuals: Array) -> Array:
-    """(N,) over the variance of a coordinate, less where a residual stands out (Huber)."""
+    """Return weights (N,): the inverse variance of a coordinate, less for outliers (Huber)."""
     size = np.linalg.norm(residuals, axis=1)
-    sigma = max(float(np.median(size)) / 1.18, _LEAST_PX)  # Rayleigh's median
+    sigma = max(float(np.median(size)) / 1.18, _LEAST_PX)  # 1.18 sigma: median of Rayleigh
     return np.asarray(np.minimum(1.0, _HUBER * sigma / np.maximum(size, 1e-12)) / sigma**2)

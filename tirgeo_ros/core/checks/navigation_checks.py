@@ -1,6 +1,6 @@
-"""What is wrong with the filter's inputs and the parameters that belong to them.
+"""Check the filter's inputs and their parameters.
 
-Samples are taken as they come, before the filter's own checks refuse any.
+Samples are taken as they arrive, before the filter's own checks reject any.
 """
 
 from __future__ import annotations
@@ -36,14 +36,15 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import NavSolution
 
 _IMU = "imu/data"
-#: A clock set back by more is another recording: all begins again.
+#: A clock that goes back by more starts another recording: all checks are reset.
 _BACK_NS = 10_000_000_000
 
 
 class NavigationChecks:
-    """Takes the filter's inputs in their order of arrival, and what it publishes.
+    """Take the filter's inputs in their order of arrival, and its solutions.
 
-    ``given`` are the parameters that somebody set (``aircraft.rtk_antenna_m``); None: not known.
+    ``given`` are the parameters that were set explicitly (``aircraft.rtk_antenna_m``), None if
+    not known.
     """
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
@@ -69,7 +70,7 @@ class NavigationChecks:
         self._plane: TangentPlane | None = None
 
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
-        """Take a sample of a topic (``rtk/fix``), as it came."""
+        """Take a sample of a topic (``rtk/fix``), as it arrived."""
         if arrival_ns < self._arrived_ns - _BACK_NS:
             self._begin()
         if not self._arrived_ns:
@@ -87,24 +88,24 @@ class NavigationChecks:
         self._aid(topic, sample)
 
     def solution(self, solution: NavSolution) -> None:
-        """Take what the filter publishes."""
+        """Take a solution that the filter publishes."""
         self._levers.solution(solution)
 
     def findings(self) -> list[Finding]:
-        """Return what is wrong by all that came, the worst first."""
+        """Return the findings from all samples so far, the most severe first."""
         gyro = self._gyro.findings()
         units = [*self._force.findings(), *gyro]
         found = [
             *units,
-            *([] if gyro else self._heading.findings()),  # it is compared with them
+            *([] if gyro else self._heading.findings()),  # headings are compared with gyroscopes
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(self._streams),
             *self._rates.findings(self._streams, self._arrived_ns),
             *self._covariances.findings(),
-            *([] if units else self._vibration.findings()),  # it is measured in their units
+            *([] if units else self._vibration.findings()),  # its unit would be wrong too
         ]
-        if not any(one.severity is Severity.STOP for one in found):  # it believes all of them
+        if not any(one.severity is Severity.STOP for one in found):  # the fit trusts all inputs
             found += self._levers.findings(self._streams)
         return sorted_findings(found)
 
@@ -143,7 +144,7 @@ class NavigationChecks:
             self._levers.position(sample.stamp_ns, position_n)
 
     def _planar(self, sample: PositionSample) -> Array:
-        """(3,) NED m in the plane of the first position."""
+        """Return (3,) NED, m, in the tangent plane of the first position."""
         place = sample.latitude_rad, sample.longitude_rad, sample.height_m
         if self._plane is None:
             self._plane = TangentPlane(*place)

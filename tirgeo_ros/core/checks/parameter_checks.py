@@ -1,4 +1,4 @@
-"""What is wrong with the parameters as they are given, whatever the flight says."""
+"""Check the parameters as they are given, independent of the flight."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from tirgeo_ros.core.camera.model import Camera
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: Without any of these, nobody has told what the aircraft looks like.
+#: Parameters that give the ground's height but do not describe the aircraft.
 _GROUND = ("ground_height_m", "dem")
 
 
@@ -19,9 +19,10 @@ def parameter_findings(
     pictures: bool,
     option: str = "--params",
 ) -> list[Finding]:
-    """Return what is wrong with parameters: names of those ``given``, sections of no node here.
+    """Return what is wrong with the parameters ``given``.
 
-    ``pictures``: the flight has some, or a gimbal. ``option`` gives files of parameters.
+    ``unused`` are sections for nodes that do not run. ``pictures`` is whether the flight has
+    pictures or a gimbal. ``option`` is the option that names parameter files.
     """
     found = []
     if unused:
@@ -51,7 +52,7 @@ def parameter_findings(
 
 
 def size_fault(camera: Camera, width: int, height: int) -> str:
-    """Return why a calibration is not that of a picture; empty where the sizes are the same."""
+    """Return why a calibration does not fit a picture's size; empty if the sizes are equal."""
     if (camera.width, camera.height) == (width, height):
         return ""
     return (

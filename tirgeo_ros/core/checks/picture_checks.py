@@ -1,4 +1,4 @@
-"""All that pictures, lens, camera poses and ground say of the set-up, seen together."""
+"""Check the set-up with pictures, lens, camera poses and ground together."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
-_FEWEST = 20  # pairs of pictures, eight seconds
-_FROZEN = 0.9  # of them
+_FEWEST = 20  # pairs of pictures: eight seconds
+_FROZEN = 0.9  # share of the pairs
 
 
 class PictureChecks:
-    """Frames and poses in, as the overlay has them; findings out, at any time.
+    """Take frames and poses as the overlay gets them; return findings at any time.
 
-    ``ground`` is what lies under the map, None where nothing says it; ``given`` are the
-    parameters of overlay_node that somebody set, None where that is not known. A frame costs 3 ms
-    two or three times a second, next to nothing else; a fit, every eight seconds, 20 to 60 ms.
+    ``ground`` is what lies under the map, None if nothing gives it. ``given`` are the parameters
+    of overlay_node that were set explicitly, None if not known. A frame costs 3 ms two or three
+    times a second, and almost nothing otherwise; a fit, every eight seconds, 20 to 60 ms.
     """
 
     def __init__(
@@ -53,32 +53,32 @@ class PictureChecks:
 
     @property
     def above_ground_m(self) -> float:
-        """Height of the camera (of the body where its poses come) above ground; nan: unknown."""
+        """Return the height of the body, or without body poses of the camera, m; nan: unknown."""
         return self._heights.above_m
 
     def camera(self, camera: Camera) -> None:
-        """Take the calibration."""
+        """Set the calibration."""
         if camera != self._camera:
             self._camera = self._motion.camera = camera
             self._motion.forget()
             self._size = None
 
     def plane(self, plane: TangentPlane) -> None:
-        """Take the plane of the poses."""
+        """Set the plane of the poses."""
         if plane != self._motion.plane:
             self._motion.plane = self._heights.plane = plane
             self._motion.forget()
 
     def body(self, pose: BodyPose) -> None:
-        """Take a pose of the body, where they are at hand: heights are then the body's."""
+        """Take a body pose, if there are any; heights are then the body's."""
         self._bodies = True
         self._heights.pose(pose)
 
     def pose(self, pose: CameraPose) -> None:
-        """Take a pose of the camera, in order of time."""
+        """Take a camera pose, in order of time."""
         if self._camera is None and self._bodies:
             self._stamps.pose(pose.stamp_ns)
-            return  # a motion that no picture can be compared with
+            return  # without a camera no picture can be compared with the motion
         if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             return
         self._stamps.pose(pose.stamp_ns)
@@ -87,11 +87,11 @@ class PictureChecks:
         self._motion.pose(pose)
 
     def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
-        """Whether a frame is followed; of the others ``passed`` suffices."""
+        """Return whether a frame's pixels are needed; for the others call ``passed``."""
         return self._tracker.wants(stamp_ns or arrival_ns)
 
     def passed(self, stamp_ns: int, arrival_ns: int) -> None:
-        """Take a frame of which nothing but the stamp is known."""
+        """Take a frame of which only the stamp is known."""
         self._stamps.frame(stamp_ns, None, arrival_ns)
 
     def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
@@ -107,7 +107,7 @@ class PictureChecks:
             self._motion.tracks(tracks)
 
     def findings(self) -> list[Finding]:
-        """Return what was found up to now."""
+        """Return the findings so far."""
         found = [*self._heights.findings(), *self._stamps.findings()]
         if self._camera is not None:
             found += lens_findings(self._camera, self._lens)

@@ -1,4 +1,4 @@
-"""Pairs of pictures with the camera's poses around them, and what they say of the set-up."""
+"""Collect pairs of pictures with the camera's poses around them, and fit set-up errors."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Pairs that are kept of those that turn, which tell of lens and latency, and of the others.
+#: Number of pairs kept with turns, which show lens and latency, and without.
 _KEPT = 48
 _TURNS_PX = 8.0
-_FEWEST, _NEW = 16, 20  # pairs for a fit, and for the next one
+_FEWEST, _NEW = 16, 20  # pairs for the first fit, and new pairs for the next one
 _LONGEST_GAP_S = 0.1  # between poses
-#: Poses are means over this, so that their noise is the same at all instants: a time at which it
-#: were less would look like the right one.
+#: Poses are averaged over this time, so that their noise is the same at all instants. An instant
+#: with less noise would look like the right exposure.
 _MEAN_S = 0.08
 _WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
-_POSES_S = 2.0  # are kept
-#: Variance of an attitude that may be far off, and so turn as nothing turns: a filter's heading
-#: before it has seen headings, or accelerations.
+_POSES_S = 2.0  # time for which poses are kept
+#: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
+#: accelerations yet may be far off, and may turn when they come.
 _LARGEST_RAD2 = math.radians(3.0) ** 2
 _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
-_UNKNOWN_M = 50.0  # above ground, where nothing says it: the fit then finds it
-_FLATTEST = 0.2  # of a ray, downwards: terrain is looked up no further away
-_STEPS = 3  # to a ray's place on terrain
+_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
+_FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
+_STEPS = 3  # iterations of a ray's intersection with terrain
 
 
 class PictureMotion:
-    """Tracks and poses in, fits out."""
+    """Collect tracks and poses, and fit the errors."""
 
     def __init__(self, latency_s: float, ground: Ground | None) -> None:
         self.plane: TangentPlane | None = None
@@ -62,11 +62,11 @@ class PictureMotion:
 
     @property
     def knows_ground(self) -> bool:
-        """Whether heights of the ground are given, so that they may be wrong."""
+        """Return whether the ground's height is given, and so may be wrong."""
         return self._ground is not None
 
     def forget(self) -> None:
-        """Forget all that was seen: the plane or the camera has changed."""
+        """Remove all data, because the plane or the camera has changed."""
         for one in (self._poses, self._waiting, self._turning, self._straight):
             one.clear()
         self._newest_ns, self._new, self._fit = None, 0, None
@@ -90,7 +90,7 @@ class PictureMotion:
             self._pair(waiting.popleft())
 
     def tracks(self, tracks: Tracks) -> None:
-        """Take tracks, which wait for the poses after them."""
+        """Take tracks; they wait for the poses after them."""
         self._waiting.append(tracks)
 
     def _pair(self, tracks: Tracks) -> None:
@@ -112,7 +112,7 @@ class PictureMotion:
         self._new += 1
 
     def _poses_around(self, tracks: Tracks) -> Array | None:
-        """(2, K, 7) at OFFSETS_S from both exposures; None where poses are missing."""
+        """Return poses (2, K, 7) at OFFSETS_S from both exposures; None if poses are missing."""
         rows = np.array(self._poses)
         stamps_ns = (tracks.first_ns, tracks.second_ns)
         starts_s = [(ns - self._latency_ns - rows[0, 0]) * 1e-9 for ns in stamps_ns]
@@ -128,7 +128,7 @@ class PictureMotion:
         return _means(times_s, rows[:, 1:], wanted_s)
 
     def _above_m(self, plane: TangentPlane, pose: Array, rays: Array) -> Array:
-        """(N,) height of the camera above the ground where rays (N, 2) meet it; nan beside it."""
+        """Return (N,) heights of the camera above the ground hit by rays (N, 2); nan off a DEM."""
         ground = self._ground
         if ground is None:
             return np.full(len(rays), _UNKNOWN_M)
@@ -138,7 +138,7 @@ class PictureMotion:
         above_m = np.full(len(rays), float(height_m - ground.height_m(latitude, longitude)))
         q = pose[3:] / np.linalg.norm(pose[3:])
         rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ matrix_from_quat(q).T
-        flat = np.maximum(rays_n[:, 2:], _FLATTEST)  # so that a glance at the sky stays near
+        flat = np.maximum(rays_n[:, 2:], _FLATTEST)  # keeps a ray towards the sky near
         for _ in range(_STEPS):
             hits = pose[:3] + rays_n / flat * above_m[:, None]
             latitude, longitude, _ = plane.geodetic_from_ned(hits)
@@ -146,7 +146,7 @@ class PictureMotion:
         return np.asarray(above_m)
 
     def fit(self) -> MotionFit | None:
-        """The newest fit; None before enough was seen."""
+        """Return the newest fit; None until there are enough pairs."""
         pairs = [*self._turning, *self._straight]
         due = len(pairs) >= _FEWEST and self._new >= (_NEW if self._fit else 1)
         if due and self.camera is not None:
@@ -156,7 +156,7 @@ class PictureMotion:
 
 
 def _means(times_s: Array, values: Array, wanted_s: Array) -> Array:
-    """Means over _MEAN_S of columns ``values`` (N, C) about instants of any shape: (..., C)."""
+    """Return means (..., C) over _MEAN_S of ``values`` (N, C) about instants of any shape."""
     areas = 0.5 * np.diff(times_s)[:, None] * (values[1:] + values[:-1])
     summed = np.append(np.zeros((1, values.shape[1])), np.cumsum(areas, axis=0), axis=0)
     ends = wanted_s + 0.5 * _MEAN_S, wanted_s - 0.5 * _MEAN_S

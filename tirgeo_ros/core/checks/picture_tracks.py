@@ -1,7 +1,7 @@
-"""Points of the scene followed from one picture to the next, a few times a second.
+"""Track points of the scene from one picture to the next, a few times a second.
 
-Small pictures serve: a shift of a quarter of a pixel in them is seen. What burns into the picture
-(a crosshair, dead pixels) stays where it is and is left out where the scene moves.
+Pictures are reduced first: a shift of a quarter of a reduced pixel can still be measured. Points
+that are fixed in the picture (a crosshair, dead pixels) are excluded when the scene moves.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy.typing as npt
 from tirgeo_ros.core.types.arrays import Array, Pixels
 
 _EVERY_NS = 400_000_000
-#: Between the two pictures of a pair: enough to move, not too much to be found again.
+#: Time between the two pictures of a pair: long enough to move, short enough to be tracked.
 _SHORTEST_NS, _LONGEST_NS = 80_000_000, 350_000_000
-_WIDTH = 360  # of the small picture, at most
-_SMALLEST = 32  # px, of its height or width
+_WIDTH = 360  # largest width of the reduced picture, px
+_SMALLEST = 32  # least height and width of the reduced picture, px
 _POINTS, _FEWEST = 14, 6
 _QUALITY = 0.05
 _WINDOW = (15, 15)
 _LEVELS = 3
-_COMES_BACK = 0.3  # px of the small picture, followed there and back
-_STANDS, _MOVES = 0.25, 1.5  # px of the small picture
-_LEAST_SPAN = 16.0  # of a 16-bit picture, as for showing it
+_COMES_BACK = 0.3  # largest error, reduced px, of a point tracked forth and back
+_STANDS, _MOVES = 0.25, 1.5  # motion of a fixed point, and of a moving scene, reduced px
+_LEAST_SPAN = 16.0  # of values in a 16-bit picture, as in tone mapping
 _LEAST_CONTRAST = 2.0  # grey levels
 
 
 class Tracks(NamedTuple):
-    """Points in two pictures."""
+    """Hold points in two pictures."""
 
     first_ns: int
     second_ns: int
@@ -42,11 +42,11 @@ class _Small(NamedTuple):
     stamp_ns: int
     grey: Pixels
     scale: int
-    ends: tuple[float, float] | None  # between which a 16-bit picture was stretched
+    ends: tuple[float, float] | None  # range of values of a 16-bit picture that maps to 0..255
 
 
 class PictureTracker:
-    """Frames in, tracks out where a pair is complete. ``frozen`` counts pairs that are equal."""
+    """Take frames, return tracks when a pair is complete; ``frozen`` counts identical pairs."""
 
     def __init__(self) -> None:
         self.pairs = self.frozen = 0
@@ -65,7 +65,7 @@ class PictureTracker:
         return None
 
     def wants(self, stamp_ns: int) -> bool:
-        """Whether a frame of this stamp would be looked at."""
+        """Return whether a frame with this stamp would be used."""
         if self._first is not None:
             apart_ns = stamp_ns - self._first.stamp_ns
             if 0 < apart_ns <= _LONGEST_NS:
@@ -84,13 +84,13 @@ class PictureTracker:
         found = _followed(first.grey, second.grey)
         if found is None:
             return None
-        middle = 0.5 * (first.scale - 1)  # of a small pixel in the whole picture
+        middle = 0.5 * (first.scale - 1)  # offset of a reduced pixel's centre in the whole picture
         start, end = (points * first.scale + middle for points in found)
         return Tracks(first.stamp_ns, second.stamp_ns, start, end)
 
 
 def _small(stamp_ns: int, pixels: npt.NDArray[Any], ends: tuple[float, float] | None) -> _Small:
-    """The frame as a small grey picture; each of its pixels is a mean of ``scale`` squared."""
+    """Reduce a frame to a small grey picture; each of its pixels averages ``scale`` squared."""
     if pixels.ndim == 3:
         pixels = pixels[..., 1]
     scale = -(-pixels.shape[1] // _WIDTH)
@@ -106,7 +106,7 @@ def _small(stamp_ns: int, pixels: npt.NDArray[Any], ends: tuple[float, float] | 
 
 
 def _lucas_kanade(first: Pixels, second: Pixels, points: Any) -> tuple[Any, Any]:
-    """Where points (N, 1, 2) have gone, and (N, 1) whether they were found."""
+    """Return the new places of points (N, 1, 2), and (N, 1) whether they were found."""
     there, found, _ = cv2.calcOpticalFlowPyrLK(
         first, second, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
     )
@@ -114,7 +114,7 @@ def _lucas_kanade(first: Pixels, second: Pixels, points: Any) -> tuple[Any, Any]
 
 
 def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
-    """Points (N, 2) of two small pictures; None where too few can be followed."""
+    """Return points (N, 2) in both reduced pictures; None if too few can be tracked."""
     apart = max(first.shape) / 9
     points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, apart)
     if points is None or len(points) < _FEWEST:

@@ -1,7 +1,7 @@
-"""Whether RTK and the ordinary GPS mean the same place: height, datum, latitude for longitude.
+"""Check that RTK and ordinary GPS give the same place: height, datum, swapped coordinates.
 
-The two differ by what the GPS errs by: some metres that change over minutes. Heights above the
-sea level and above the ellipsoid differ by the geoid's undulation, up to 110 m.
+The two differ by the GPS errors: some metres that change over minutes. Heights above sea level and
+above the ellipsoid differ by the geoid's undulation, up to 110 m.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
-#: Fixes this far apart in time are compared.
+#: Fixes no further apart in time than this are compared.
 _NEAR_NS = 500_000_000
 _STEP_NS = 500_000_000
 _KEPT, _LEAST_NUMBER = 60, 12  # half seconds
-#: Sigmas and metres beyond which a difference all along is no GPS error.
+#: A constant difference beyond this many sigmas and metres is not a GPS error.
 _SIGMAS, _LEAST_M = 3.0, 8.0
 _LARGEST_UNDULATION_M = 110.0
 _ELSEWHERE_M = 1e4
 
 
 class PositionChecks:
-    """Hears positions of both receivers."""
+    """Compare the positions of both receivers."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._sigma_m = config.gps.position_sigma_m
         self._newest: dict[Source, PositionSample] = {}
-        # GPS less RTK (NED m), at most so sure (m)
+        # GPS minus RTK (3,), NED, m, and its sigma (3,), m
         self._apart: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
         self._compared_ns: int | None = None
 
     def position(self, sample: PositionSample) -> None:
-        """Take a position as it came."""
+        """Take a position as it arrived."""
         fault = place_fault(sample.latitude_rad, sample.longitude_rad, sample.height_m)
         finite = math.isfinite(sample.longitude_rad) and math.isfinite(sample.height_m)
         swapped = sample.status is not FixStatus.NONE and finite
@@ -65,7 +65,7 @@ class PositionChecks:
             self._apart.append((apart_n, sigma))
 
     def findings(self) -> list[Finding]:
-        """Return where they differ all along by more than the GPS errs by."""
+        """Return where they differ, during all the time, by more than the GPS errors."""
         if len(self._apart) < _LEAST_NUMBER:
             return []
         apart, sigma = (np.array(column) for column in zip(*self._apart, strict=True))
@@ -99,7 +99,7 @@ class PositionChecks:
 
 
 def _height(up_m: float, sigma_m: float) -> Finding:
-    """Of GPS heights less RTK's, m."""
+    """Return the finding on GPS height minus RTK height, m."""
     evidence = f"gps/fix is {up_m:+.1f} m above rtk/fix all along (its sigma is {sigma_m:.1f} m)"
     where = "rtk/fix, gps/fix altitude; dji_node geoid_undulation_m"
     mend = (

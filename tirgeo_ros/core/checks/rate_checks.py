@@ -1,4 +1,4 @@
-"""Whether topics come, often enough and without gaps."""
+"""Check that topics arrive, often enough and without gaps."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import Source
 
-#: How long a topic may be waited for.
+#: Waiting time after which a missing topic is reported.
 _PATIENCE_NS = 8_000_000_000
-#: The contract's rates, and a tenth for clocks and rounding.
+#: The interface's rates, with a tolerance of a tenth for clocks and rounding.
 _LEAST_IMU_HZ, _MOST_IMU_HZ = 45.0, 440.0
 _LEAST_RTK_HZ = 1.8
-_MOST_BACK = 0.01  # of the samples
+_MOST_BACK = 0.01  # share of the samples
 
 
 def longest_step_s(topic: str, config: EkfConfig) -> float:
-    """Return the step between samples of a topic from which it is a gap."""
+    """Return the longest step between samples of a topic, s; a longer one is a gap."""
     return config.max_imu_gap_s if topic == "imu/data" else config.trust.aid_timeout_s
 
 
 class RateChecks:
-    """Looks at the streams as the filter's method needs them."""
+    """Check the streams that the filter's method needs."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._config = config
         self._first_ns: int | None = None
 
     def begin(self, arrival_ns: int) -> None:
-        """Take the first arrival of all."""
+        """Set the first arrival of any topic."""
         self._first_ns = arrival_ns
 
     def findings(self, streams: Mapping[str, Stream], now_ns: int) -> list[Finding]:
-        """Return what is wrong with the streams at ``now_ns`` (arrival)."""
+        """Return what is wrong with the streams at ``now_ns``, an arrival time."""
         found = [*_rates(streams), *_gaps(streams, self._config), *_order(streams)]
         if self._first_ns is not None and now_ns - self._first_ns > _PATIENCE_NS:
             found += _absent(streams, self._config.method, (now_ns - self._first_ns) * 1e-9)
@@ -92,8 +92,8 @@ def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
         if topic.startswith("rtk/") and (stream.rate_hz or _LEAST_RTK_HZ) < _LEAST_RTK_HZ
     }
     if slow:
-        told = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
-        evidence, mend = f"too few come: {told}, not 2 or more", "set the receiver's rate to 5 Hz"
+        text = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
+        evidence, mend = f"too few come: {text}, not 2 or more", "set the receiver's rate to 5 Hz"
         found.append(Finding("rtk_rate", Severity.CAUTION, evidence, next(iter(slow)), mend))
     return found
 
@@ -123,7 +123,7 @@ def _order(streams: Mapping[str, Stream]) -> list[Finding]:
     back = {t: s for t, s in streams.items() if s.back > max(2, _MOST_BACK * s.count)}
     if not back:
         return []
-    told = ", ".join(f"{t} ({s.back} of {s.count})" for t, s in back.items())
-    evidence = f"stamps are not later than the ones before: {told}"
+    text = ", ".join(f"{t} ({s.back} of {s.count})" for t, s in back.items())
+    evidence = f"stamps are not later than the ones before: {text}"
     mend = "is there more than one publisher, or a clock of coarse steps?"
     return [Finding("stamp_order", Severity.CAUTION, evidence, next(iter(back)), mend)]

@@ -1,6 +1,6 @@
-"""What is wrong with topics before a message of them is read: absent, of another type or name.
+"""Check topics before their messages are read: absent, of another type or name.
 
-Of a recording, or of a running graph.
+The topics are those of a recording or of a running graph.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ _UNREADABLE_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Recording:
-    """What a bag or a graph holds, beside what it should hold."""
+    """Hold the topics of a bag or a graph, and those that it should have."""
 
-    topics: Mapping[str, str]  # of the bag or the graph: name to type
+    topics: Mapping[str, str]  # name to type, of the bag or the graph
     contract: Mapping[str, str]  # topic to type, of the inputs, without a namespace
     namespace: str = ""
-    has_camera: bool = False  # a calibration is given in place of thermal/camera_info
+    has_camera: bool = False  # whether a calibration replaces thermal/camera_info
     has_map: bool = False
-    wants_pictures: bool = True  # something is to be drawn
-    live: bool = False  # a graph and not a bag
+    wants_pictures: bool = True  # whether something is to be drawn
+    live: bool = False  # whether it is a graph, not a bag
 
     def name(self, topic: str) -> str:
-        """Return the name of a contract topic in the bag."""
+        """Return the full name of an input topic."""
         space = self.namespace.strip("/")
         return f"/{space}/{topic}" if space else f"/{topic}"
 
     @property
     def there(self) -> set[str]:
-        """Return the contract topics that are there, each of its type."""
+        """Return the input topics that are present with the right type."""
         names = self.contract.items()
         return {topic for topic, kind in names if self.topics.get(self.name(topic)) == kind}
 
     @property
     def elsewhere(self) -> dict[str, list[str]]:
-        """Return namespaces that are not the one asked for, each with the topics under it."""
+        """Return the other namespaces that have input topics, with these topics."""
         found: dict[str, list[str]] = {}
         for name, kind in self.topics.items():
             for topic, wanted in self.contract.items():
@@ -54,16 +54,16 @@ class Recording:
 
 
 def recording_findings(recording: Recording) -> list[Finding]:
-    """Return what is wrong with a bag as a whole."""
+    """Return what is wrong with a recording's or a graph's topics."""
     namespace = _namespace(recording)
     if namespace is not None:
-        return [namespace]  # all else follows from it
+        return [namespace]  # all other findings would follow from it
     found = needed_findings(recording, _needed(recording))
     return [*found, *_no_pictures(recording, {finding.parameter for finding in found})]
 
 
 def needed_findings(recording: Recording, needed: Sequence[Sequence[str]]) -> list[Finding]:
-    """Return topics of another type, and those absent that are needed; of several, one will do."""
+    """Return topics of wrong type, and groups of ``needed`` topics of which none is there."""
     missed = [topics for topics in needed if not recording.there.intersection(topics)]
     types = _wrong_types(recording, {topic for topics in missed for topic in topics})
     wrong = {finding.parameter for finding in types}
@@ -72,7 +72,7 @@ def needed_findings(recording: Recording, needed: Sequence[Sequence[str]]) -> li
 
 
 def damage_findings(damage: str | None) -> list[Finding]:
-    """Return what could not be read of a bag, where that is not None."""
+    """Return what could not be read of a bag; ``damage`` is None if all was read."""
     if damage is None:
         return []
     mend = "record again, or use what is left: gaps in it restart the filter"
@@ -80,7 +80,7 @@ def damage_findings(damage: str | None) -> list[Finding]:
 
 
 def _namespace(recording: Recording) -> Finding | None:
-    """Return that the flight is under another namespace; None where it is under this one."""
+    """Return a finding if the topics are in another namespace only, else None."""
     if any(recording.name(topic) in recording.topics for topic in recording.contract):
         return None
     spaces = recording.elsewhere
@@ -94,7 +94,7 @@ def _namespace(recording: Recording) -> Finding | None:
 
 
 def _needed(recording: Recording) -> list[tuple[str, ...]]:
-    """Return what must be there; of several topics, one is enough."""
+    """Return the groups of topics of which at least one must be present."""
     needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
     if recording.there.intersection(_PICTURES):
         needed.append(_GIMBAL)
@@ -137,7 +137,7 @@ def _absent(recording: Recording, topics: Sequence[str]) -> Finding:
 
 
 def _no_pictures(recording: Recording, wrong: set[str]) -> list[Finding]:
-    """Return that nothing can be drawn on: a fault with a map, odd beside a camera."""
+    """Return a finding if there are no pictures: a fault with a map, odd with a camera."""
     seen = recording.there.intersection(_PICTURES) or wrong.intersection(_PICTURES)
     if seen or not recording.wants_pictures:
         return []
@@ -152,9 +152,9 @@ def _no_pictures(recording: Recording, wrong: set[str]) -> list[Finding]:
 def unreadable_findings(
     read: Mapping[str, int], refused: Mapping[str, int], reasons: Mapping[str, str]
 ) -> list[Finding]:
-    """Return the topics with messages that hold nothing usable, with the newest reason.
+    """Return the topics with many unusable messages, with the newest reason.
 
-    ``read`` and ``refused`` are numbers of messages by topic. Some few are what a link loses.
+    ``read`` and ``refused`` are numbers of messages by topic. A few may be lost on a link.
     """
     found = []
     for topic, number in refused.items():
@@ -169,7 +169,7 @@ def unreadable_findings(
 
 
 def no_pose_findings(status: NavigationStatus) -> list[Finding]:
-    """Return that a whole flight gave no pose."""
+    """Return the finding that a whole flight gave no pose."""
     why = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
     refused = {key: n for key, n in status.counts.items() if key[1] not in ("used", "waiting")}
     most = max(refused, key=lambda key: refused[key]) if refused else None

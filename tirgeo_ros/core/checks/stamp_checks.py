@@ -1,7 +1,7 @@
-"""Whether stamps are times of measurement on one clock: zero, ahead, late, jumping, drifting.
+"""Check that stamps are measurement times on one clock: zero, ahead, late, jumping, drifting.
 
-The age of a sample is its arrival less its stamp. Ages of topics of one clock differ by what they
-were on the way; a topic whose stamps arrive younger than the IMU's was stamped in the future.
+A sample's age is its arrival time minus its stamp. The ages of topics on one clock differ only by
+their transport times; a topic that is younger on arrival than the IMU has stamps in the future.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ _DELAYED = {
     "gps/fix": (Source.GPS_POSITION, "gps.delay_s"),
     "gps/vel": (Source.GPS_VELOCITY, "gps.delay_s"),
 }
-#: Seconds that must agree.
+#: Number of one-second medians that must agree.
 _WINDOWS = 3
-#: Transport differs by some hundredths; at 3 m/s a tenth is 30 cm.
+#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
 _AHEAD_S = -0.1
 _STEP_S = 0.15
 _DRIFT_S = 0.1
-_LEAST_DRIFTING = 30  # seconds
+_LEAST_DRIFTING = 30  # seconds of data before a drift is reported
 _SECOND_NS = 1_000_000_000
-#: An IMU that has been silent for longer has no age.
+#: After a longer silence the IMU's age is not used.
 _OLD_NS = 500_000_000
 
 
 class StampChecks:
-    """Compares the age of every aid with that of the IMU's newest sample, second by second."""
+    """Compare the age of every aid with that of the IMU's newest sample, second by second."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._max_delay_s = config.max_delay_s
@@ -45,16 +45,16 @@ class StampChecks:
         self._delay_ns = {
             topic: delays.aid_ns[source] - delays.imu_ns for topic, (source, _) in _DELAYED.items()
         }
-        # of each topic: when its second began, and its ages since then
+        # for each topic: the start of its present second, and its relative ages since then
         self._second: dict[str, tuple[int, list[int]]] = {}
-        # of each topic: medians of the newest seconds, s
+        # for each topic: medians of the newest seconds, s
         self._against: dict[str, deque[float]] = {}
         self._first: dict[str, float] = {}
         self._number: dict[str, int] = {}
         self._jumped: dict[str, float] = {}
 
     def take(self, topic: str, stream: Stream, imu: Stream) -> None:
-        """Take the newest sample of an aid, which ``stream`` has counted."""
+        """Take the newest sample of an aid, already counted by ``stream``."""
         if topic not in _DELAYED or stream.arrived_ns - imu.arrived_ns > _OLD_NS:
             return
         begin_ns, ages = self._second.setdefault(topic, (stream.arrived_ns, []))
@@ -77,10 +77,10 @@ class StampChecks:
         apart = statistics.median(after) - statistics.median(before)
         if max(max(a) - min(a) for a in (before, after)) < 0.3 * abs(apart) > 0.3 * _STEP_S:
             self._jumped[topic] = apart
-            self._first[topic] = after[-1]  # a drift is counted from here
+            self._first[topic] = after[-1]  # a drift is measured from here
 
     def findings(self, streams: Mapping[str, Stream]) -> list[Finding]:
-        """Return what is wrong with the stamps of ``streams``, one finding of a kind."""
+        """Return what is wrong with the stamps of ``streams``, one finding for each fault."""
         recent = {t: list(a)[-_WINDOWS:] for t, a in self._against.items() if len(a) >= _WINDOWS}
         ahead = {t: max(a) for t, a in recent.items() if max(a) < _AHEAD_S}
         late = {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s}
@@ -107,12 +107,15 @@ class StampChecks:
 
 
 def _unstamped(streams: Mapping[str, Stream], delayed: Collection[str]) -> list[Finding]:
-    """Of topics whose delay is ``delayed``, it is as it should be with such a driver."""
+    """Return the finding on zero stamps, only a note if all such topics are ``delayed``.
+
+    ``delayed`` are the topics with a configured delay, which such a driver needs.
+    """
     counts = {t: s for t, s in streams.items() if s.unstamped >= 3}
     if not counts:
         return []
-    told = ", ".join(f"{t} ({s.unstamped} of {s.count})" for t, s in counts.items())
-    evidence = f"stamps are 0: {told}; the time of arrival is taken"
+    listed = ", ".join(f"{t} ({s.unstamped} of {s.count})" for t, s in counts.items())
+    evidence = f"stamps are 0: {listed}; the time of arrival is taken"
     mend = "let the driver stamp with the time of measurement, or set the delay to arrival"
     look = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
     names = sorted({look[topic] for topic in counts if topic in look})

@@ -1,24 +1,25 @@
-"""What the stamps and arrivals of one topic look like: rate, gaps, order, age."""
+"""Track the stamps and arrivals of one topic: rate, gaps, order, age."""
 
 from __future__ import annotations
 
-#: Samples after which a rate is one.
+#: Number of steps from which a rate is computed.
 _LEAST_NUMBER = 8
 
 
 class Stream:
-    """Follows one topic; a sample costs less than 1 us."""
+    """Track one topic; a sample costs less than 1 us."""
 
     def __init__(self, longest_step_s: float) -> None:
         self._longest_ns = round(longest_step_s * 1e9)
-        self.count = self.unstamped = self.back = 0  # samples; with stamp 0; not after the last
-        self.gaps = self.longest_ns = 0  # steps beyond longest_step_s
+        # samples; samples with stamp 0; stamps that are not later than the one before
+        self.count = self.unstamped = self.back = 0
+        self.gaps = self.longest_ns = 0  # steps longer than longest_step_s
         self.newest_ns = self.arrived_ns = 0
-        self.age_ns = 0  # arrival less stamp of the newest
-        self._flowing_ns = self._steps = 0  # of steps that are no gaps
+        self.age_ns = 0  # arrival minus stamp of the newest sample
+        self._flowing_ns = self._steps = 0  # over the steps that are not gaps
 
     def add(self, stamp_ns: int, arrival_ns: int) -> None:
-        """Take the next sample to come; one without a stamp counts as measured at arrival."""
+        """Take the next sample to arrive; one with stamp 0 gets its arrival time."""
         if stamp_ns == 0:
             self.unstamped += 1
             stamp_ns = arrival_ns
@@ -40,5 +41,5 @@ class Stream:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the mean rate but for gaps; None of too few samples."""
+        """Return the mean rate without gaps, Hz; None with too few samples."""
         return self._steps / (self._flowing_ns * 1e-9) if self._steps >= _LEAST_NUMBER else None

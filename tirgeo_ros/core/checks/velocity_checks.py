@@ -1,7 +1,7 @@
-"""Whether a receiver's velocity is the change of its positions: its axes, signs, unit.
+"""Check that a receiver's velocity is the derivative of its positions: axes, signs, unit.
 
-Ways over some seconds by positions and by velocities are compared under each exchange of axes
-that drivers make: the sums of products tell what every one of them would leave.
+Mean velocities over some seconds, by positions and by velocities, are compared under each
+exchange of axes that drivers make. Sums of products give the residual of every exchange.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from tirgeo_ros.core.types.measurements import VelocitySample
 
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
 _KEPT = 1 - 1 / 60
-#: Ways that tell: of positions whose errors over a second are some decimetres at most.
+#: Least rms speed, well above that of position errors of some decimetres, and number of intervals.
 _LEAST_M_S, _LEAST_NUMBER = 1.0, 4
-#: Part of the squares that is left under a wrong and under a right explanation.
+#: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
 _SCALES = {3.6: "km/h", 1.94384: "knots", 100.0: "cm/s", 3.28084: "ft/s"}
 _SCALE_ERROR = 0.15
@@ -27,7 +27,7 @@ _SCALE_ERROR = 0.15
 
 class _Exchange(NamedTuple):
     name: str
-    matrix: Array  # (2, 2): north and east of the message to what they are
+    matrix: Array  # (2, 2): from the message's north and east to the true ones
     mend: str
 
 
@@ -47,24 +47,24 @@ _EXCHANGES = tuple(
 
 
 class VelocityChecks:
-    """Hears one receiver's velocities, and positions (NED m of any plane) to compare with."""
+    """Compare one receiver's velocities with its positions (NED m of any plane)."""
 
     def __init__(self, topic: str, positions: str) -> None:
         self.topic, self.positions = topic, positions
-        self._begin: tuple[int, Array] | None = None  # a position
+        self._begin: tuple[int, Array] | None = None  # stamp and position of the interval's start
         self._velocities: list[tuple[int, Array]] = []  # since then
         self._number = 0.0
-        self._across = np.zeros((2, 2))  # [by positions, by velocities], (m/s)2
-        self._squares = np.zeros(2)  # horizontal: of both
-        self._vertical = np.zeros(3)  # of positions, of velocities, of both
+        self._across = np.zeros((2, 2))  # sums of products [position, velocity], (m/s)2
+        self._squares = np.zeros(2)  # horizontal sums of squares: positions, velocities
+        self._vertical = np.zeros(3)  # squares of positions, of velocities, and products
 
     def velocity(self, sample: VelocitySample) -> None:
-        """Take a velocity as it came."""
+        """Take a velocity as it arrived."""
         if len(self._velocities) < 400:
             self._velocities.append((sample.stamp_ns, sample.velocity_n))
 
     def position(self, stamp_ns: int, position_n: Array) -> None:
-        """Take a position (3,)."""
+        """Take a position (3,), NED, m."""
         if self._begin is None or not 0 < stamp_ns - self._begin[0] < _LONGEST_NS:
             self._restart(stamp_ns, position_n)
             return
@@ -90,7 +90,7 @@ class VelocityChecks:
         self._vertical = _KEPT * self._vertical + (a * a, b * b, a * b)
 
     def findings(self) -> list[Finding]:
-        """Return the fault of the horizontal axes, and that of the vertical one."""
+        """Return the fault of the horizontal axes combined with that of the vertical one."""
         if self._number < _LEAST_NUMBER:
             return []
         found = self._horizontal()
@@ -112,16 +112,18 @@ class VelocityChecks:
         likeness = [
             float(np.sum(self._across * e.matrix)) / math.sqrt(way * own) for e in _EXCHANGES
         ]
-        # With the best scale a part of 1 - likeness^2 of the squares is left.
+        # With the best scale, the share 1 - likeness^2 of the squares remains.
         left = [1 - max(one, 0.0) ** 2 for one in likeness]
         best = int(np.argmin(left))
         speeds = [math.sqrt(one / self._number) for one in (way, own)]
-        said = f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
+        speeds_text = (
+            f"{self.topic} says {speeds[1]:.1f} m/s, {self.positions} moves at {speeds[0]:.1f}"
+        )
         if left[0] > _WRONG and left[best] < _RIGHT:
-            told = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
+            correlations = f"correlation {likeness[best]:.2f}, else {likeness[0]:+.2f}"
             evidence = (
                 f"{self.topic} agrees with the changes of {self.positions} "
-                f"{_EXCHANGES[best].name} ({told})"
+                f"{_EXCHANGES[best].name} ({correlations})"
             )
             mend = _EXCHANGES[best].mend
             return Finding(self._name("axes"), Severity.STOP, evidence, self.topic, mend)
@@ -129,10 +131,10 @@ class VelocityChecks:
         if left[0] < _RIGHT and not 1 / 1.5 < ratio < 1.5:
             unit = [name for s, name in _SCALES.items() if abs(ratio / s - 1) < _SCALE_ERROR]
             mend = f"it is in {unit[0]}: send m/s" if unit else "send m/s"
-            return Finding(self._name("unit"), Severity.STOP, said, self.topic, mend)
+            return Finding(self._name("unit"), Severity.STOP, speeds_text, self.topic, mend)
         if left[best] > _WRONG:
             mend = "does it come of this receiver, of now, in ENU?"
-            return Finding(self._name("value"), Severity.STOP, said, self.topic, mend)
+            return Finding(self._name("value"), Severity.STOP, speeds_text, self.topic, mend)
         return None
 
     def _upside_down(self) -> Finding | None:

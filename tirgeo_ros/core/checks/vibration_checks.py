@@ -1,4 +1,4 @@
-"""How strongly the airframe shakes the IMU, and whether beyond its range."""
+"""Check how strongly the airframe shakes the IMU, and whether beyond its range."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import ImuSample
 
-#: One second in five is looked at.
+#: The vibration of one second in five is measured.
 _LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
 _LEAST_NUMBER = 3
-#: Densities over the configured ones: the filter takes such vibration in, with wider ellipses.
+#: Ratio of measured to configured noise density; the filter allows for it with larger covariances.
 _STRONG = 10.0
-#: Clipped samples that tell of more than one knock, and a part of all that spoils the filter.
+#: More clipped samples than one knock gives, and the share of samples that harms the filter.
 _LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
 
 
 class VibrationChecks:
-    """Hears every sample of the IMU; looks at one second in five."""
+    """Check every IMU sample for clipping, and one second in five for vibration."""
 
     def __init__(self, config: ImuConfig) -> None:
         self._known = np.array((*config.angle_random_walk, *config.velocity_random_walk))
@@ -31,11 +31,11 @@ class VibrationChecks:
         self._count = 0
         self._samples: list[ImuSample] = []
         self._begin_ns = 0
-        self._sums = np.zeros(6)  # of power densities of the seconds looked at
+        self._sums = np.zeros(6)  # of the power densities of the measured seconds
         self._number = 0
 
     def add(self, sample: ImuSample) -> None:
-        """Take the next sample, as it came."""
+        """Take the next sample, as it arrived."""
         self._count += 1
         since_ns = sample.stamp_ns - self._begin_ns
         if not 0 <= since_ns < _EVERY_NS:
@@ -51,11 +51,11 @@ class VibrationChecks:
                 self._number += 1
         x, y, z = sample.specific_force_b.tolist()
         p, q, r = sample.angular_rate_b.tolist()
-        if abs(x + y + z) + abs(p + q + r) < NO_NUMBER:  # nor is a NaN
+        if abs(x + y + z) + abs(p + q + r) < NO_NUMBER:  # false for nan
             self._clipping.add(sample)
 
     def findings(self) -> list[Finding]:
-        """Return the vibration, and the clipping."""
+        """Return the findings on vibration and on clipping."""
         found = []
         if self._number >= _LEAST_NUMBER:
             powers = (self._sums / self._number).tolist()
@@ -63,15 +63,15 @@ class VibrationChecks:
         counts = self._clipping.counts
         total = sum(counts.values())
         if total >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
-            told = ", ".join(f"{name} {number}" for name, number in counts.items())
-            evidence = f"imu/data is at the end of its range: {told} of {self._count} samples"
+            listed = ", ".join(f"{name} {number}" for name, number in counts.items())
+            evidence = f"imu/data is at the end of its range: {listed} of {self._count} samples"
             mend = "damp the IMU's mount or choose a larger range; balance the rotors"
             found.append(Finding("imu_clipping", Severity.CAUTION, evidence, "imu/data", mend))
         return found
 
 
 def _strong(measured: Array, known: Array) -> list[Finding]:
-    """Of densities (6,) of gyroscopes and accelerometers, rad/sqrt(s) and m/s/sqrt(s)."""
+    """Return a finding if densities (6,), rad/sqrt(s) and m/s/sqrt(s), are far above ``known``."""
     ratios = np.divide(measured, known, out=np.zeros(6), where=known > 0)
     if ratios.max() < _STRONG:
         return []

@@ -1,24 +1,28 @@
-"""From the body's pose and the gimbal's angles to the camera's pose, with its covariance.
+"""Compute the camera's pose and its covariance from the body's pose and the gimbal's angles.
 
-Two ways (Ren et al. 2022, section 3.4), and one that is both:
+There are three compositions. The first two are those of Ren et al. 2022, section 3.4; the third
+combines them.
 
 ``from_reported``
-    Equation 12: roll and pitch of the camera as the flight controller reports them, heading
-    psi_EKF + psi_coder, where psi_coder is the reported camera heading less the autopilot's own of
-    the same instant. That is the reported rotation turned about the vertical by
-    psi_EKF - psi_autopilot, the form used here: it also holds where the camera looks straight
-    down and its roll and heading are not defined. The gimbal's north may be off the autopilot's
-    by a bias, which is taken out; what it is not known to goes into the covariance.
+    Equation 12: roll and pitch of the camera are those that the flight controller reports. The
+    heading is psi_EKF + psi_coder, where psi_coder is the reported camera heading minus the
+    autopilot's heading at the same instant. This equals the reported rotation turned about the
+    vertical by psi_EKF - psi_autopilot, which is the form used here: it also holds where the
+    camera looks straight down and its roll and heading are not defined. The gimbal's north may
+    differ from the autopilot's by a bias. The estimated bias is subtracted; its remaining
+    uncertainty goes into the covariance.
 ``from_joints``
     The whole chain: body attitude, then the encoder angles.
 ``from_computed``
-    The same chain with angles that no encoder saw: they are the rotation from the autopilot's
-    attitude to the reported one. So they are wrong by what those are: the gimbal's north is taken
-    out of them, and its uncertainty, that of the reported roll and pitch and that of the
-    autopilot's tilt go into the covariance. The last is not in ``from_reported``.
+    The same chain, with joint angles that no encoder measured: they are computed from the
+    rotation between the autopilot's attitude and the reported camera attitude, and so carry the
+    errors of both. The bias of the gimbal's north is subtracted. The covariance includes the
+    uncertainty of that bias, of the reported roll and pitch, and of the autopilot's tilt.
+    ``from_reported`` does not include the autopilot's tilt.
 
-Errors are ``phi_n`` as in the charter. The camera's are linear in the body's position error,
-the body's phi_n and the gimbal's angle errors, so its covariance follows from Jacobians.
+Attitude errors are ``phi_n`` as in the charter. The camera's errors are linear in the body's
+position error, the body's phi_n and the gimbal's angle errors, so its covariance follows from
+the Jacobians.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import USUAL_ORDER, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
-#: Smallest horizontal part of the nose's direction from which a heading is taken.
+#: Smallest horizontal component of the nose's unit vector at which the heading is defined.
 _LEAST_HORIZONTAL = 1e-3
 _IDENTITY = np.eye(6)
 _DOWN_N = np.array([[0.0], [0.0], [1.0]])
@@ -53,19 +57,19 @@ _AXES_N = np.eye(3)
 
 @dataclass(frozen=True)
 class Mount:
-    """How the camera hangs from the aircraft, and how well the gimbal's angles are known."""
+    """Hold how the camera is mounted on the aircraft, and the variances of the gimbal's angles."""
 
-    lever_arm_b: Array  # (3,) pivot from the IMU, m
-    camera_offset_g: Array  # (3,) camera from the pivot, m
-    q_gc: Array  # (4,) optical frame to the gimbal's camera axes, with the boresight
+    lever_arm_b: Array  # (3,) from the IMU to the gimbal's pivot, m
+    camera_offset_g: Array  # (3,) from the pivot to the camera, m
+    q_gc: Array  # (4,) from the optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
-    tilt_variance: float  # the autopilot's own attitude about north and east, each, rad2
+    tilt_variance: float  # the autopilot's attitude about north and about east, each, rad2
     joint_order: str = USUAL_ORDER
 
     @classmethod
     def from_config(cls, config: GimbalConfig) -> Mount:
-        """Return the mount that a gimbal's parameters describe."""
+        """Return the mount described by a gimbal's parameters."""
         return cls(
             config.aircraft.pivot_lever_b,
             config.aircraft.camera_from_pivot_g,
@@ -78,7 +82,7 @@ class Mount:
 
 
 def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose:
-    """Return the camera's pose by the body's attitude and the encoders."""
+    """Return the camera's pose from the body's attitude and the encoder angles."""
     q_nb: Quaternion = tuple(body.q_nb.tolist())
     rotation_nb = rotation_of(q_nb)
     q_bg, axes_b = chain(joints, mount.joint_order)
@@ -89,7 +93,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
 
 @dataclass(frozen=True, slots=True)
 class NorthBias:
-    """By what the reported camera heading is too large beside the autopilot's."""
+    """Hold the reported camera heading's bias relative to the autopilot's heading."""
 
     bias_rad: float = 0.0
     variance: float = 0.0  # rad2
@@ -98,10 +102,10 @@ class NorthBias:
 def from_computed(
     mount: Mount, body: BodyPose, joints: JointSample, north: NorthBias
 ) -> CameraPose:
-    """Return the camera's pose by the body's attitude and joints computed from reported ones.
+    """Return the camera's pose from the body's attitude and the computed joint angles.
 
-    The bias is taken out about the vertical, where it is; about the joint's axis it would tilt
-    the picture of a body that is not level.
+    The bias is subtracted by a rotation about the vertical, because the error is a heading
+    error. A rotation about the yaw joint's axis would tilt the picture when the body is not level.
     """
     q_nb: Quaternion = tuple(body.q_nb.tolist())
     q_bg, _ = chain(joints)
@@ -125,11 +129,12 @@ def from_reported(
     reported: CameraAttitudeSample,
     north: NorthBias,
 ) -> CameraPose | None:
-    """Return the camera's pose by Equation 12, ``autopilot_q_nb`` (4,) of the same instant.
+    """Return the camera's pose by Equation 12, or None where a heading is not defined.
 
-    The reported attitude is level at the aircraft, the result in the map's plane; they differ
-    by the distance from the origin over the earth's radius, 0.009 deg in each km.
-    None where body or autopilot point straight up or down and have no heading.
+    ``autopilot_q_nb`` (4,) is the autopilot's attitude at the same instant. The reported attitude
+    refers to the tangent plane at the aircraft, the result to the map's tangent plane. They
+    differ by the distance from the origin divided by the earth's radius, 0.009 deg per km.
+    None if the body's or the autopilot's nose points straight up or down.
     """
     rotation_nb = rotation_of(tuple(body.q_nb.tolist()))
     nose = np.array(rotation_nb[0::3])
@@ -152,21 +157,21 @@ def _has_heading(nose_n: Array) -> bool:
 
 
 def heading_row(nose_n: Array) -> Array:
-    """(3,) derivative of the heading by phi_n, where ``nose_n`` (3,) is the body's x axis.
+    """Return the (3,) derivative of the heading by phi_n; ``nose_n`` (3,) is the body's x axis.
 
-    Equation 9's last row: [tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1].
+    This is the last row of Equation 9: [tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1].
     """
     x, y, z = nose_n
     return np.asarray(np.array([-z * x, -z * y, x * x + y * y]) / (x * x + y * y))
 
 
 def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
-    """(3, 2) the axes about which Euler roll and pitch turn the camera."""
+    """Return the axes (3, 2), in NED, about which Euler roll and pitch turn the camera."""
     forward = rotation_ng[:, 0]
     if _has_heading(forward):
         across = np.array([-forward[1], forward[0], 0.0]) / np.hypot(forward[0], forward[1])
     else:
-        across = rotation_ng[:, 1]  # the right side, level within the same small angle
+        across = rotation_ng[:, 1]  # the camera's right side, level to the same small angle
     return np.stack([forward, across], 1)
 
 
@@ -179,10 +184,11 @@ def _camera_pose(
     axes_n: Array,
     variances: Array,
 ) -> CameraPose:
-    """Assemble the pose, where phi_n of the camera = ``from_phi`` phi_n + ``axes_n`` angles.
+    """Assemble the pose, where the camera's phi_n = ``from_phi`` phi_n + ``axes_n`` angle errors.
 
-    ``from_phi`` (3, 3), None for the unit matrix; ``axes_n`` (3, k) with the k angles'
-    ``variances``, rad2. In scalars where it can be: it runs at every sample of the gimbal.
+    ``from_phi`` is (3, 3), None for the identity. ``axes_n`` (3, k) are the axes of k angles with
+    ``variances`` (k,), rad2. Scalars are used where possible because this runs for every gimbal
+    sample.
     """
     a, b, c = rotate(rotation_nb, tuple(mount.lever_arm_b.tolist()))
     x, y, z = rotate(rotation_of(q_ng), tuple(mount.camera_offset_g.tolist()))

@@ -1,16 +1,17 @@
-"""Camera poses from gimbal samples, each at its own instant.
+"""Compose camera poses from gimbal samples, each at the sample's own time stamp.
 
-A gimbal sample waits until the body poses on both sides of its stamp are there, then the camera's
-pose is composed (``tirgeo_ros.core.gimbal.camera_pose``) with the body's between them. Nothing is
-extrapolated: a sample that waits too long or falls into a gap is dropped and counted.
+A gimbal sample waits until there are body poses before and after its stamp. Then the camera's pose
+is composed (``tirgeo_ros.core.gimbal.camera_pose``) with the interpolated body pose. Nothing is
+extrapolated: a sample that waits too long, or that falls into a gap, is dropped and counted.
 
-The reported attitudes also show how far the gimbal's north is off the autopilot's, where they can
-(``tirgeo_ros.core.gimbal.yaw_bias_measurements``): with a body pose or without.
+The reported attitudes also measure the bias of the gimbal's north relative to the autopilot's
+(``tirgeo_ros.core.gimbal.yaw_bias_measurements``). No body pose is needed for that.
 
-Joints may be computed from the reported attitudes (``JointSample.computed``). They drive as
-encoders' do, but they are no second witness: beside the reported attitudes they would always show
-a north without bias, so they are not read for it. What a centred gimbal shows is in them as it is
-in the reported attitudes, and is read.
+Joints may be computed from the reported attitudes (``JointSample.computed``). They give camera
+poses as encoder angles do, but they are not an independent measurement: compared with the reported
+attitudes they would always show a bias of zero. So they are never compared with them. A centred
+gimbal, however, shows its bias in computed joints as well as in reported attitudes, and that
+measurement is used.
 """
 
 from __future__ import annotations
@@ -43,25 +44,25 @@ _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 
 
 @dataclass(frozen=True, slots=True)
-class _Lack:
-    """Why a gimbal sample has no camera pose, and whether it may have one later."""
+class _NoPose:
+    """Hold why a gimbal sample has no camera pose, and whether it may get one later."""
 
     reason: str
     may_come: bool = False
 
     @classmethod
-    def of(cls, what: str, miss: Miss) -> _Lack:
+    def of(cls, what: str, miss: Miss) -> _NoPose:
         return cls(f"{what}_{miss.value}", miss in _MAY_COME)
 
 
 class GimbalComposer:
-    """Gimbal samples and body poses in, in any order of arrival; camera poses out.
+    """Compose camera poses from gimbal samples and body poses that arrive in any order.
 
-    Each ``add_`` returns the camera poses that became possible, one per gimbal sample, in order
-    of their stamps. With ``composition: auto`` joint angles drive while they arrive steadily, and
-    the reported attitude else. Where both arrive, they show the gimbal's north, so that it is
-    known when joints fall silent. Computed joints have the covariance and the north of reported
-    attitudes.
+    Each ``add_`` method returns the camera poses that became possible, one per gimbal sample, in
+    order of their stamps. With ``composition: auto`` the joint angles are used while they arrive
+    steadily, and the reported attitude otherwise. While both arrive, they measure the bias of the
+    gimbal's north, so that it is known when the joints stop. Computed joints use the covariance
+    and the north bias of reported attitudes.
     """
 
     def __init__(self, config: GimbalConfig) -> None:
@@ -69,7 +70,7 @@ class GimbalComposer:
         self._choice = config.composition
         self._yaw_zero_rad = config.yaw_zero_rad
         self._by_joints = config.composition == "encoders"
-        self._computed = False  # the newest joints
+        self._computed = False  # of the newest joints
         self._max_wait_ns = round(config.max_wait_s * 1e9)
         span_s = _HISTORY_S + config.max_wait_s
         self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s, config.max_gap_s)
@@ -86,25 +87,25 @@ class GimbalComposer:
 
     @property
     def composition(self) -> str:
-        """The composition in use now: ``encoders`` or ``paper``."""
+        """Return the composition in use now: ``encoders`` or ``paper``."""
         return "encoders" if self._by_joints else "paper"
 
     @property
     def sees_joints(self) -> bool:
-        """Whether angles drive now that an encoder saw."""
+        """Return whether the poses now come from joint angles that an encoder measured."""
         return self._by_joints and not self._computed
 
     @property
     def counts(self) -> dict[str, int]:
-        """What became of the samples so far.
+        """Return how many samples had each outcome so far; zeros are left out.
 
-        ``composed``; of the gimbal samples dropped: ``invalid``, ``repeated``, ``unused`` (of the
-        topic that does not drive), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
-        of a Miss; ``went_back`` for gimbal stamps that cleared those waiting; ``body_invalid``,
-        ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for the others;
-        ``joints_computed``, how many joints no encoder saw;
-        ``joints_steady`` and ``joints_silent``, how often ``auto`` went over to joints and back;
-        ``north_used``, ``north_refused`` and ``north_reset`` of the readings of the north.
+        ``composed``; for dropped gimbal samples: ``invalid``, ``repeated``, ``unused`` (of the
+        topic that is not in use), ``no_heading``, and ``body_`` or ``autopilot_`` with the name
+        of a Miss; ``went_back`` for gimbal stamps that cleared the waiting samples;
+        ``body_invalid``, ``body_went_back``, ``autopilot_invalid``, ``autopilot_went_back`` for
+        the other inputs; ``joints_computed``, the joints that no encoder measured;
+        ``joints_steady`` and ``joints_silent``, how often ``auto`` changed to joints and back;
+        ``north_used``, ``north_refused`` and ``north_reset`` for the measurements of the north.
         """
         found = Counter(self._counts)
         found["north_used"] = self._north.updates
@@ -117,18 +118,18 @@ class GimbalComposer:
 
     @property
     def north(self) -> NorthBias:
-        """The bias of the gimbal's north at the newest sample.
+        """Return the bias of the gimbal's north at the newest sample.
 
-        It is taken out of reported attitudes (``paper``) and of joints computed from them.
+        It is subtracted from reported attitudes (``paper``) and from joints computed from them.
         """
         return NorthBias(self._north.bias_rad, self._north.variance)
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """What the composer says of itself: the counts, and the north where it may be used.
+        """Return the diagnostics: the counts, and the north bias where it may be used.
 
-        ``joints`` says that the joints are computed ones, ``body_invalid_because`` what was wrong
-        with the newest body pose that was refused.
+        ``joints`` is present if the joints are computed; ``body_invalid_because`` is the fault of
+        the newest refused body pose.
         """
         found = {name: str(number) for name, number in self.counts.items()}
         if self._bodies.fault:
@@ -141,14 +142,14 @@ class GimbalComposer:
         return found
 
     def add_body(self, pose: BodyPose) -> list[CameraPose]:
-        """Take a pose of the body."""
+        """Add a body pose and return the camera poses that became possible."""
         if not self._bodies.add(pose):
             return []
-        self._mind_silence(pose.stamp_ns)
+        self._check_joint_silence(pose.stamp_ns)
         return self._resolve()
 
     def add_autopilot(self, stamp_ns: int, q_nb: Array) -> list[CameraPose]:
-        """Take the autopilot's own attitude (4,), which the composition ``paper`` needs."""
+        """Add the autopilot's attitude (4,), which the composition ``paper`` needs."""
         if self._choice == "encoders":
             return []
         if not usable_attitude(q_nb):
@@ -159,7 +160,7 @@ class GimbalComposer:
         return self._resolve() if waits else []
 
     def add_joints(self, sample: JointSample) -> list[CameraPose]:
-        """Take the encoders' angles; the zero of yaw is taken out of those that one saw."""
+        """Add joint angles; the yaw zero is subtracted from angles that an encoder measured."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         if joints_fault(angles):
             self._counts["invalid"] += 1
@@ -176,19 +177,19 @@ class GimbalComposer:
         return self._take(sample, drives=self._by_joints)
 
     def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
-        """Take the camera attitude that the flight controller reports."""
+        """Add the camera attitude that the flight controller reports."""
         if not usable_attitude(sample.q_ng):
             self._counts["invalid"] += 1
             return []
-        self._mind_silence(sample.stamp_ns)
+        self._check_joint_silence(sample.stamp_ns)
         return self._take(sample, drives=not self._by_joints)
 
-    def _mind_silence(self, stamp_ns: int) -> None:
+    def _check_joint_silence(self, stamp_ns: int) -> None:
         if self._choice == "auto" and self._presence.gone(stamp_ns):
             self._drive_by(joints=False)
 
     def _drive_by(self, *, joints: bool) -> None:
-        """The other stream drives from here on, with what comes after the newest of this one."""
+        """Switch to the other stream, from the newest stamp of the present stream onwards."""
         self._by_joints = joints
         self._counts["joints_steady" if joints else "joints_silent"] += 1
         self._handover_ns = self._newest_ns
@@ -210,7 +211,7 @@ class GimbalComposer:
         return self._resolve()
 
     def _is_before_handover(self, stamp_ns: int) -> bool:
-        """Whether the stream before has given, or will give, the pose of this time."""
+        """Return whether the previous stream has given, or will give, the pose of this time."""
         if self._handover_ns is None:
             return False
         if 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns:
@@ -246,7 +247,7 @@ class GimbalComposer:
         self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
 
     def _read_centred(self, sample: JointSample) -> None:
-        """What computed joints show of a centred gimbal's north; the angle has no other in it."""
+        """Measure a centred gimbal's north from computed joints; the body's heading cancels."""
         if not (sample.computed and self._centred):
             return
         body = self._bodies.at(sample.stamp_ns)
@@ -259,10 +260,10 @@ class GimbalComposer:
         newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
         return newest_ns - stamp_ns > self._max_wait_ns
 
-    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _Lack:
+    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _NoPose:
         body = self._bodies.at(sample.stamp_ns)
         if isinstance(body, Miss):
-            return _Lack.of("body", body)
+            return _NoPose.of("body", body)
         if isinstance(sample, JointSample):
             if not sample.computed:
                 return from_joints(self._mount, body, sample)
@@ -270,7 +271,7 @@ class GimbalComposer:
             return from_computed(self._mount, body, sample, self.north)
         autopilot = self._autopilot.around(sample.stamp_ns)
         if isinstance(autopilot, Miss):
-            return _Lack.of("autopilot", autopilot)
+            return _NoPose.of("autopilot", autopilot)
         self._north.advance(sample.stamp_ns)
         pose = from_reported(self._mount, body, slerp(*autopilot), sample, self.north)
-        return pose if pose is not None else _Lack("no_heading")
+        return pose if pose is not None else _NoPose("no_heading")

@@ -1,8 +1,8 @@
-"""A gimbal's joints: three angles, one about each body axis, and the order of their chain.
+"""Convert between a gimbal's three joint angles and its rotation, for each order of the joints.
 
-Yaw turns about z, roll about x, pitch about y, each in the axes that the joints before it have
-turned. The order names them from the aircraft to the camera: most thermal gimbals are
-``yaw-roll-pitch``. Angles stand as yaw, roll, pitch in arrays, whatever the order.
+Yaw turns about z, roll about x and pitch about y, each in the axes as turned by the joints before
+it. The order names the joints from the aircraft to the camera: most thermal gimbals are
+``yaw-roll-pitch``. In arrays the angles are always yaw, roll, pitch, whatever the order.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from tirgeo_ros.core.types.measurements import JOINT_ORDERS, JOINTS, USUAL_ORDER
 
 
 def _axis(joint: int) -> int:
-    """The axis 0 x, 1 y, 2 z of joint 0 yaw, 1 roll, 2 pitch."""
+    """Return the axis (0 x, 1 y, 2 z) of a joint (0 yaw, 1 roll, 2 pitch)."""
     return (joint + 2) % 3
 
 
-#: By order: its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
+#: For each order, its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
 _CHAINS = {order: tuple(JOINTS.index(name) for name in order.split("-")) for order in JOINT_ORDERS}
 
 
 def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Array]:
-    """``q_bg`` of the three turns in their order, and the joints' axes in ``b`` as columns.
+    """Return ``q_bg`` of the three turns in their order, and the joints' axes in ``b``.
 
-    The columns (3, 3) are those of yaw, roll, pitch.
+    The axes (3, 3) are columns in the order yaw, roll, pitch.
     """
     first, middle, last = _CHAINS[order]
     q_first, q_both, q_bg = _turns(joints, order)
@@ -41,12 +41,12 @@ def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Ar
 
 
 def camera_turn(joints: JointSample, order: str = USUAL_ORDER) -> Array:
-    """``q_bg`` (4,) of the three turns in their order."""
+    """Return ``q_bg`` (4,) of the three turns in their order."""
     return np.array(_turns(joints, order)[2])
 
 
 def _turns(joints: JointSample, order: str) -> tuple[Quaternion, Quaternion, Quaternion]:
-    """The rotations by the first joint, by the first two and by all."""
+    """Return the rotations by the first joint, by the first two, and by all three."""
     angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
     first, middle, last = (_turn(joint, angles[joint]) for joint in _CHAINS[order])
     both = hamilton(first, middle)
@@ -59,11 +59,11 @@ def _turn(joint: int, angle_rad: float) -> Quaternion:
 
 
 def joint_angles(rotation_bg: Array, order: str = USUAL_ORDER) -> Array:
-    """Yaw, roll, pitch (..., 3) that make ``R_bg`` (..., 3, 3) in their order.
+    """Return yaw, roll, pitch (..., 3) of a rotation ``R_bg`` (..., 3, 3), for a joint order.
 
-    The middle joint's is in [-pi/2, pi/2]. The last is what is left of the matrix once the first
-    is taken out. So the three give the matrix again with the middle one at 90 deg too, where the
-    others turn about one axis.
+    The middle joint's angle is in [-pi/2, pi/2]. The last angle is computed from the matrix with
+    the first turn removed. So the three angles reproduce the matrix even with the middle joint
+    at 90 deg, where the other two turn about the same axis.
     """
     m = np.asarray(rotation_bg, float)
     joints = _CHAINS[order]

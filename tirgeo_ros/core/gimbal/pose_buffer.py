@@ -1,8 +1,8 @@
-"""Poses of the last few seconds, and the pose at any instant between two of them.
+"""Hold the poses of the last few seconds and interpolate between them.
 
-Between two poses the position and the covariance go linearly and the attitude along the shortest
-arc. Outside them, and across a gap that is too wide, there is no pose but a reason: no pose is
-extrapolated here.
+Between two poses, position and covariance are interpolated linearly, and the attitude along the
+shortest arc. Outside them, and across a gap that is too wide, the result is a reason instead of a
+pose: nothing is extrapolated here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ P = TypeVar("P", BodyPose, CameraPose)
 
 
 class Miss(Enum):
-    """Why there is nothing at an instant; the value is its name in diagnostics."""
+    """Name why there is nothing at an instant; the value is its name in diagnostics."""
 
     EMPTY = "empty"  # nothing has come yet
     TOO_OLD = "too_old"  # before the oldest entry that is kept
@@ -30,10 +30,10 @@ class Miss(Enum):
 
 
 class StampedHistory(Generic[T]):
-    """Entries in order of their stamps, of the newest ``span_s`` seconds.
+    """Hold entries in order of their stamps, those of the newest ``span_s`` seconds.
 
-    A stamp that goes back (a new bag, a clock that was set) clears what was there and is counted
-    in ``went_back``; an entry with the newest one's stamp takes its place.
+    A stamp that goes back (a new bag, a clock that was set) clears the history and is counted in
+    ``went_back``. An entry with the stamp of the newest one replaces it.
     """
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
@@ -49,16 +49,16 @@ class StampedHistory(Generic[T]):
 
     @property
     def newest_ns(self) -> int | None:
-        """The newest entry's stamp."""
+        """Return the newest entry's stamp, or None."""
         return self._stamps[-1] if self._stamps else None
 
     def clear(self) -> None:
-        """Forget every entry; ``went_back`` stays."""
+        """Remove every entry; keep ``went_back``."""
         self._stamps.clear()
         self._entries.clear()
 
     def put(self, stamp_ns: int, entry: T) -> None:
-        """Take an entry, forgetting what is older than the span."""
+        """Add an entry and remove those that are older than the span."""
         if self._stamps and stamp_ns < self._stamps[-1]:
             self.went_back += 1
             self.clear()
@@ -75,15 +75,15 @@ class StampedHistory(Generic[T]):
             del self._stamps[:old], self._entries[:old]
 
     def latest(self, span_s: float) -> list[T]:
-        """The entries of the last ``span_s`` seconds up to the newest one, in order."""
+        """Return the entries of the last ``span_s`` seconds up to the newest one, in order."""
         if not self._stamps:
             return []
         return self._entries[bisect_left(self._stamps, self._stamps[-1] - round(span_s * 1e9)) :]
 
     def around(self, stamp_ns: int) -> tuple[T, T, float] | Miss:
-        """The entries before and after an instant and where it lies between them, 0 to 1.
+        """Return the entries before and after an instant, and the fraction between them, 0 to 1.
 
-        At an entry's own stamp both are that entry.
+        At an entry's own stamp both are that entry. Return a Miss where there are none.
         """
         if not self._stamps:
             return Miss.EMPTY
@@ -105,11 +105,11 @@ class StampedHistory(Generic[T]):
 
 
 class PoseHistory(Generic[P]):
-    """Body or camera poses of the newest ``span_s`` seconds.
+    """Hold body or camera poses of the newest ``span_s`` seconds.
 
     ``max_gap_s`` is the longest time between two poses that is interpolated across. ``invalid``
-    counts the poses that were refused, ``fault`` says why the newest of them was; ``went_back``
-    counts the stamps that made it start again.
+    counts the refused poses, ``fault`` is the reason for the newest refusal, and ``went_back``
+    counts the stamps that cleared the history.
     """
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
@@ -124,24 +124,24 @@ class PoseHistory(Generic[P]):
 
     @property
     def went_back(self) -> int:
-        """How often a stamp earlier than the newest one cleared the history."""
+        """Return how often a stamp earlier than the newest one cleared the history."""
         return self._history.went_back
 
     @property
     def newest_ns(self) -> int | None:
-        """The newest pose's stamp."""
+        """Return the newest pose's stamp, or None."""
         return self._history.newest_ns
 
     def latest(self, span_s: float) -> list[P]:
-        """The poses of the last ``span_s`` seconds up to the newest one, in order."""
+        """Return the poses of the last ``span_s`` seconds up to the newest one, in order."""
         return self._history.latest(span_s)
 
     def clear(self) -> None:
-        """Forget every pose; the counts stay."""
+        """Remove every pose; keep the counts."""
         self._history.clear()
 
     def add(self, pose: P) -> bool:
-        """Take a pose; False, and counted with the reason, if it cannot be one (``validity``)."""
+        """Add a pose; return False, and count it with its fault, if it is not a valid pose."""
         fault = pose_fault(pose.position_n, attitude_of(pose), pose.covariance)
         if fault:
             self.invalid += 1
@@ -151,7 +151,7 @@ class PoseHistory(Generic[P]):
         return True
 
     def at(self, stamp_ns: int) -> P | Miss:
-        """The pose at an instant, or the reason why there is none."""
+        """Return the pose at an instant, or the reason why there is none."""
         found = self._history.around(stamp_ns)
         if isinstance(found, Miss):
             return found
@@ -160,12 +160,12 @@ class PoseHistory(Generic[P]):
 
 
 def attitude_of(pose: BodyPose | CameraPose) -> Array:
-    """``q_nb`` of a body pose, ``q_nc`` of a camera pose."""
+    """Return ``q_nb`` of a body pose or ``q_nc`` of a camera pose."""
     return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
 
 
 def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:
-    """A mean of two covariances, weights 0 to 1, is again a covariance."""
+    """Interpolate between two poses; a weighted mean of two covariances is a covariance."""
     return type(start)(
         stamp_ns,
         start.position_n + fraction * (end.position_n - start.position_n),

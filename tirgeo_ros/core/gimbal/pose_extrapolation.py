@@ -1,8 +1,8 @@
-"""The camera's pose a little after the newest one that is known.
+"""Extrapolate the camera's pose to a short time after the newest known pose.
 
-The newest pose goes on at the rates, linear and angular, of a straight line through the last
-tenth of a second. How far that misses is measured, not assumed: the poses of the last second are
-predicted in the same way from those before them.
+The newest pose continues at constant linear and angular rates, which are the slopes of a straight
+line fitted to the last tenth of a second. The extrapolation error is measured, not assumed: the
+poses of the last second are predicted in the same way from the poses before them.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: The line's length, and the least that a line needs. On simulated flights a shorter one hands on
-#: the poses' noise (a predicted attitude is twice as wrong with 20 ms as with 100 ms), a longer
-#: one lags behind turns.
+#: The length of the fitted line, and the least span that a fit needs. On simulated flights a
+#: shorter line passes on the poses' noise (with 20 ms a predicted attitude is twice as wrong as
+#: with 100 ms); a longer line lags behind turns.
 FIT_S, _LEAST_FIT_S = 0.1, 0.05
-#: Poses of this long are predicted to see by how much the prediction misses.
+#: The poses of this time span are predicted to measure the extrapolation error.
 TRIAL_S = 1.0
 _FEWEST_TRIALS = 5
-#: The least that is assumed of a manoeuvre's beginning, which no look back can see: standard
-#: deviations of the camera's acceleration (m/s2) and angular acceleration (rad/s2), those of an
-#: aircraft that corrects its course in light wind.
+#: The least manoeuvre that is assumed to begin after the newest pose, where no past pose shows it:
+#: standard deviations of the camera's acceleration (m/s2) and angular acceleration (rad/s2), those
+#: of an aircraft that corrects its course in light wind.
 _ACCELERATION, _ANGULAR_ACCELERATION = 0.5, 0.2
 _ROUNDING_S = 1e-9
 
 
 def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> CameraPose | None:
-    """The pose at a time after the last of ``poses``, which are in order of their stamps.
+    """Return the pose at a stamp after the last of ``poses``, which are in order of their stamps.
 
-    Its covariance is the last pose's and that of the prediction itself. None where the poses after
-    the last gap of more than ``max_gap_s`` do not span half a tenth of a second.
+    Its covariance is the last pose's plus that of the extrapolation. None if the poses after the
+    last gap longer than ``max_gap_s`` span less than 0.05 s.
     """
     poses = _unbroken(poses, max_gap_s)
     if len(poses) < 2:
@@ -56,7 +56,7 @@ def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> C
 
 
 def _unbroken(poses: Sequence[CameraPose], max_gap_s: float) -> Sequence[CameraPose]:
-    """Those after the last gap."""
+    """Return the poses after the last gap."""
     stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
     gaps = np.flatnonzero(np.diff(stamps) > max_gap_s * 1e9)
     return poses[int(gaps[-1]) + 1 :] if len(gaps) else poses
@@ -64,18 +64,18 @@ def _unbroken(poses: Sequence[CameraPose], max_gap_s: float) -> Sequence[CameraP
 
 @dataclass(frozen=True)
 class _Track:
-    """Where N poses were, and the rates at each."""
+    """Hold the positions and angles of N poses, and the fitted rates at each."""
 
-    times_s: Array  # (N,) up to the last
+    times_s: Array  # (N,) relative to the last pose
     places: Array  # (N, 6) position and angle in NED
-    rates: Array  # (N, 6) slopes of the lines that end there
+    rates: Array  # (N, 6) slopes of the lines that end at each pose
     is_fitted: BoolArray  # (N,) whether that line is long enough
 
     @classmethod
     def through(cls, poses: Sequence[CameraPose]) -> _Track:
-        """The angles are sums of the turns from each pose to the next.
+        """Return the track of poses; its angles are sums of the turns from each pose to the next.
 
-        Over a tenth of a second their differences are the turn itself, to the second order.
+        Over a tenth of a second their differences are the turn itself, to second order.
         """
         stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
         q_nc = np.array([pose.q_nc for pose in poses])
@@ -91,7 +91,7 @@ class _Track:
 
 
 def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
-    """Slopes (N, 6) of the lines fitted to ``places[first[k]]`` to ``places[k]``; 0 for one."""
+    """Return slopes (N, 6) of lines fitted to ``places[first[k]]`` to ``places[k]``; 0 for one."""
 
     def total(values: Array) -> Array:
         sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0)])
@@ -106,10 +106,11 @@ def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
 
 
 def _spread(track: _Track, ahead_s: float, covariance: Array) -> Array:
-    """(6, 6) mean square of what a prediction over ``ahead_s`` misses, never less than the floor.
+    """Return the (6, 6) mean square error of a prediction over ``ahead_s``, plus a floor.
 
-    The pose that it should have met is interpolated. With too few poses to see it, both ends of
-    the line are taken to be as wrong as the last pose may be, each for itself.
+    Each prediction is compared with the pose interpolated at its time. With too few poses to
+    compare, both ends of the line are assumed to have independent errors with the last pose's
+    covariance.
     """
     floor = np.repeat([_ACCELERATION, _ANGULAR_ACCELERATION], 3) * ahead_s**2 / 2
     spread = np.diag(floor**2)

@@ -1,18 +1,18 @@
-"""How far the gimbal's north is off the autopilot's, with its uncertainty.
+"""Estimate the bias of the gimbal's north relative to the autopilot's, with its uncertainty.
 
-A gimbal keeps a north of its own. The autopilot's changes (RTK that is switched on, a new home
-point) and the gimbal's does not follow: between them stand some degrees, which the composition
-``paper`` would take for a turned camera. The two states are
+A gimbal keeps its own north. When the autopilot's north changes (RTK switched on, a new home
+point), the gimbal's does not follow. They then differ by some degrees, which the composition
+``paper`` would take for a turn of the camera. The two states are
 
 ``b``
-    the bias: camera heading as reported, less the autopilot's heading, less the camera's true
+    the bias: reported camera heading, minus the autopilot's heading, minus the camera's true
     angle from the nose; a random walk.
 ``c``
-    how far off the nose the camera of a centred gimbal looks; a constant.
+    the angle from the nose at which the camera of a centred gimbal looks; a constant.
 
-A centred gimbal shows b + c, encoders beside the reported attitude show b alone. Without ``c``,
-whose size is given and which centred readings cannot tell from b, many readings would seem to
-make b as well known as their mean.
+A centred gimbal measures b + c; encoders together with the reported attitude measure b alone.
+Measurements of a centred gimbal cannot separate c from b; the prior sigma of c is configured.
+Without the state c, many such measurements would make b look as well known as their mean.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ import numpy as np
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.types.verdicts import Outcome
 
-#: A heading of which nothing is known: uniform over the circle.
+#: Variance of an unknown heading: uniform over the circle.
 _UNKNOWN_RAD2 = math.pi**2 / 3
-#: A longer step is a clock that was set, not a flight.
+#: A longer step means that a clock was set, not that a flight went on.
 _LONGEST_STEP_S = 3600.0
-#: Refused readings in a row that it takes to believe them.
+#: Consecutive refused measurements needed before the filter is reset to them.
 _LEAST_REFUSED = 3
 
 
 class GimbalNorth:
-    """A Kalman filter of the bias, fed with readings of it; angles are taken modulo a turn."""
+    """Estimate the bias with a Kalman filter; angle differences are taken modulo a full turn."""
 
     def __init__(self, config: NorthConfig) -> None:
         self.updates = 0
@@ -46,25 +46,25 @@ class GimbalNorth:
         self._gate_sigma = config.gate_sigma
         self._reset_after_ns = round(config.reset_after_s * 1e9)
         self._stamp_ns: int | None = None
-        self._refusals: list[tuple[int, float]] = []  # stamp, reading: in a row, all alike
+        self._refusals: list[tuple[int, float]] = []  # (stamp, reading), all consistent
         self._suspect_rad2 = 0.0
 
     @property
     def bias_rad(self) -> float:
-        """The estimate of b."""
+        """Return the estimate of b."""
         return float(self._state[0])
 
     @property
     def variance(self) -> float:
-        """The variance of b, rad2, at the newest instant.
+        """Return the variance of b, rad2, at the newest instant.
 
-        While the newest reading stands refused, the bias may have stepped to it: its square is
-        part of the variance.
+        While the newest measurement is refused, the bias may have stepped to it, so the square of
+        its innovation is added to the variance.
         """
         return min(float(self._covariance[0, 0]) + self._suspect_rad2, _UNKNOWN_RAD2)
 
     def advance(self, stamp_ns: int) -> None:
-        """Let the bias walk to an instant; a stamp that goes back moves the clock alone."""
+        """Propagate the bias to an instant; a stamp that goes back only sets the filter's time."""
         if self._stamp_ns is not None:
             elapsed_s = min(max(1e-9 * (stamp_ns - self._stamp_ns), 0.0), _LONGEST_STEP_S)
             walked = float(self._covariance[0, 0]) + self._walk_rad2_s * elapsed_s
@@ -74,9 +74,9 @@ class GimbalNorth:
     def take(
         self, stamp_ns: int, reading_rad: float, variance: float, *, centred: bool
     ) -> Outcome:
-        """Take a reading of b + c (``centred``) or of b, its noise of ``variance`` (rad2).
+        """Update with a measurement of b + c (``centred``) or of b; ``variance`` is in rad2.
 
-        USED, GATED, RESET (the last of refused readings that agree), or INVALID.
+        Return USED, GATED, RESET (the last of consistent refused measurements), or INVALID.
         """
         if not (math.isfinite(reading_rad) and 0 < variance < math.inf):
             return Outcome.INVALID
@@ -103,18 +103,18 @@ class GimbalNorth:
     ) -> Outcome:
         self.refused += 1
         self._suspect_rad2 = innovation**2
-        if self._refusals and not self._alike(stamp_ns, reading, variance):
+        if self._refusals and not self._is_consistent(stamp_ns, reading, variance):
             self._refusals.clear()
         self._refusals.append((stamp_ns, reading))
-        del self._refusals[1:-_LEAST_REFUSED]  # the first tells since when
+        del self._refusals[1:-_LEAST_REFUSED]  # the first is kept for its stamp
         lasted_ns = stamp_ns - self._refusals[0][0]
         if len(self._refusals) < _LEAST_REFUSED or lasted_ns < self._reset_after_ns:
             return Outcome.GATED
         self._start_again(reading, variance, centred=centred)
         return Outcome.RESET
 
-    def _alike(self, stamp_ns: int, reading: float, variance: float) -> bool:
-        """Whether a reading may show the same bias as the one before."""
+    def _is_consistent(self, stamp_ns: int, reading: float, variance: float) -> bool:
+        """Return whether a measurement is consistent with the same bias as the previous one."""
         before_ns, before = self._refusals[-1]
         if stamp_ns <= before_ns:
             return False
@@ -122,7 +122,7 @@ class GimbalNorth:
         return math.remainder(reading - before, math.tau) ** 2 <= self._gate_sigma**2 * spread
 
     def _start_again(self, reading: float, variance: float, *, centred: bool) -> None:
-        """What the reading leaves if nothing was known of b, and c as before."""
+        """Reset b to the measurement, as if nothing had been known of it; keep c."""
         offset, spread = (self._state[1], self._covariance[1, 1]) if centred else (0.0, 0.0)
         self._state[0] = reading - offset
         self._covariance[0] = variance + spread, -spread

@@ -1,9 +1,9 @@
-"""Readings of the gimbal's north bias from reported attitudes, where they show it.
+"""Measure the bias of the gimbal's north from reported attitudes, where they show it.
 
-A centred gimbal follows the nose and lags behind while it turns, so its camera's heading is the
-nose's only after the nose has kept still. Encoders show the camera's angle from the nose at any
-time; while it turns, stamps that are off by milliseconds would show as bias, so these readings
-wait for it too, if not as long.
+A centred gimbal follows the nose and lags behind while the nose turns, so the camera's heading
+equals the nose's only after the nose has kept still. Encoders measure the camera's angle from the
+nose at any time. But while the camera turns, time stamp errors of milliseconds would appear as
+bias, so these measurements also need a still nose, though without the settling time.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_conjugate, q
 from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
 from tirgeo_ros.core.types.arrays import Array
 
-#: The nose keeps still while its heading stays within this. A steady turn of so much in the time
-#: to settle, six time constants, leaves the camera a sixth of it behind.
+#: The nose is still while its heading stays within this range. A steady turn by this angle during
+#: the settling time, which is six time constants, leaves the camera a sixth of it behind.
 _STILL_RAD = math.radians(2.0)
-#: One reading is the mean over this: noise beyond it is taken as new in each.
+#: A measurement is the mean over this time. The noise of two means is taken as independent.
 _MEAN_S = 1.0
 _LONGEST_GAP_S = 1.5
-#: Axes that stand up more steeply than this have no azimuth worth a reading.
+#: An axis with a smaller horizontal component is too steep for a useful azimuth.
 _LEAST_HORIZONTAL = 0.5
 
 
 class NorthReadings:
-    """Turns pairs of reported camera attitude and autopilot attitude into readings."""
+    """Convert pairs of reported camera attitude and autopilot attitude into measurements."""
 
     def __init__(self, config: NorthConfig, reported_roll_sigma_rad: float) -> None:
         self._centred = SteadyMean(config.settle_s) if config.centred else None
@@ -39,10 +39,10 @@ class NorthReadings:
     def read(
         self, north: GimbalNorth, stamp_ns: int, q_ng: Array, q_nb: Array, q_bg: Array | None
     ) -> None:
-        """Give ``north`` what the attitudes (4,) of one instant show.
+        """Update ``north`` with what the attitudes (4,) of one instant show.
 
-        ``q_ng`` is the camera's as reported, ``q_nb`` the autopilot's own, ``q_bg`` that of the
-        encoders where there are any.
+        ``q_ng`` is the reported camera attitude, ``q_nb`` the autopilot's attitude, ``q_bg`` the
+        rotation measured by the encoders, or None.
         """
         nose_n = matrix_from_quat(q_nb)[:, 0]
         if math.hypot(nose_n[0], nose_n[1]) < _LEAST_HORIZONTAL:
@@ -62,14 +62,14 @@ class NorthReadings:
         turn = vertical_turn(q_joints, q_ng)
         mean = None if turn is None else self._joints.add(stamp_ns, nose, turn)
         if mean is not None:
-            # The reported roll's error turns about the optical axis, in part about the vertical.
+            # The reported roll's error is about the optical axis, so partly about the vertical.
             down = float(matrix_from_quat(q_ng)[2, 0])
             variance = self._noise_rad2 + self._roll_rad2 * down * down
             north.take(stamp_ns, mean, variance, centred=False)
 
 
 def heading_of_right(q_ng: Array) -> float | None:
-    """Heading of a camera by its right side, which is level; it has one looking down too."""
+    """Return a camera's heading from its level right side, or None; it works looking down too."""
     right_n = matrix_from_quat(q_ng)[:, 1]
     if math.hypot(right_n[0], right_n[1]) < _LEAST_HORIZONTAL:
         return None
@@ -77,20 +77,20 @@ def heading_of_right(q_ng: Array) -> float | None:
 
 
 def vertical_turn(q_from: Array, q_to: Array) -> float | None:
-    """The turn about the vertical (clockwise from above) in the rotation between two attitudes.
+    """Return the turn about the vertical (clockwise from above) from one attitude to another.
 
-    Errors of either about level axes do not change it to first order. None where the attitudes
-    are so far apart in tilt that it means nothing.
+    Errors of either attitude about level axes do not change it to first order. None where the
+    tilt between the attitudes is too large for the turn to be meaningful.
     """
     w, _, _, z = quat_multiply(q_to, quat_conjugate(q_from)).tolist()
     return 2 * math.atan2(z, w) if math.hypot(w, z) > _LEAST_HORIZONTAL else None
 
 
 class SteadyMean:
-    """Means of an angle over a second each, of the time in which the nose keeps still."""
+    """Average an angle over one second at a time while the nose keeps still."""
 
     def __init__(self, settle_s: float) -> None:
-        """Values count once the nose has kept still for ``settle_s``."""
+        """Use values only after the nose has kept still for ``settle_s``."""
         self._settle_ns = round(settle_s * 1e9)
         self._since_ns: int | None = None
         self._newest_ns = 0
@@ -101,7 +101,7 @@ class SteadyMean:
         self._first = 0.0
 
     def add(self, stamp_ns: int, nose_rad: float, angle_rad: float) -> float | None:
-        """Take an angle and the nose's heading; the mean where a second is full, else None."""
+        """Add an angle and the nose's heading; return the mean if a second is full, else None."""
         if not self._still(stamp_ns, nose_rad):
             self._since_ns, self._nose = stamp_ns, nose_rad
             self._low = self._high = 0.0
@@ -122,7 +122,7 @@ class SteadyMean:
         if self._begun_ns is None:
             self._begun_ns, self._first = stamp_ns, angle_rad
             self._offsets = []
-        # About the first, so that angles on both sides of a half turn have their mean there.
+        # Differences from the first, so that angles on both sides of a half turn average right.
         self._offsets.append(math.remainder(angle_rad - self._first, math.tau))
         if stamp_ns - self._begun_ns < _MEAN_S * 1e9:
             return None

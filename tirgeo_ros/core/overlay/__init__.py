@@ -1,1 +1,1 @@
-"""Draw the map, clicks and words on the video."""
+"""Draw the map, the click markers and the status text on the video."""

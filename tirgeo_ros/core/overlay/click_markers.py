@@ -1,4 +1,4 @@
-"""Points that were located by a click, drawn where they are now in the picture."""
+"""Draw the points that were located by a click at their present place in the picture."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
-_LARGEST_PX = 2000.0  # an ellipse beyond any picture
+_LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
 
 
 class PlacedMarkers:
-    """The markers that are in a picture (h, w, 3), with the places of their labels, ``boxes``.
+    """Hold the markers that are in a picture (h, w, 3), with the boxes of their labels, ``boxes``.
 
-    Each has the ellipse of 95 % of where the point truly is on the ground, as it was located,
-    where that is clearly larger than the mark. Labels keep off the boxes that are ``taken``, and
-    off each other; the newest comes first, and one without room is left out.
+    Each marker has the 95 % confidence ellipse of the located ground point, drawn where it is
+    clearly larger than the mark. Labels do not overlap the boxes in ``taken`` or each other. The
+    newest marker's label is placed first; a label without room is left out.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class PlacedMarkers:
         self.boxes = [box for _, box in self._labels]
 
     def paint(self, image: Pixels, painter: Painter) -> None:
-        """Draw marks, ellipses and labels."""
+        """Draw marks, ellipses and labels on the picture, in place."""
         if not len(self._uv):
             return
         count = len(self._uv)
@@ -78,9 +78,9 @@ def _in_picture(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Arra
 
 
 def _ellipses(uv: Array, covariance: Array, mark_px: float) -> Polylines:
-    """Of those points whose ellipse is clearly larger than the mark."""
+    """Return the dashed ellipses of the points whose ellipse is clearly larger than the mark."""
     semi_px, angle = ellipse_95(covariance)
-    drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # not if nan
+    drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # nan compares false
     semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
     dotted = np.zeros(len(drawn), bool)
     return ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)

@@ -1,18 +1,18 @@
-"""Clicks on the picture: each is located with the image and the pose that the person saw.
+"""Locate clicks on the picture with the camera, pose and image that the person saw.
 
     clicks = Clicks(config.confidence)                      # of an OverlayConfig
-    encoder = LocatedMessages(message_class)                # io.messages
+    encoder = LocatedMessages(message_class)                # from io.messages
     clicks.set_plane(plane)
     clicks.set_ground(terrain)                              # or an ellipsoidal height
-    clicks.show(stamp_ns, camera, pose, rates)              # each picture that is given out
+    clicks.show(stamp_ns, camera, pose, rates)              # for each published picture
     answer = clicks.locate((u, v), stamp_ns)                # stamp 0: the newest picture
     if isinstance(answer, Located):
         fix.publish(encoder.fix(answer))
         point.publish(encoder.point(answer))
     for mark in clicks.markers(): ...                       # mark.point_n, mark.label
 
-``camera`` is that of the picture as shown: the rectified one where it is shown rectified. ``pose``
-is None where the picture was shown without a trusted pose.
+``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
+``pose`` is None if the picture was shown without a trusted pose.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Pictures are remembered so long: a person looks, thinks and clicks on a paused picture.
+#: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
 REMEMBERED_S = 60.0
-#: A mark stays so long after its picture, and so many stay.
+#: Time for which a marker is shown after its picture, and the largest number of markers.
 MARKER_S, MARKERS = 300.0, 20
 
 
 class Marker(NamedTuple):
-    """A located point to be drawn."""
+    """Hold a located point that is to be drawn."""
 
     point_n: Array  # (3,) NED in the map's plane, m
     label: str
@@ -47,7 +47,7 @@ class Marker(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What is remembered of a picture."""
+    """Hold the camera, pose and rates of a picture that was shown."""
 
     camera: Camera
     pose: CameraPose | None
@@ -55,9 +55,9 @@ class Shown(NamedTuple):
 
 
 class Clicks:
-    """The newest pictures' cameras and poses, and the points that were located on them.
+    """Hold the newest pictures' cameras and poses, and the points that were located on them.
 
-    ``counts`` says what became of the clicks, by the reason's name.
+    ``counts`` holds the number of clicks by result: ``located`` or ``refused_`` and the reason.
     """
 
     def __init__(self, config: ConfidenceConfig) -> None:
@@ -69,7 +69,7 @@ class Clicks:
         self._located: deque[Located] = deque(maxlen=MARKERS)
 
     def set_plane(self, plane: TangentPlane) -> None:
-        """The map's plane. Pictures in another plane are forgotten; marks stay where they are."""
+        """Set the map's plane; forget pictures in another plane, keep markers at their place."""
         if plane == self._plane:
             return
         self._shown.clear()
@@ -77,7 +77,7 @@ class Clicks:
         self._plane, self._located = plane, deque(moved, maxlen=MARKERS)
 
     def set_ground(self, ground: Ground | None) -> None:
-        """An ellipsoidal height (m) or an elevation model; None or nan where it is not known."""
+        """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
         unknown = isinstance(ground, float) and math.isnan(ground)
         self._ground = None if unknown else ground
 
@@ -88,11 +88,11 @@ class Clicks:
         pose: CameraPose | None,
         rates: CameraRates | None = None,
     ) -> None:
-        """Remember a picture (its header's stamp) that was given out."""
+        """Remember a published picture; ``stamp_ns`` is the stamp of its header."""
         self._shown.put(stamp_ns, Shown(camera, pose, rates))
 
     def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Located | Refusal:
-        """The ground point at a pixel (column, row) of a shown picture; 0 is the newest one."""
+        """Return the ground point at a pixel (column, row) of a shown picture; 0 is the newest."""
         answer = self._answer(uv, stamp_ns)
         if isinstance(answer, Refusal):
             self.counts[f"refused_{answer.reason.name.lower()}"] += 1
@@ -102,7 +102,7 @@ class Clicks:
         return answer
 
     def markers(self) -> list[Marker]:
-        """The located points whose marks still stand, oldest first."""
+        """Return the located points whose markers are still shown, oldest first."""
         newest_ns = self._shown.newest_ns
         return [
             Marker(one.point_n, one.label, one.covariance_n)
@@ -118,7 +118,7 @@ class Clicks:
         found = self._shown.around(stamp_ns)
         if found is Miss.TOO_OLD:
             return Refusal(stamp_ns, uv, Reason.TOO_OLD)
-        if isinstance(found, Miss) or found[2]:  # between two pictures
+        if isinstance(found, Miss) or found[2]:  # found[2] > 0: between two pictures
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
         return self._on(stamp_ns, uv, found[0])
 

@@ -1,4 +1,4 @@
-"""The video frames that wait to be drawn: the newest wins, and what is lost is counted."""
+"""Queue the video frames that wait to be drawn; newer frames replace older ones, with counts."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import RawPixels
 
-#: A stamp that goes back by more than this is a clock that was set, not a late frame.
+#: A stamp that goes back by more than this means that a clock was set, not a late frame.
 _JUMP_NS = 1_000_000_000
 _RATE_FRAMES = 10
-#: A second of video: more than any sensible wait for a pose.
+#: One second of video: longer than any sensible wait for a pose.
 _MOST_WAITING = 30
 _LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
-_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # and their dimensions
+_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # dimensions by pixel type
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A picture of the video."""
+    """Hold a picture of the video."""
 
     stamp_ns: int
     pixels: RawPixels  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
-    arrival_ns: int  # by the caller's clock
+    arrival_ns: int  # on the caller's clock
 
 
 class FrameQueue:
-    """Holds the newest frames, each until it or a newer one is taken.
+    """Hold the newest frames, each until it or a newer one is taken.
 
-    ``counts``: ``replaced`` frames gave way to a newer one, ``out_of_order`` ones were not newer
-    than the one before, ``time_jumps`` are stamps that went back by more than a second (after
-    which the video goes on), ``invalid`` ones are no picture of 8 or 16 bits, ``too_large`` ones
-    have a side that no JPEG holds.
+    ``counts``: ``replaced`` frames were dropped for a newer one; ``out_of_order`` frames were not
+    newer than the previous one; ``time_jumps`` are stamps that went back by more than a second
+    (the video continues after them); ``invalid`` frames are not pictures of 8 or 16 bits;
+    ``too_large`` frames have a side longer than JPEG allows.
     """
 
     def __init__(self) -> None:
@@ -44,15 +44,15 @@ class FrameQueue:
         self._stamps: deque[int] = deque(maxlen=_RATE_FRAMES)
 
     def __len__(self) -> int:
-        """Return the number of frames that wait."""
+        """Return the number of waiting frames."""
         return len(self._frames)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Go through the frames that wait, the newest first."""
+        """Iterate over the waiting frames, the newest first."""
         return reversed(self._frames)
 
     def put(self, frame: Frame) -> None:
-        """Take a frame in."""
+        """Add a frame, or count why it is refused."""
         if not _is_picture(frame.pixels):
             self.counts["invalid"] += 1
         elif max(frame.pixels.shape) > _LARGEST_PX:
@@ -75,20 +75,20 @@ class FrameQueue:
         return True
 
     def take(self, frame: Frame) -> None:
-        """Let go of a frame, and of all older ones as replaced by it."""
+        """Remove a frame, and all older ones, which count as replaced."""
         place = next(i for i, each in enumerate(self._frames) if each is frame)
         self._replace(place)
         self._frames.popleft()
 
     def _replace(self, number: int) -> None:
-        """Let go of the oldest."""
+        """Remove the oldest frames and count them as replaced."""
         for _ in range(number):
             self._frames.popleft()
             self.counts["replaced"] += 1
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second over the last ten, by their stamps; nan with less than two."""
+        """Return the frame rate, Hz, over the last ten stamps; nan with fewer than two."""
         if len(self._stamps) < 2:
             return float("nan")
         return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])

@@ -1,4 +1,4 @@
-"""Where in the picture the labels of a map's features belong."""
+"""Find the anchor points, in the picture, of the labels of a map's features."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import Seen
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
-_LEAST_WEIGHT_PX = 1e-9  # of a vertex: what is seen of a line may have no length
+_LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Features with labels that are seen, the most important first; columns of one row each."""
+    """Hold visible features with labels, the most important first; one row or column each."""
 
     feature: IntArray  # (F,) index of the map's labels
-    mark: BoolArray  # (F,) whether it is a mark, which its label must not hide
-    inside: BoolArray  # (F,) whether it is an outline: its label belongs in it
+    mark: BoolArray  # (F,) whether it is a point mark, which its label must not hide
+    inside: BoolArray  # (F,) whether it is a closed outline, whose label belongs inside it
     uv: Array  # (2, F) pixels
-    rays: Array  # (3, F) the place on the map, as Seen has it
+    rays: Array  # (3, F) the anchor's place on the map, as in Seen.rays
     half: Array  # (2, F) half of the feature's width and height in the picture, px
 
 
 class AnchorFinder:
-    """Finds the anchors of one map's labels in any view of it."""
+    """Find the anchors of one map's labels in any view of it."""
 
     def __init__(self, vector_map: VectorMap) -> None:
         self._layer = vector_map.layer
@@ -36,10 +36,10 @@ class AnchorFinder:
         self._outline = _outlines(vector_map.lines, len(vector_map.labels))
 
     def find(self, lines: Seen, marks: Seen, shown: IntArray, most: int) -> Features:
-        """Anchors of at most so many features of what is seen (2, V), in pixels.
+        """Return the anchors of at most ``most`` of the visible features; points are in pixels.
 
-        Upper layers come first; in a layer marks, then what was ``shown`` before (features), then
-        what is nearer.
+        Upper layers come first. Within a layer marks come first, then the features in ``shown``
+        (those of the previous frame), then nearer features.
         """
         line = np.flatnonzero(self._labelled[lines.owner])
         mark = np.flatnonzero(self._labelled[marks.owner])
@@ -66,7 +66,7 @@ class AnchorFinder:
     def _first(
         self, mark: IntArray, line: IntArray, near: Array, shown: IntArray, most: int
     ) -> IntArray:
-        """The owners of marks and lines, of these nearnesses, in order of importance."""
+        """Return the owners of marks and lines by importance; ``near`` is their inverse depth."""
         owner = np.concatenate([mark, line])
         is_line = np.arange(len(owner)) >= len(mark)
         was_shown = np.zeros(len(self._layer), bool)
@@ -75,17 +75,17 @@ class AnchorFinder:
         ordered = owner[order]
         place = np.arange(len(owner))
         first = np.empty(len(self._layer), np.int64)
-        first[ordered[::-1]] = place[::-1]  # the last to be written stays
+        first[ordered[::-1]] = place[::-1]  # where an owner repeats, its first place is kept
         return np.asarray(ordered[first[ordered] == place][:most])
 
 
 def _columns(seen: Seen, vertex: IntArray) -> Array:
-    """(5, N): pixels and rays of some vertices."""
+    """Return pixels and rays (5, N) of the given vertices."""
     return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
 
 
 def _outlines(lines: Polylines, features: int) -> BoolArray:
-    """(features,): whether a feature has lines and all of them end where they begin."""
+    """Return (features,): whether a feature has lines and each of them is closed."""
     ends = lines.points[:, lines.starts[1:] - 1] == lines.points[:, lines.starts[:-1]]
     outline = np.zeros(features, bool)
     outline[lines.owner] = True
@@ -95,17 +95,17 @@ def _outlines(lines: Polylines, features: int) -> BoolArray:
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
-    """Parts of lines in the order of their features."""
+    """Hold parts of lines in the order of their features."""
 
     points: Array  # (5, V) pixels and rays
-    linked: BoolArray  # (V,) whether a segment goes on to the next vertex
-    row: IntArray  # (V,) to which of the F each belongs
-    numbers: IntArray  # (F,) the features
-    begins: IntArray  # (F,) where each feature's vertices begin
+    linked: BoolArray  # (V,) whether a segment leads to the next vertex
+    row: IntArray  # (V,) index into the F features
+    numbers: IntArray  # (F,) the features' numbers
+    begins: IntArray  # (F,) index of each feature's first vertex
 
     @classmethod
     def of(cls, lines: Seen, which: IntArray, number: IntArray) -> _Parts:
-        """Of lines, with the number of each one's feature."""
+        """Return the parts of the lines ``which``; ``number`` is the feature of each line."""
         order = np.argsort(number, kind="stable")
         which, number = which[order], number[order]
         first = lines.starts[which]
@@ -117,10 +117,10 @@ class _Parts:
         return cls(_columns(lines, vertex), linked, row, number[fresh], starts[:-1][fresh])
 
     def anchors(self, outline: BoolArray) -> tuple[Array, Array]:
-        """Where the labels belong (5, F) and half the features' extents (2, F).
+        """Return the label anchors (5, F) and half the features' extents (2, F).
 
-        An outline's in it, a line's on it; both near the middle of what is seen of them, weighed
-        by length, so that they glide, not jump, as parts come into view.
+        The anchor of an outline is inside it, that of a line on it. Both are near the mean of the
+        visible part, weighted by length, so that they move smoothly as parts come into view.
         """
         places, half = self._middle(), self._half()
         inside = outline[self.numbers]
@@ -131,7 +131,7 @@ class _Parts:
         return places, half
 
     def _middle(self) -> Array:
-        """A vertex has the weight of half the segments on both its sides."""
+        """Return the mean (5, F); a vertex weighs as much as half the segments on both sides."""
         step = self.points[:2, 1:] - self.points[:2, :-1]
         length = np.hypot(*step) * self.linked[:-1]
         weight = np.full(self.points.shape[1], _LEAST_WEIGHT_PX)
@@ -146,21 +146,22 @@ class _Parts:
         return np.asarray((high - low) / 2)
 
     def _move_nearest(self, places: Array, first: IntArray) -> None:
-        """To the nearest points of segments that begin at these vertices."""
+        """Move places to the nearest points of the segments that begin at these vertices."""
         start, row = self.points.take(first, axis=1), self.row[first]
         along, to_place = self.points.take(first + 1, axis=1) - start, places[:2, row] - start[:2]
         squared = (along[:2] * along[:2]).sum(axis=0) + 1e-9
         share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
         point = start + share * along
         away = ((point[:2] - places[:2, row]) ** 2).sum(axis=0)
-        farthest_first = np.argsort(-away, kind="stable")  # the last to be written stays
+        farthest_first = np.argsort(-away, kind="stable")  # the nearest is written last and stays
         places[:, row[farthest_first]] = point[:, farthest_first]
 
     def _move_inside(self, places: Array, first: IntArray) -> None:
-        """Along their rows into the outlines that places (5, F) are off, by these segments.
+        """Move places (5, F) that are outside their outlines into them, along their pixel rows.
 
-        An outline that the picture cuts is crossed by a row an odd number of times, or is so on
-        both sides; then there is nothing to be said, and the place stays.
+        ``first`` are the first vertices of the outlines' segments. Where the picture cuts an
+        outline, the row may cross it an odd number of times, or an odd number of times on each
+        side. Then inside and outside cannot be told apart, and the place stays.
         """
         above = self.points[1] <= places[1].take(self.row)
         across = first[above[first] != above[first + 1]]
@@ -178,5 +179,5 @@ class _Parts:
 
 def _to_widest(places: Array, left: Array, right: Array, row: IntArray) -> None:
     """Move places (5, F) to the middle of the widest of their spans from left to right."""
-    widest = np.argsort(right[0] - left[0], kind="stable")  # the last to be written stays
+    widest = np.argsort(right[0] - left[0], kind="stable")  # the widest is written last and stays
     places[:, row[widest]] = ((left + right) / 2)[:, widest]

@@ -1,4 +1,4 @@
-"""Labels off each other, off marks and edges, each in its place from frame to frame."""
+"""Place labels so that they avoid each other, marks and edges, and stay from frame to frame."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp,
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
 from tirgeo_ros.core.types.arrays import Array, Pixels
 
-#: No more are drawn: what cannot be read does not help.
+#: The largest number of labels that are drawn: more could not be read.
 MOST = 40
 
 UNCERTAIN_BGR: Colour = (165, 165, 165)
 
 _CONSIDERED = 3 * MOST
-#: A label that is in its outline stays in it until the outline is this much smaller.
+#: A label inside its outline stays inside until the outline is smaller than this times the label.
 _STAYS_WITHIN = 0.8
-#: A label comes to a place only with so much room around it, or it would be gone again soon.
+#: Free space that a new place needs around it, so that the label is not displaced again soon.
 _ROOM_PX = 4
 
-#: Places, the best first: where the label's middle is, in halves of the room for label and
-#: feature, to the right and down.
+#: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
+#: and down, in units of ``Wish.half_u`` and ``half_v``.
 _BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
 _ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
 _UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
-_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside it would seem another's
+_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside, it would seem to name another
 
 
 class Label(NamedTuple):
-    """A label in its place."""
+    """Hold a label and its box."""
 
     feature: int  # index of the map's labels
     box: Box
 
 
 class Labels:
-    """Places the labels of one map, frame after frame."""
+    """Place the labels of one map, frame after frame."""
 
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
-        self._places: dict[int, Place] = {}  # of each shown feature's label
+        self._places: dict[int, Place] = {}  # by feature, of the labels shown in the last frame
 
     def place(
         self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
     ) -> tuple[list[Label], Anchors]:
-        """Where the labels go, and the points that they tell of.
+        """Return the placed labels and the anchor points of their features.
 
-        A label keeps its place, beside its feature, as long as it can.
+        A label keeps its place relative to its feature as long as possible.
         """
         shown = np.array([*self._places], np.int64)
         features = self._anchors.find(lines, marks, shown, _CONSIDERED)
@@ -79,14 +79,14 @@ class Labels:
 
 
 class Place(NamedTuple):
-    """One of some places: where a label was."""
+    """Hold which of a tuple of candidate places a label had."""
 
     places: tuple[tuple[int, int], ...]
     number: int
 
 
 class _Feature(NamedTuple):
-    """One row of ``Features``, in plain numbers."""
+    """Hold one row of ``Features`` as plain numbers."""
 
     number: int
     mark: bool
@@ -103,20 +103,20 @@ class _Feature(NamedTuple):
 
 
 class Wish(NamedTuple):
-    """A label's size and anchor, px, and which places are good for it."""
+    """Hold a label's size and anchor, px, and its candidate places."""
 
     u: float
     v: float
     width: int
     height: int
-    half_u: float  # of the room for label and feature
+    half_u: float  # horizontal unit of ``places``, px
     half_v: float
     mark: bool
     places: tuple[tuple[int, int], ...]
 
 
 def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Wish:
-    """The wish of a label of this size for a place beside a mark."""
+    """Return the wish of a label of this size for a place beside a mark."""
     half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
     return Wish(u, v, *size, half_u, half_v, True, _BESIDE)
 
@@ -136,7 +136,7 @@ def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: Place | N
 
 
 class Room:
-    """What is free of a picture: with ``marks`` (2, V) better not covered, and boxes taken."""
+    """Track the free room of a picture: ``marks`` (2, V) to avoid if possible, and taken boxes."""
 
     def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
         self._height, self._width = image.shape[:2]
@@ -146,7 +146,7 @@ class Room:
         self._taken = list(taken)
 
     def find(self, wish: Wish, last: Place | None = None) -> tuple[int, Box] | None:
-        """The number of a place and its box, which is then taken; the place it had, if it can."""
+        """Return a place (``last`` if free) and its box, and take the box; None without room."""
         if wish.width > self._width or wish.height > self._height:
             return None
         found = self._same(wish, last) or next(self._free(wish), None)
@@ -167,7 +167,7 @@ class Room:
         yield from free
 
     def _box(self, wish: Wish, place: int) -> Box:
-        """A place, moved into the picture."""
+        """Return the box of a place, shifted into the picture."""
         u, v, width, height, half_u, half_v, _, places = wish
         to_right, down = places[place]
         left = round(u + to_right * half_u - width / 2)
@@ -181,11 +181,11 @@ class Room:
     def _is_free(self, box: Box, wish: Wish, room: int) -> bool:
         if wish.mark and box.meets(_around(wish.u, wish.v)):
             return False
-        # As Box.meets, but a frame asks this thousands of times.
+        # Box.meets written out, because this runs thousands of times per frame.
         left, top, right, bottom = box
         if room:
             left, top, right, bottom = left - room, top - room, right + room, bottom + room
-        for x0, y0, x1, y1 in self._taken:  # a generator takes twice the time
+        for x0, y0, x1, y1 in self._taken:  # any() with a generator takes twice the time
             if left < x1 and x0 < right and top < y1 and y0 < bottom:
                 return False
         return True

@@ -1,6 +1,6 @@
-"""Lines that are drawn the fainter, the less their place is known.
+"""Fade lines by the uncertainty of their position.
 
-A short line is of one opacity; a longer one is cut where its opacity changes.
+A short line has one opacity; a longer one is cut where its opacity changes.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 
 
 class _Along(NamedTuple):
-    """Longer lines, and their ways from sample to sample."""
+    """Hold the longer lines and their intervals from sample to sample."""
 
     lines: Seen
     samples: Samples
-    ways: IntArray  # (W,) numbers of the samples at which they begin
+    ways: IntArray  # (W,) index of the sample at which each interval begins
 
 
 class Fading(NamedTuple):
-    """Lines with the points at which their opacity is to be told."""
+    """Hold lines, with the points at which their opacity is needed."""
 
-    rays: Array  # (3, N) as Seen has them: of the short lines, then of the others' ways
+    rays: Array  # (3, N) as in Seen: of the short lines, then of the longer lines' intervals
     owner: IntArray  # (N,) features
-    few: Seen  # short ones
+    few: Seen  # the short lines
     along: _Along | None
 
     @classmethod
     def of(cls, lines: Seen) -> Fading:
-        """Short lines at a vertex half-way, others in the middle of each way between samples."""
+        """Choose the points: a middle vertex of a short line, else the middles of intervals."""
         whole = short(lines)
         if whole.all():
             return cls(_half_way(lines), lines.owner, lines, None)
@@ -47,7 +47,7 @@ class Fading(NamedTuple):
         return cls(rays, owner, few, _Along(many, samples, ways))
 
     def cut(self, opacity: Array) -> tuple[Polylines, Array]:
-        """The lines with the opacity (N,) of their points: cut where it changes, one for each."""
+        """Return the lines, cut where the opacity (N,) of their points changes, and its values."""
         if self.along is None:
             return self.few, opacity
         lines, samples, ways = self.along

@@ -1,8 +1,8 @@
-"""The map's ink on a picture: filled areas, lines and marks in the style of their layers.
+"""Draw the map's filled areas, lines and marks on a picture, in the style of their layers.
 
-Lines of one colour and width are drawn on one mask, one pixel wide and anti-aliased. The mask,
-grown, is their width, and grown again their dark halo: half the time of drawing each line twice,
-and a tenth of drawing it wide.
+Lines of one colour and width are drawn on one mask, one pixel wide and anti-aliased. The mask is
+dilated to the lines' width, and dilated again for their dark halo. This takes half the time of
+drawing each line twice, and a tenth of drawing it wide.
 """
 
 from __future__ import annotations
@@ -20,40 +20,40 @@ from tirgeo_ros.core.map.layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.types.arrays import Array, IntArray, Pixels
 
-#: Lines fade in so many steps.
+#: Number of opacity steps of lines.
 FADES = 4
 
-#: Rows and columns of a picture.
+#: A part of a picture: rows and columns.
 _Part = tuple[slice, slice]
 
 _SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
-_PLAIN_PX = 640, 512  # on a picture of this size sizes are as they are given
-_SMALLEST, _LARGEST = 0.75, 4.0  # times that size
+_PLAIN_PX = 640, 512  # picture size at which the drawing scale is 1
+_SMALLEST, _LARGEST = 0.75, 4.0  # limits of the drawing scale
 _MARK_PX = 7
 _DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
 _HALO_PX = 1.0  # on each side of a line
-_BLUR_PX = 0.7  # by which an anti-aliased line is wider than it says
-_BLUR_REACH_PX = 2.0  # how far from its middle an anti-aliased line of one pixel has ink
+_BLUR_PX = 0.7  # an anti-aliased line is wider than its nominal width by this
+_BLUR_REACH_PX = 2.0  # distance from its middle at which a line of one pixel still has ink
 _FULL = 255
-#: OpenCV's anti-aliased line of one pixel is too weak for its halo once a phone makes the picture
-#: smaller: all of it but the faintest edge is made full.
+#: OpenCV's anti-aliased line of one pixel is too weak against its halo when a phone shrinks the
+#: picture. This factor makes all of it full, except the faintest edge.
 _STRONGER = 1.6
 
 
 def drawing_scale(image: Pixels) -> float:
-    """By how much ink is larger on a picture (h, w, ...) than on one of 640x512."""
+    """Return the scale of ink on a picture (h, w, ...), relative to one of 640x512."""
     height, width = image.shape[:2]
     fits = min(width / _PLAIN_PX[0], height / _PLAIN_PX[1])
     return float(min(max(fits, _SMALLEST), _LARGEST))
 
 
 def mark_radius_px(image: Pixels) -> int:
-    """Half the width of a mark on this picture; its inside stays open, to see what is marked."""
+    """Return half the width of a mark on this picture, px; the mark's inside stays open."""
     return round(_MARK_PX * drawing_scale(image))
 
 
 def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
-    """An open diamond around each mark, a line of one point (2, V) in pixels."""
+    """Return an open diamond around each mark, which is a line of one point (2, V) in pixels."""
     if not len(marks):
         return marks
     corners = marks.points[:2, :, None] + radius_px * _DIAMOND[:, None, :]
@@ -63,9 +63,9 @@ def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
 
 
 class Painter:
-    """Draws on one picture after another. It keeps its masks: fresh memory costs as much as ink.
+    """Draw on one picture after another, reusing the masks: new memory costs as much as drawing.
 
-    Not for two threads at once.
+    Not thread-safe.
     """
 
     def __init__(self) -> None:
@@ -81,11 +81,11 @@ class Painter:
         styles: Sequence[LayerStyle],
         within: Pixels | None = None,
     ) -> None:
-        """Fill areas with the colours of their layers, as far as these have one.
+        """Fill areas with the colours of their layers, in place; skip layers without a fill.
 
-        ``areas`` (2, V) are rings in pixels; those of one owner are one area, where a ring inside
-        another is a hole (even-odd). ``layer`` (rings,) is the index of each ring's style. An
-        area over one of the same layer is one with it; over another layer's it mixes with it.
+        ``areas`` (2, V) are rings in pixels. Rings of one owner form one area, where a ring inside
+        another is a hole (even-odd rule). ``layer`` (rings,) is the index of each ring's style.
+        Overlapping areas of the same layer are drawn as one; areas of different layers blend.
         Nothing is filled where ``within`` (h, w) is 0.
         """
         if not len(areas):
@@ -110,15 +110,15 @@ class Painter:
         styles: Sequence[LayerStyle],
         opacity: Array | None = None,
     ) -> None:
-        """Draw lines (2, V), in pixels, in the colours and widths of their layers, with halo.
+        """Draw lines (2, V), in pixels, in the colours and widths of their layers, with a halo.
 
-        ``layer`` (lines,) is the index of each line's style, ``opacity`` (lines,) from 0, not
-        drawn, to 1 how strong it is, rounded to quarters. Upper layers lie over lower ones.
+        ``layer`` (lines,) is the index of each line's style. ``opacity`` (lines,) is from 0, not
+        drawn, to 1, rounded to quarters. Upper layers are drawn over lower ones.
         """
         scale = drawing_scale(image)
         fade = np.full(len(lines), FADES) if opacity is None else _fades(opacity)
         for (colour, width), numbers in _by_pen(layer, styles, scale).items():
-            shift = 0.5 if width % 2 == 0 else 0.0  # an even kernel grows to the right and down
+            shift = 0.5 if width % 2 == 0 else 0.0  # an even kernel dilates to the right and down
             alone = len(numbers) == len(lines)
             chosen = lines if alone else lines.select(numbers)
             halo = max(round(_HALO_PX * scale), 1)
@@ -128,7 +128,7 @@ class Painter:
                 self._ink(image, inked, colour, width, halo)
 
     def thin_strokes(self, image: Pixels, lines: Polylines, colour: Colour) -> None:
-        """Draw lines (2, V), in pixels, thin, with halo, in one colour: a third of ``strokes``."""
+        """Draw thin lines (2, V), px, in one colour with a halo: a third of ``strokes``' time."""
         scale = drawing_scale(image)
         width, halo = _pen_px(1, scale), max(round(_HALO_PX * scale), 1)
         inked = _inked(image, lines.points, _BLUR_REACH_PX + width + halo)
@@ -152,16 +152,16 @@ class Painter:
         return self._mask
 
     def _tint(self, image: Pixels, colour: Colour, opacity: float) -> None:
-        """Lay a colour over the picture where the mask is full."""
+        """Blend a colour over the picture where the mask is full."""
         cv2.convertScaleAbs(image, alpha=1 - opacity, dst=self._layer)
         cv2.copyTo(self._layer, self._mask, image)
         light = np.array([*colour, 0.0]) * opacity
         cv2.add(image, light, dst=image, mask=self._mask)
 
     def _ink(self, image: Pixels, inked: _Part, colour: Colour, width: int, halo_px: int) -> None:
-        """Lay the mask's lines on the picture: a halo takes light away, then comes colour.
+        """Draw the mask's lines on the picture: subtract the halo, then add the colour.
 
-        Each subtracts and adds as much as the mask is strong: through a faint line one sees.
+        Both are in proportion to the mask's value, so that a faint line is translucent.
         """
         image, mask, grown, coat = (
             each[inked] for each in (image, self._mask, self._grown, self._layer)
@@ -181,7 +181,7 @@ class Painter:
 
 
 def _times(mask: Pixels, level: int, plane: Pixels) -> Pixels:
-    """The mask times the level; the plainest colours need no arithmetic."""
+    """Return the mask times level / 255; levels 0 and 255 need no multiplication."""
     if level == _FULL:
         return mask
     if level == 0:
@@ -192,7 +192,7 @@ def _times(mask: Pixels, level: int, plane: Pixels) -> Pixels:
 
 
 def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
-    """The rows and columns of a picture that lines through points (2, V) have ink in."""
+    """Return the rows and columns of a picture in which lines through points (2, V) have ink."""
     if not points.size:
         return None
     low, high = points[:2].min(axis=1) - reach_px, points[:2].max(axis=1) + reach_px
@@ -206,7 +206,7 @@ def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
 
 
 def _by_owner(owner: IntArray, numbers: IntArray) -> list[list[int]]:
-    """The numbers of rings, those of one owner together."""
+    """Return the indices of rings, grouped by owner."""
     numbers = numbers[np.argsort(owner[numbers], kind="stable")]
     cuts = np.flatnonzero(np.diff(owner[numbers])) + 1
     ends, ordered = [0, *cuts.tolist(), len(numbers)], numbers.tolist()
@@ -220,7 +220,7 @@ def _fades(opacity: Array) -> IntArray:
 def _by_pen(
     layer: IntArray, styles: Sequence[LayerStyle], scale: float
 ) -> dict[tuple[Colour, int], IntArray]:
-    """The lines of each colour and width, in the order of the uppermost layers that use them."""
+    """Return the lines of each colour and width, ordered by the uppermost layer that uses them."""
     of_pen: dict[tuple[Colour, int], list[int]] = {}
     for number in np.flatnonzero(np.bincount(layer)).tolist():
         style = styles[number]
@@ -235,12 +235,12 @@ def _by_pen(
 
 
 def _pen_px(width_px: int, scale: float) -> int:
-    """How wide a line is drawn to be as wide, blur included, on a picture of another size."""
+    """Return the nominal width, px, that gives a line, blur included, the scaled width."""
     return max(round(scale * (width_px + _BLUR_PX) - _BLUR_PX), 1)
 
 
 def _draw(mask: Pixels, lines: Polylines, shift_px: float, fade: IntArray) -> None:
-    """The faintest first: a strong line is not weakened by a faint one that crosses it."""
+    """Draw the faintest lines first, so that a faint line does not weaken a strong one."""
     rows = _fixed_point(lines.points[:2] - shift_px if shift_px else lines.points[:2])
     for step in np.flatnonzero(np.bincount(fade)).tolist():
         level = _FULL if step == FADES else round(_FULL / _STRONGER * step / FADES)
@@ -250,7 +250,7 @@ def _draw(mask: Pixels, lines: Polylines, shift_px: float, fade: IntArray) -> No
 
 
 def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
-    """Points (2, V) in pixels as rows (V, 2) in the unit of drawing."""
+    """Convert points (2, V) in pixels to rows (V, 2) in cv2's fixed-point units."""
     scaled = uv * (1 << _SHIFT)
     np.rint(scaled, out=scaled)
     rows = np.empty(scaled.shape[::-1], np.int32)
@@ -260,7 +260,7 @@ def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
 
 @lru_cache(maxsize=32)
 def _disc(width: int) -> Pixels:
-    """What a line of one pixel is grown with, to become so wide."""
+    """Return the kernel that dilates a line of one pixel to this width."""
     if width <= 3:  # a square is faster, and as round as so few pixels can be
         return np.ones((width, width), np.uint8)
     offset = np.arange(width) - (width - 1) / 2

@@ -1,6 +1,6 @@
-"""Lines in the picture, looked at here and there: where their uncertainty is computed.
+"""Sample lines in the picture at the points where their uncertainty is computed.
 
-It changes slowly along a line, so that a value every few pixels tells it all.
+The uncertainty changes slowly along a line, so one value every few pixels is enough.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import Seen
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
-#: Uncertainty changes little over so many pixels of a line.
+#: The uncertainty changes little over this length of a line.
 STEP_PX = 48.0
-#: The line covers a narrower band (half-width).
+#: A narrower band (half-width) is hidden by the line itself.
 LEAST_BAND_PX = 2.0
-# Cosine of half a line's turn, up to which its band keeps its width there.
+# Cosine of half the turn at a vertex, below which the band becomes narrower there.
 _SHARPEST = 0.5
 
 
 class Samples(NamedTuple):
-    """Some vertices of lines, the first and the last of each line among them."""
+    """Hold some vertices of lines, including the first and the last of each line."""
 
-    vertex: IntArray  # (S,)
-    line: IntArray  # (S,) the line's number
+    vertex: IntArray  # (S,) index of the vertex
+    line: IntArray  # (S,) index of the line
 
     def links(self) -> BoolArray:
-        """(S - 1,) whether a sample and the next one are of the same line."""
+        """Return (S - 1,): whether a sample and the next one are of the same line."""
         return np.asarray(self.line[1:] == self.line[:-1])
 
 
 def short(lines: Seen) -> BoolArray:
-    """(lines,) whether the uncertainty changes little along a whole line."""
+    """Return (lines,): whether the uncertainty changes little along the whole line."""
     way = np.empty(lines.points.shape[1])
     way[:-1] = _lengths(lines)
     way[lines.starts[1:] - 1] = 0.0
@@ -42,7 +42,7 @@ def short(lines: Seen) -> BoolArray:
 
 
 def picked(lines: Seen, which: IntArray) -> Seen:
-    """The lines of these numbers."""
+    """Return the lines with these indices."""
     first = lines.starts[which]
     index, starts = runs(first, lines.starts[which + 1] - first)
     points, rays = (rows.take(index, axis=1) for rows in (lines.points, lines.rays))
@@ -50,10 +50,11 @@ def picked(lines: Seen, which: IntArray) -> Seen:
 
 
 def sampled(lines: Seen, step_px: float) -> tuple[Seen, Samples]:
-    """The vertices at which another step along a line begins; lengths are in the larger axis.
+    """Return the lines and the vertices at which each further step along a line begins.
 
-    The lines come with more vertices where a segment is much longer than STEP_PX: the uncertainty
-    may change along it. The lens's bend is in the lines already.
+    Lengths are measured along the larger axis. Segments much longer than STEP_PX get more
+    vertices, because the uncertainty may change along them. The points already contain the
+    lens distortion.
     """
     length = _lengths(lines)
     long = np.flatnonzero((length > 2 * STEP_PX) & lines.links())
@@ -82,14 +83,14 @@ def _subdivided(lines: Seen, pieces: IntArray) -> Seen:
 
 
 def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
-    """What lines (lines,) have, for samples on them."""
+    """Return the values of lines (lines,) for samples on them."""
     return None if sigma_m is None else sigma_m[line]
 
 
 def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:
-    """The lines cut where the value of the way from one sample to the next changes.
+    """Cut the lines where the value of the interval between two samples changes.
 
-    (S - 1,) values; returned with each line's first sample.
+    ``value`` is (S - 1,). Return the parts and the first sample of each.
     """
     links = some.links()
     changes = value[1:] != value[:-1]
@@ -110,14 +111,14 @@ def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntAr
 def ribbons(
     frame: FrameConfidence, lines: Seen, some: Samples, sigma_m: Array | None, most_px: float
 ) -> Array:
-    """(S - 1, 4, 2) corners of the band between each sample and the next one, pixels.
+    """Return the corners (S - 1, 4, 2) of the band between each sample and the next, pixels.
 
-    nan between two lines, and where the line covers it.
+    nan between two lines, and where the line itself hides the band.
     """
     uv = lines.points.take(some.vertex, axis=1)
     normals, sharpness = _normals(uv, some.links())
     half = frame.half_width_95(lines.rays.take(some.vertex, axis=1), normals, sigma_m)
-    half = np.fmin(half, most_px)  # nan: nobody knows
+    half = np.fmin(half, most_px)  # fmin turns nan, an unknown width, into the largest
     aside = normals * (half / sharpness)
     corners = np.stack([uv + aside, uv - aside]).transpose(2, 0, 1)  # (S, 2, 2)
     quads = np.concatenate([corners[:-1], corners[1:, ::-1]], axis=1)
@@ -126,7 +127,7 @@ def ribbons(
 
 
 def _normals(uv: Array, links: BoolArray) -> tuple[Array, Array]:
-    """Unit normals (2, S) of lines at their vertices, and the cosine of half the turn there."""
+    """Return unit normals (2, S) of lines at samples, and the cosine of half the turn there."""
     step = np.where(links, np.diff(uv, axis=1), 0.0)
     step /= np.maximum(np.hypot(*step), 1e-9)
     none = np.zeros((2, 1))

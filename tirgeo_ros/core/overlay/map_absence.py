@@ -1,4 +1,4 @@
-"""Why none of a map is in the picture."""
+"""Explain why none of a map is in the picture."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ _GRID = 5  # pixels along each side of the picture
 
 
 class MapAbsence:
-    """Tells why one map is not in view; it looks again once the camera has moved or turned."""
+    """Explain why one map is not in view; recompute once the camera has moved or turned."""
 
     def __init__(
         self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
     ) -> None:
-        """``first_n`` (3,) is a point of the map, should none be laid on the ground."""
+        """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
         self._whereabouts = Whereabouts(vector_map, first_n)
         self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
         self._plane = plane
-        self._told: tuple[Camera, Array, Array, float, str] | None = None
+        self._last_answer: tuple[Camera, Array, Array, float, str] | None = None
 
     def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
-        """Of a pose in the map's plane, where ground is drawn up to ``far_m`` ahead."""
+        """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
         axis = matrix_from_quat(pose.q_nc)[:, 2]
-        if self._told is not None:
-            seen_by, position_n, before, reach_m, words = self._told
+        if self._last_answer is not None:
+            seen_by, position_n, before, reach_m, words = self._last_answer
             moved_m = float(np.linalg.norm(pose.position_n - position_n))
             if seen_by == camera and moved_m < reach_m and float(axis @ before) > _TURNED:
                 return words
         distance_m, words = self._why(camera, pose, far_m)
         reach_m = max(_MOVED_M, _MOVED_PART * distance_m)
-        self._told = camera, pose.position_n, axis, reach_m, words
+        self._last_answer = camera, pose.position_n, axis, reach_m, words
         return words
 
     def _why(self, camera: Camera, pose: CameraPose, far_m: float) -> tuple[float, str]:
@@ -74,10 +74,10 @@ class MapAbsence:
 
 
 def _looks_above_horizon(camera: Camera, pose: CameraPose) -> bool:
-    """Whether no pixel looks so far down that ground is drawn there."""
+    """Return whether no pixel's ray points far enough down that ground is drawn there."""
     across = np.linspace(0, camera.width - 1, _GRID)
     down = np.linspace(0, camera.height - 1, _GRID)
     uv = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
     north, east, below = matrix_from_quat(pose.q_nc) @ camera.rays(uv).T
-    # Of rays beyond the lens, nan, neither.
+    # Rays beyond the lens limit are nan and compare false.
     return not bool((below > np.hypot(north, east) * (HORIZON_ROWS / camera.fy)).any())

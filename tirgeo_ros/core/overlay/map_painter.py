@@ -1,4 +1,4 @@
-"""A map painted into a picture: areas, lines, marks, their uncertainty and their labels."""
+"""Paint a map into a picture: areas, lines, marks, their uncertainty and their labels."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 
 class SeenMap(NamedTuple):
-    """What is in view of a map."""
+    """Hold the visible part of a map."""
 
     areas: Seen
     lines: Seen
     marks: Seen
-    hidden: bool  # whether there is something in view of layers that are not shown at this scale
+    hidden: bool  # whether features in view were left out because of their layers' scale range
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to draw."""
+        """Return whether there is nothing to draw."""
         return not (len(self.areas) or len(self.lines) or len(self.marks))
 
 
 class MapPainter:
-    """Paints one map, frame after frame."""
+    """Paint one map, frame after frame."""
 
     def __init__(
         self, config: ConfidenceConfig, vector_map: VectorMap, painter: Painter | None = None
@@ -58,13 +58,13 @@ class MapPainter:
         self._painter = painter or Painter()
         self._confidence = Confidence(config)
         self._labels = Labels(vector_map)
-        #: Whether some layers are shown at some scales only.
+        #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
     def see(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> SeenMap:
-        """Find what is in view: lines and marks up to ``far_m`` ahead.
+        """Return what is in view: areas, and lines and marks up to ``far_m`` ahead.
 
-        ``scale_m_px`` is what a pixel in the middle spans of the ground, nan for none.
+        ``scale_m_px`` is the ground length that a pixel in the middle spans, nan without ground.
         """
         found = (
             view.areas(self._map, pose),
@@ -84,9 +84,9 @@ class MapPainter:
         seen: SeenMap,
         taken: Sequence[Box],
     ) -> list[Box]:
-        """Paint into (h, w, 3) BGR what is in view; the boxes of its labels, off those taken.
+        """Paint what is in view into (h, w, 3) BGR; return the boxes of its labels.
 
-        ``rates`` are the camera's at the pose, None where they are not known.
+        Labels avoid the boxes in ``taken``. ``rates`` are the camera's at the pose, or None.
         """
         areas, lines, marks, _ = seen
         of = self._map.layer
@@ -104,10 +104,10 @@ class MapPainter:
         return [label.box for label in labels]
 
     def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
-        """What is of layers that are shown at this scale."""
+        """Return the features whose layers are shown at this scale."""
         if not self.minds_scale or not len(seen):
             return seen
-        if math.isnan(scale_m_px):  # it sees no ground: as coarse as can be
+        if math.isnan(scale_m_px):  # no ground in the middle: treat as the coarsest scale
             scale_m_px = math.inf
         low, high = self._scales_m_px.T
         shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
@@ -116,7 +116,7 @@ class MapPainter:
     def _stroke(self, image: Pixels, marked: Marked, marks: Seen) -> None:
         lines, opacity, ellipses = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        # Under the marks, whose middles are what is meant.
+        # Ellipses first, so that the marks, which are the true places, are drawn over them.
         self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
         ink = joined(lines, diamonds)
         strength = np.concatenate([opacity, np.ones(len(diamonds))])

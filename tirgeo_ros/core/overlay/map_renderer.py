@@ -1,4 +1,4 @@
-"""A map drawn into a picture, given the camera and its pose."""
+"""Draw a map into a picture, given the camera and its pose."""
 
 from __future__ import annotations
 
@@ -42,30 +42,30 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 @dataclass(frozen=True, slots=True)
 class LaidMap:
-    """A map laid in a plane, without the layers that it was made from."""
+    """Hold a map draped in a plane, without the layers that it was made from."""
 
     plane: TangentPlane
     map: VectorMap
-    features: int  # in the layers
-    level_m: float  # the middle one of the map's own heights; nan where a ground is given
-    first_n: Array | None = None  # (3,) the first of its points, on the ellipsoid
+    features: int  # number of features in the layers
+    level_m: float  # median of the map's own heights; nan where a ground is given
+    first_n: Array | None = None  # (3,) the first of the layers' points, on the ellipsoid
 
 
 class Verdict(NamedTuple):
-    """What the checks say: ``GO`` has no words in the picture."""
+    """Hold the checks' verdict; ``GO`` has no words in the picture."""
 
     severity: Severity = Severity.NOTE
     words: str = ""
 
 
 class Drawn(NamedTuple):
-    """What a picture shows."""
+    """Hold what a picture shows."""
 
     absence: str  # why none of the map is in view, else empty
     above_m: (
-        float  # of the camera over a ground that was given; nan where none is, or it is beside
+        float  # the camera's height over the given ground; nan if none is given or none is below
     )
-    boxes: tuple[Box, ...]  # of all that is written: none meets another
+    boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
 
 
 _GO = Verdict()
@@ -73,7 +73,7 @@ _Written = PlacedBar | PlacedRose | PlacedNotice
 
 
 def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> LaidMap:
-    """Lay layers into a plane: the slow part of a map. Raises ConfigError as VectorMap."""
+    """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
     laid = VectorMap.from_layers(layers, plane, ground)
@@ -82,10 +82,10 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
 
 
 class MapDrawing:
-    """Layers of a map, laid into a plane, as a camera sees them.
+    """Draw the layers of a map, draped in a plane, as a camera sees them.
 
-    The map lies at ``ground_height_m`` where that is given, else on the terrain where there is
-    one, else at its own heights. Raises ConfigError if these are unknown.
+    The map lies at ``ground_height_m`` if that is given, else on the terrain if there is one,
+    else at its own heights. Raises ConfigError if these are unknown.
     """
 
     def __init__(
@@ -98,42 +98,42 @@ class MapDrawing:
         self._laid: LaidMap | None = None
         self._confidence = config.confidence
         self._painter = Painter()
-        self._map_painting: MapPainter | None = None  # of the map, once it is drawn
-        self._absence: MapAbsence | None = None  # of the map, once it is not in view
+        self._map_painting: MapPainter | None = None  # made when the map is first drawn
+        self._absence: MapAbsence | None = None  # made when the map is first out of view
 
     @property
     def map(self) -> VectorMap | None:
-        """The map that is drawn; None where no plane is known yet."""
+        """Return the map that is drawn; None while no plane is known."""
         return self._laid.map if self._laid else None
 
     @property
     def laid(self) -> LaidMap | None:
-        """Return the same with what it was laid from; None where no plane is known yet."""
+        """Return the map with its plane and counts; None while no plane is known."""
         return self._laid
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing that could be drawn."""
+        """Return whether there is nothing that could be drawn."""
         if self._laid:
             return not self._laid.features
         return not any(layer.features for layer in self._layers)
 
     @property
     def camera(self) -> Camera | None:
-        """The camera of the picture that is drawn into."""
+        """Return the camera of the picture that is drawn into."""
         return self.view.camera if self.view else None
 
     def set_map(self, new: LaidMap) -> None:
-        """Draw a map that was laid elsewhere, in the present plane."""
+        """Set a map that was draped elsewhere, in the present plane."""
         self._layers = ()
         self._set(new)
 
     def set_plane(self, plane: TangentPlane) -> None:
-        """The plane in which poses are given; a map that was laid elsewhere is gone."""
+        """Set the plane in which poses are given; a map that was draped elsewhere is dropped."""
         self._set(lay_layers(self._layers, plane, self.ground))
 
     def set_camera(self, camera: Camera) -> None:
-        """The camera of the picture that is drawn into."""
+        """Set the camera of the picture that is drawn into."""
         if self.view is None or camera != self.view.camera:
             self.view = View(camera)
 
@@ -148,10 +148,10 @@ class MapDrawing:
         markers: Sequence[Marker] = (),
         verdict: Verdict = _GO,
     ) -> Drawn:
-        """Draw map and markers into (h, w, 3) BGR; there must be a camera and a plane.
+        """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
 
-        ``rates`` are the camera's at the pose, None where they are not known. A ``verdict`` of
-        the checks is written above, and so is why none of the map is in view.
+        ``rates`` are the camera's at the pose, or None. The ``verdict`` of the checks, and the
+        reason why none of the map is in view, are written at the top.
         """
         assert self.view is not None
         assert self._laid is not None
@@ -179,7 +179,7 @@ class MapDrawing:
         return Drawn(absence, above_m, (*taken, *labels))
 
     def _absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
-        """Why there is nothing to draw, else empty."""
+        """Return why there is nothing to draw, else an empty string."""
         if not seen.empty:
             return ""
         if seen.hidden:
@@ -213,7 +213,7 @@ class MapDrawing:
 def _notices(
     image: Pixels, verdict: Verdict, absence: str, beside: Box | None
 ) -> list[PlacedNotice]:
-    """Over each other, at the top of the picture, to the left of the rose."""
+    """Place the notices one below the other, at the top of the picture, left of the rose."""
     notices = []
     if verdict.severity:
         colour = VERDICT_BGR[verdict.severity]

@@ -1,8 +1,8 @@
-"""The map on the video: each frame waits for the camera's pose at its exposure, then is drawn on.
+"""Draw the map on the video: each frame waits for the camera's pose at its exposure.
 
-No line is drawn that cannot be trusted. Where there is no camera, no origin, or no pose on both
-sides of the exposure and none that can be predicted, the picture carries a plain notice in the
-lines' place.
+No line is drawn that cannot be trusted. Without a camera, without an origin, or without a pose at
+the exposure, neither interpolated nor predicted, the picture carries a notice instead of the
+lines.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
-_MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure asks for
+_MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
 _READING, _FAILED = "reading", "its reading failed"
-_RATES_NS = 100_000_000  # over which the camera's motion is taken: short of a turn, beyond noise
+_RATES_NS = 100_000_000  # interval of the camera's rates: less than a turn, enough for noise
 
 
 @dataclass(frozen=True, slots=True)
 class OverlayResult:
-    """One finished picture."""
+    """Hold one finished picture."""
 
     stamp_ns: int  # of the frame
     image: Pixels  # (h, w, 3) BGR
-    pose: CameraPose | None  # at the exposure; None where nothing was drawn
-    notice: str  # why nothing was drawn, or nothing is in view; else empty
-    camera: Camera | None = None  # of the picture as it is shown; None where it is unknown
-    predicted_s: float = 0.0  # by how much the pose is a prediction
+    pose: CameraPose | None  # at the exposure; None if no map was drawn
+    notice: str  # why no map was drawn, or why none is in view; else empty
+    camera: Camera | None = None  # of the picture as it is shown; None if unknown
+    predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
 class Overlay:
-    """Frames and poses in, pictures out. Raises ConfigError if the map's heights are unknown.
+    """Take frames and poses, return pictures. Raises ConfigError if map heights are unknown.
 
-    ``layers`` are laid here as soon as the plane is known, which takes a second or two of a large
-    map; with None the map is laid elsewhere, for each plane anew, and given to ``set_map``.
-    ``clicks`` locates on the pictures that were given out.
+    ``layers`` are draped here as soon as the plane is known, which takes a second or two for a
+    large map. With None the map is draped elsewhere, again for each plane, and given to
+    ``set_map``. ``clicks`` locates clicks on the pictures that were returned.
     """
 
     def __init__(
@@ -68,7 +68,8 @@ class Overlay:
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
-        self._lacking = _READING if layers is None else ""  # why a map from elsewhere is not here
+        #: Why the map that is draped elsewhere is not here yet.
+        self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
         self._toner = Toner(config.picture, config.palette)
@@ -85,11 +86,11 @@ class Overlay:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What became of the frames and the poses, for diagnostics.
+        """Return the counts of frames and poses, for diagnostics.
 
         Frames: those of FrameQueue; ``drawn`` have lines, of which ``predicted`` with a predicted
-        pose; ``notices`` have none; of both, ``late`` came out no sooner than the wait for a pose
-        may last. Poses: ``poses_invalid`` and ``poses_went_back``.
+        pose; ``notices`` have none; ``late`` counts frames of both kinds that were finished after
+        the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
         """
         poses = {
             "poses_invalid": self._poses.invalid,
@@ -99,45 +100,45 @@ class Overlay:
 
     @property
     def pose_fault(self) -> str:
-        """Why the newest pose that was refused was; empty where none was."""
+        """Return the fault of the newest refused pose; empty if none was refused."""
         return self._poses.fault
 
     @property
     def waiting(self) -> int:
-        """How many frames wait for a pose, or to be taken."""
+        """Return how many frames wait for a pose, or to be taken."""
         return len(self._frames)
 
     @property
     def deadlines_ns(self) -> list[int]:
-        """Until when, by the caller's clock, each waiting frame waits at most; oldest first."""
+        """Return when each waiting frame must be drawn, on the caller's clock, oldest first."""
         return [frame.arrival_ns + self._wait_ns for frame in self._frames][::-1]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should be told of the map as it lies on the ground."""
+        """Return notes for the operator about the map as draped on the ground."""
         return self._drawing.map.notes if self._drawing.map else ()
 
     @property
     def no_map_yet(self) -> str:
-        """Why the map is not drawn that is laid elsewhere; empty where it is, or has no plane."""
-        return self._lacking if self._plane else ""
+        """Return why a map draped elsewhere is not drawn; empty if it is, or without a plane."""
+        return self._map_not_ready if self._plane else ""
 
     @property
     def rate_hz(self) -> float:
-        """Of the frames, by their stamps; nan with less than two."""
+        """Return the frame rate, Hz, by the stamps; nan with fewer than two."""
         return self._frames.rate_hz
 
     def set_plane(self, plane: TangentPlane) -> None:
-        """The map's plane. Poses in another plane are forgotten."""
+        """Set the map's plane; forget poses in another plane."""
         if plane != self._plane:
             self._plane = plane
             self._poses.clear()
             self._drawing.set_plane(plane)
-            self._lacking = _READING if self._laid_elsewhere else ""
+            self._map_not_ready = _READING if self._laid_elsewhere else ""
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
-        """The camera's calibration. Raises CameraError where its pictures cannot be rectified."""
+        """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
         if camera != self._camera:
             self._rectifier = Rectifier(camera) if self._rectify else None
             self._camera = camera
@@ -145,44 +146,45 @@ class Overlay:
 
     @property
     def plane(self) -> TangentPlane | None:
-        """The map's plane, once it is known."""
+        """Return the map's plane, once it is known."""
         return self._plane
 
     @property
     def laid(self) -> LaidMap | None:
-        """Return the map as it lies in the plane, once both are known."""
+        """Return the map as draped in the plane, once both are known."""
         return self._drawing.laid
 
     def set_map(self, new: LaidMap) -> None:
-        """Draw a map that was laid elsewhere from here on; one in another plane is refused."""
+        """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self._plane:
-            self._laid_elsewhere, self._lacking = True, ""
+            self._laid_elsewhere, self._map_not_ready = True, ""
             self._drawing.set_map(new)
 
     def map_failed(self) -> None:
-        """The map that is laid elsewhere will not come; one that is drawn stays."""
-        self._lacking = self._lacking and _FAILED
+        """Record that the map from elsewhere will not come; a map that is drawn stays."""
+        self._map_not_ready = self._map_not_ready and _FAILED
 
     def set_status(self, status: NavigationStatus) -> None:
-        """What the estimator says of itself, for the status line and the notices."""
+        """Set the estimator's status, for the status line and the notices."""
         self._status = status
 
     def set_verdict(self, verdict: Verdict) -> None:
-        """What the checks say of the set-up, for the notice above and the status line."""
+        """Set the checks' verdict on the set-up, for the notice at the top and the status line."""
         self._verdict = verdict
 
     def add_pose(self, pose: CameraPose) -> None:
-        """A pose of the camera, in order of time; one that is not finite is counted."""
+        """Add a camera pose, in order of time; an invalid one is counted."""
         self._poses.add(pose)
 
     def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
-        """A frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` as in ``take``."""
+        """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
         self._frames.put(Frame(stamp_ns, pixels, now_ns))
 
     def take(self, now_ns: int) -> OverlayResult | None:
-        """The newest picture that need not wait any more; None where all wait, or none is there.
+        """Return the newest picture that need not wait any longer, or None.
 
-        Older frames give way to it. ``now_ns`` is the caller's clock, that of the stamps.
+        Older frames are dropped and counted as replaced. ``now_ns`` is the caller's clock, which
+        is the clock of the stamps.
         """
         for frame in self._frames:
             pose = self._poses.at(frame.stamp_ns - self._latency_ns)
@@ -198,12 +200,12 @@ class Overlay:
         return may_come and self._may_wait(frame, now_ns)
 
     def _may_wait(self, frame: Frame, now_ns: int) -> bool:
-        # A clock that went back would keep the frame for ever.
+        # Negative if the clock went back; without the lower limit the frame would wait for ever.
         return 0 <= now_ns - frame.arrival_ns < self._wait_ns
 
     def _obstacle(self, pixels: RawPixels) -> str:
-        """Why no pose could help, else empty."""
-        if self._drawing.empty and not self._lacking:
+        """Return why the map cannot be drawn whatever the pose, else an empty string."""
+        if self._drawing.empty and not self._map_not_ready:
             return self._no_map
         camera = self._camera
         if camera is None:
@@ -213,7 +215,7 @@ class Overlay:
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
         if self._plane is None:
             return self._not_navigating() or "no origin"
-        return self._lacking
+        return self._map_not_ready
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self._poses.newest_ns
@@ -224,7 +226,7 @@ class Overlay:
         return self._not_navigating() or "no pose at this frame"
 
     def _not_navigating(self) -> str:
-        """What the estimator says of its silence, if it does not navigate."""
+        """Return the estimator's state and reason if it does not navigate, else an empty text."""
         if self._status is None or self._status.state.navigating:
             return ""
         reason = f": {self._status.reason}" if self._status.reason else ""
@@ -244,9 +246,9 @@ class Overlay:
         return self._with_map(frame, image, now_ns, pose, predicted_s)
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
-        """A pose that goes on from the last ones, and by how much; a Miss where that is too far.
+        """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
 
-        Where the estimator says that it is silent with reason, nothing is predicted.
+        Nothing is predicted while the estimator reports that it does not navigate.
         """
         ahead_ns = exposure_ns - (self._poses.newest_ns or 0)
         if ahead_ns > self._prediction_ns or self._not_navigating():
@@ -256,7 +258,7 @@ class Overlay:
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
 
     def _picture(self, frame: Frame) -> Pixels:
-        """In colour, and rectified where it is of the camera's size."""
+        """Return the frame in colour, rectified if it has the camera's size."""
         image = self._toner.tone(frame.pixels, frame.stamp_ns)
         fits = self._camera and image.shape[:2] == (self._camera.height, self._camera.width)
         return self._rectifier.rectified(image) if self._rectifier and fits else image
@@ -289,7 +291,7 @@ class Overlay:
         return OverlayResult(frame.stamp_ns, image, pose, notice, camera, predicted_s)
 
     def _paint_verdict(self, image: Pixels) -> int:
-        """The row under it."""
+        """Paint the verdict and return the first row below it."""
         severity, words = self._verdict
         if not severity:
             return 0
@@ -298,7 +300,7 @@ class Overlay:
         return notice.box.bottom
 
     def _rates(self, pose: CameraPose) -> CameraRates | None:
-        """The camera's motion up to a pose; None where it is not known."""
+        """Return the camera's rates up to a pose; None if they are not known."""
         before = self._poses.at(pose.stamp_ns - _RATES_NS)
         return None if isinstance(before, Miss) else CameraRates.between(before, pose)
 

@@ -1,10 +1,10 @@
-"""Colours of thermal pictures: tables from 256 grey levels to blue, green, red.
+"""Compute the colours of thermal pictures: tables from 256 grey levels to blue, green, red.
 
-Our own. ``white_hot`` is the grey levels as they are, ``black_hot`` the same from the other end.
-Any other palette is a few colours, cold to hot, joined by straight lines in CIE L*a*b*. Their
-lightness is not taken from the colours: it runs evenly from the first one's to the last one's, so
-that what is hotter is never darker, on a screen without colour too. ``rainbow`` alone keeps the
-lightness of its colours: it parts near temperatures by hue and tells nothing by brightness.
+The palettes are our own. ``white_hot`` is the grey levels, ``black_hot`` the grey levels reversed.
+Any other palette is a few colours, cold to hot, joined by straight lines in CIE L*a*b*. Lightness
+is not taken from these colours: it runs linearly from the first to the last, so that a hotter
+point is never darker, even on a screen without colour. Only ``rainbow`` keeps the lightness of its
+colours: it separates close temperatures by hue and shows nothing by brightness.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from tirgeo_ros.core.config.pictures import PALETTES
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import ConfigError
 
-#: Red, green, blue of the colours at equal distances, coldest first.
+#: Red, green, blue (hex) of colours at equal distances, coldest first.
 _STOPS: dict[str, tuple[str, ...]] = {
     "iron": ("00000c", "2b0a6b", "8a118f", "c9346a", "ee7a1c", "f8bf30", "fff8dc"),
     "rainbow": ("10106e", "1446d8", "12b4d2", "28c850", "e6dc28", "f07814", "dc1e1e", "fadcdc"),
     "arctic": ("040a28", "0f2f78", "2a66b8", "4fa3c4", "a8b48c", "e3b04c", "fde9a8"),
     "lava": ("000000", "3c0a0a", "82140f", "c8320a", "f07814", "fac03c", "fffae6"),
 }
-_UNEVEN = {"rainbow"}  # keep the lightness of their colours
+_UNEVEN = {"rainbow"}  # palettes that keep the lightness of their colours
 _LEVELS = 256
 _GREY = np.repeat(np.arange(_LEVELS, dtype=np.uint8)[:, None, None], 3, axis=2)
 _GREYS = {"white_hot": _GREY, "black_hot": _GREY[::-1]}
@@ -34,7 +34,7 @@ _GREYS = {"white_hot": _GREY, "black_hot": _GREY[::-1]}
 
 @lru_cache(maxsize=8)
 def palette_table(name: str) -> Pixels:
-    """(256, 1, 3) BGR for grey levels 0 to 255; raises ConfigError for a name it does not know."""
+    """Return (256, 1, 3) BGR for grey levels 0 to 255; raise ConfigError for an unknown name."""
     if name not in PALETTES:
         raise ConfigError(f"palette: {name!r} is not one of {', '.join(PALETTES)}")
     table = np.ascontiguousarray(_GREYS[name]) if name in _GREYS else _mixed(name)
@@ -61,9 +61,9 @@ def _lab(bgr: npt.NDArray[np.int64]) -> Array:
 
 
 def _bgr(lab: Array) -> Pixels:
-    """(256, 1, 3). A colour that no screen has is brought to grey until one has it.
+    """Return (256, 1, 3) BGR; reduce the chroma of a colour outside sRGB until it is inside.
 
-    Cut off channel by channel instead, it would be brighter or darker than it should be.
+    Clipping each channel instead would change the colour's lightness.
     """
     chroma = np.ones(len(lab))
     for _ in range(40):
@@ -79,6 +79,6 @@ def _bgr(lab: Array) -> Pixels:
 
 
 def _leaves_screen(lab: Array, bgr: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """Whether a colour was cut off: it does not come back as it was."""
+    """Return whether a colour is outside sRGB: clipped and converted back, it has changed."""
     again = np.asarray(cv2.cvtColor(np.clip(bgr, 0, 1), cv2.COLOR_BGR2LAB), float)[:, 0]
-    return np.asarray(np.abs(again - lab).max(axis=1) > 1.0)  # one unit is just not seen
+    return np.asarray(np.abs(again - lab).max(axis=1) > 1.0)  # one L*a*b* unit is barely visible

@@ -1,4 +1,4 @@
-"""What helps to read the picture as a map: a bar of known length on the ground, and north."""
+"""Draw a scale bar and a north needle, which help to read the picture as a map."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from tirgeo_ros.core.overlay.text_rendering import (
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
-_LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, for the bar
+_LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, limits of the bar
 _SAMPLES = 33
-_STEEP = math.cos(math.radians(10))  # of the optical axis: its own heading says little
-_NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # right, to north
-_NEEDLE_TIMES = 1.1  # half its length, by the size of the text
-_LETTER_TIMES = 1.75  # its distance from the needle's middle
-_REACH_TIMES = 2.4  # of needle and letter
+_STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
+_NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # (right, north)
+_NEEDLE_TIMES = 1.1  # half the needle's length, in text sizes
+_LETTER_TIMES = 1.75  # the letter's distance from the needle's middle, in text sizes
+_REACH_TIMES = 2.4  # radius of needle and letter, in text sizes
 _TICK_TIMES = 0.3
 _SHIFT = 4
 _FULL = 255
@@ -42,7 +42,7 @@ _FULL = 255
 
 @dataclass(frozen=True, slots=True)
 class ScaleBar:
-    """A part of a row of the picture that spans a round length on the ground."""
+    """Hold a part of a pixel row that spans a round length on the ground."""
 
     left: float  # pixels
     right: float
@@ -51,7 +51,7 @@ class ScaleBar:
 
     @property
     def text(self) -> str:
-        """The length as it is written."""
+        """Return the length as it is written."""
         if self.length_m >= 1000:
             return f"{self.length_m / 1000:g} km"
         return f"{self.length_m:g} m" if self.length_m >= 1 else f"{self.length_m * 100:g} cm"
@@ -60,7 +60,7 @@ class ScaleBar:
 def ground_sample_m(
     camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
 ) -> float:
-    """Ground that a pixel in the middle of the picture spans along its row, m; nan if none."""
+    """Return the ground length, m, that the picture's middle pixel spans along its row, or nan."""
     u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
     row = _Row.of(camera, u - 0.5, u + 0.5, v, 2)
     away_m = _away_m(row, _height_m(camera, pose, plane, ground, row.middle), pose)
@@ -70,14 +70,14 @@ def ground_sample_m(
 def scale_bar(
     camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, left: float, row: float
 ) -> ScaleBar | None:
-    """A bar that begins at a pixel (left, row) and goes to the right; None without ground there.
+    """Return a bar that runs to the right from a pixel (left, row); None without ground there.
 
-    Its length is the largest of 1, 2 and 5 times a power of ten, m, that a quarter of the
-    picture's width holds. On an elevation model the ground is taken as level along the bar.
+    Its length is the largest of 1, 2 and 5 times a power of ten, m, that fits into a quarter of
+    the picture's width. On an elevation model the ground is assumed level along the bar.
     """
     part = _Row.of(camera, left, left + _LONGEST_PART * camera.width, row, _SAMPLES)
     away_m = _away_m(part, _height_m(camera, pose, plane, ground, part.middle), pose)
-    if not (away_m[1:] > away_m[:-1]).all():  # nor where it is nan
+    if not (away_m[1:] > away_m[:-1]).all():  # nan compares false
         return None
     length_m = _round_length(float(away_m[-1]))
     right = float(np.interp(length_m, away_m, part.u))
@@ -86,7 +86,7 @@ def scale_bar(
 
 @dataclass(frozen=True)
 class _Row:
-    """Some pixels of a row."""
+    """Hold some pixels of a row."""
 
     u: Array  # (N,)
     rays: Array  # (N, 3) in the optical frame, z = 1
@@ -95,7 +95,7 @@ class _Row:
     @staticmethod
     @lru_cache(maxsize=8)
     def of(camera: Camera, left: float, right: float, row: float, count: int) -> _Row:
-        """The same in every frame, and dear: the lens is undone pixel by pixel."""
+        """Return the pixels, cached: each frame needs the same, and undistortion is slow."""
         uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
         return _Row(uv[:, 0], camera.rays(uv), uv[count // 2])
 
@@ -110,10 +110,10 @@ def _round_length(most_m: float) -> float:
 
 
 def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
-    """(N,) from the row's first ground point to each one, m; all nan if not all see ground.
+    """Return (N,) distances from the row's first ground point, m; all nan if not all see ground.
 
-    The ground is flat here: the curvature of the earth and the map's plane are together less than
-    0.1 % of a length that is seen from 100 m up, 1 km from the map's origin.
+    The ground is flat here: neglecting the curvature of the earth and the map's plane changes a
+    length by less than 0.1 %, seen from 100 m up, 1 km from the map's origin.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ways = height_m / (row.rays @ matrix_from_quat(pose.q_nc)[2])
@@ -127,7 +127,7 @@ def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
 def _height_m(
     camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, uv: Array
 ) -> float:
-    """Of the camera over the ground, on an elevation model over where a pixel (2,) meets it."""
+    """Return the camera's height over the ground, m; on a DEM, over a pixel's (2,) hit."""
     if isinstance(ground, Terrain):
         points, _ = locate(camera, pose, uv[None], plane, ground)
         return float(points[0, 2] - pose.position_n[2])
@@ -135,22 +135,22 @@ def _height_m(
 
 
 def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground) -> float:
-    """Of the camera over the ground below it; nan where the elevation model has none there."""
+    """Return the camera's height, m, over the ground below; nan where the DEM has no height."""
     if isinstance(ground, Terrain):
         latitude, longitude, height = plane.geodetic_from_ned(pose.position_n)
         return float(height - ground.height_m(latitude, longitude))
-    # The earth falls away from the plane; its curvature differs by less than 1 % from place to
-    # place: by 1 cm of height 4 km from the map's origin.
+    # The ellipsoid curves away from the plane. Its radius of curvature differs by less than 1 %
+    # from place to place, which is 1 cm of height 4 km from the map's origin.
     north, east, down = pose.position_n.tolist()
     away2 = north * north + east * east
     return float(plane.height_m - down + away2 / (2 * SEMI_MAJOR_AXIS_M) - ground)
 
 
 def camera_heading_rad(pose: CameraPose) -> float:
-    """Where the camera looks: 0 is north, clockwise, 0 to 2 pi.
+    """Return the camera's heading: 0 is north, clockwise, 0 to 2 pi.
 
-    The heading of the optical axis; as that comes within 10 degrees of straight down, more and
-    more that of the picture's upper edge.
+    It is the azimuth of the optical axis. As the axis comes within 10 degrees of straight down,
+    the azimuth of the picture's upper edge gains weight.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
@@ -161,13 +161,13 @@ def camera_heading_rad(pose: CameraPose) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PlacedBar:
-    """A scale bar with its place: over the left end of the status line."""
+    """Hold a scale bar and its place, above the left end of the status line."""
 
     bar: ScaleBar
     box: Box
 
     def paint(self, image: Pixels) -> None:
-        """Draw it on the picture (h, w, 3) for which it was placed, to whole pixels."""
+        """Draw it, in whole pixels, on the picture (h, w, 3) for which it was placed."""
         bar, size_px = self.bar, text_px(image)
         wide = _pen_px(size_px)
         left, right = round(bar.left), round(bar.right) + 1
@@ -189,7 +189,7 @@ class PlacedBar:
 def place_scale_bar(
     image: Pixels, camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
 ) -> PlacedBar | None:
-    """The scale bar of a picture (h, w, ...); None where no ground is seen, or no room is."""
+    """Return the scale bar of a picture (h, w, ...); None without ground in view, or room."""
     size_px, bottom = text_px(image), status_box(image).top
     row = bottom - 0.6 * size_px
     bar = scale_bar(camera, pose, plane, ground, 0.8 * size_px, row)
@@ -203,7 +203,7 @@ def place_scale_bar(
 
 @dataclass(frozen=True, slots=True)
 class PlacedRose:
-    """A needle to north with the camera's heading, in the upper right corner."""
+    """Hold a north needle with the camera's heading, in the upper right corner."""
 
     rose: Stamp
     box: Box
@@ -214,9 +214,9 @@ class PlacedRose:
 
 
 def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
-    """The rose of a picture (h, w, ...), up being where the camera looks; None without room.
+    """Return the rose of a picture (h, w, ...), up being the camera's heading; None without room.
 
-    To the degree, as it is written.
+    It is drawn to the degree, as the heading is written.
     """
     rose = _rose(round(math.degrees(heading_rad)) % 360, text_px(image))
     height, width = image.shape[:2]
@@ -226,7 +226,7 @@ def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
     return PlacedRose(rose, box)
 
 
-@lru_cache(maxsize=16)  # 40 kB each: all of a turn would be 15 MB
+@lru_cache(maxsize=16)  # 40 kB each: 360 of them would take 15 MB
 def _rose(heading_deg: int, size_px: int) -> Stamp:
     heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
     to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
@@ -245,7 +245,7 @@ def _rose(heading_deg: int, size_px: int) -> Stamp:
 
 
 def _filled(uv: Array, side_px: int, size_px: int) -> Stamp:
-    """A shape with corners (N, 2), in the text's colour, with a dark halo, in a square."""
+    """Return a polygon (N, 2), in the text's colour, with a dark halo, in a square."""
     mask = np.zeros((side_px, side_px), np.uint8)
     points = np.rint(uv * (1 << _SHIFT)).astype(np.int32)
     cv2.fillPoly(mask, [points], (_FULL,), cv2.LINE_AA, _SHIFT)

@@ -1,6 +1,6 @@
-"""The words under the picture: the checks' verdict, the filter, the height, the video.
+"""Compose the status line: the checks' verdict, the filter, the height, the video.
 
-The filter's state is shown, with its time and reason, where it is not ``running``.
+The filter's state is shown, with its duration and reason, unless it is ``running``.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ _RTK_NAMES = {
 _ORANGE_BGR: Colour = (60, 140, 255)
 _RED_BGR: Colour = (100, 100, 255)
 _COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
-#: By the checks' verdict, of its notice too.
+#: Colour by the checks' verdict, in the status line and in the notice.
 VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.STOP: _ORANGE_BGR}
 _VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
 _CLOCK_STEP_S = 0.02
-_BELOW_M = 2.0  # a camera on the landing gear, a ground known to a metre
+_BELOW_M = 2.0  # tolerance: a camera on the landing gear, a ground height known to a metre
 
 
 def words_of(state: FilterState) -> str:
-    """The name of a state as it is shown to a person."""
+    """Return a state's name as it is shown to a person."""
     return state.value.replace("_", " ")
 
 
@@ -43,11 +43,11 @@ def status_line(
     above_m: float = math.nan,
     verdict: Severity = Severity.NOTE,
 ) -> list[Field]:
-    """The fields, left to right, for a frame of ``age_s``; ``rate_hz`` is nan at the first one.
+    """Return the fields, left to right, for a frame of ``age_s``; ``rate_hz`` may be nan.
 
-    ``predicted_s`` is how far its pose is a prediction, ``dropped`` how many frames were lost,
-    ``above_m`` how high the camera is above the ground, nan where that is not known, ``verdict``
-    that of the checks.
+    ``predicted_s`` is how far the frame's pose was extrapolated, ``dropped`` the number of lost
+    frames, ``above_m`` the camera's height above the ground, nan if unknown, and ``verdict`` that
+    of the checks.
     """
     found = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
     mark = [Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR)] if predicted_s else []
@@ -61,7 +61,7 @@ def _filter_fields(status: NavigationStatus | None, height: list[Field]) -> list
     if status is None:
         return [Field("no filter status"), *height]
     return [
-        *_state_fields(status),  # first: it stays where the picture is small
+        *_state_fields(status),  # first, because the first fields stay on a small picture
         Field(status.method),
         Field(f"RTK {_RTK_NAMES[status.rtk_status]}"),
         *height,
@@ -94,7 +94,7 @@ def _span(seconds: float) -> str:
 
 
 def _age(age_s: float) -> str:
-    if -_CLOCK_STEP_S < age_s < 0:  # the clock of a bag has not come to the frame yet
+    if -_CLOCK_STEP_S < age_s < 0:  # a bag's clock moves in steps and may be behind the frame
         age_s = 0.0
     return f"age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"age {age_s:.0f} s"
 

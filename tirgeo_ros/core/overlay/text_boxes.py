@@ -1,4 +1,4 @@
-"""Words on the thermal picture: the status line, and a notice where there is no map."""
+"""Write on the thermal picture: the status line, and a notice where there is no map."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.quoted_text import cut
 
 NOTICE_BGR: Colour = (80, 200, 255)
-LONGEST_NOTICE = 300  # characters; with more a small picture would be all text
+LONGEST_NOTICE = 300  # characters; more would cover a small picture with text
 
-_NOTICE_TIMES = 1.25  # the size of plain text
-#: What is left of the picture under the status line: so little that every colour of its text has
-#: a contrast of 4.5 to 1 on a white picture too (WCAG 2, relative luminance).
+_NOTICE_TIMES = 1.25  # size of a large notice, relative to plain text
+#: Brightness that remains under the status line: low enough that every colour of its text has a
+#: contrast of 4.5 to 1 even on a white picture (WCAG 2, relative luminance).
 _STRIP_LIGHT = 0.14
-_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # of the size of the status line's text
-_LEAST_DETAIL = 6  # characters; less of a detail says nothing
+_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # in sizes of the status line's text
+_LEAST_DETAIL = 6  # characters; a shorter rest of a detail is useless
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A text of the status line."""
+    """Hold one text of the status line."""
 
     text: str
     colour: Colour = TEXT_BGR
-    detail: str = ""  # follows the text, cut where the line is too long
-    spare: bool = False  # left out first where the line is too long
+    detail: str = ""  # follows the text; cut if the line is too long
+    spare: bool = False  # left out first if the line is too long
 
 
 def status_box(image: Pixels) -> Box:
-    """The strip at the bottom of a picture (h, w, ...) that the status line takes."""
+    """Return the strip at the bottom of a picture (h, w, ...) for the status line."""
     height, width = image.shape[:2]
     return Box(0, max(height - line_px(text_px(image)), 0), width, height)
 
@@ -65,9 +65,10 @@ def _darken(part: Pixels) -> None:
 
 
 def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
-    """As much of the fields as one line of the picture's width takes, in text of a size.
+    """Return the fields that fit into one line of the picture's width, in text of this size.
 
-    Spare fields go first, then details are cut, then fields go from the right; the first stays.
+    Spare fields are removed first, then details are cut, then fields are removed from the right.
+    The first field stays.
     """
     kept = list(fields)
     if _excess_px(kept, width_px, size_px) <= 0:
@@ -91,7 +92,7 @@ def _excess_px(fields: Sequence[Field], width_px: int, size_px: int) -> int:
 
 
 def _cut(field: Field, width_px: int, size_px: int) -> Field:
-    """With as much of its detail as fits, or with none."""
+    """Return the field with as much of its detail as fits, or with none."""
 
     def cut_at(length: int) -> Field:
         return replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
@@ -107,14 +108,14 @@ def _written(field: Field, size_px: int) -> Stamp:
 
 @dataclass(frozen=True, slots=True)
 class PlacedNotice:
-    """A notice in its place."""
+    """Hold a notice and its place."""
 
     lines: tuple[Stamp, ...]
     box: Box
-    strip: bool  # whether the picture is darkened under it
+    strip: bool  # whether the picture is darkened behind it
 
     def paint(self, image: Pixels) -> None:
-        """Write it on the picture (h, w, 3) for which it was placed, each line in the middle."""
+        """Write it on the picture (h, w, 3) for which it was placed, each line centred."""
         top = self.box.top
         if self.strip:
             _darken(image[top : self.box.bottom, self.box.left : self.box.right])
@@ -133,10 +134,10 @@ def place_notice(
     most_lines: int = 3,
     large: bool = False,
 ) -> PlacedNotice:
-    """Place a notice across a picture (h, w, ...) from a row on, to the left of a box.
+    """Place a notice across a picture (h, w, ...), from row ``top`` down, left of ``beside``.
 
-    It has so many lines at most; what is over is cut. A ``large`` one stands where nothing else
-    does; under any other the picture is darkened.
+    Text beyond ``most_lines`` is cut. A ``large`` notice is for a place where nothing else is
+    written; behind any other the picture is darkened.
     """
     width = beside.left if beside else image.shape[1]
     size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
@@ -146,12 +147,12 @@ def place_notice(
 
 
 def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
-    """Write a notice, as far as ``LONGEST_NOTICE``, across the upper part of the picture."""
+    """Write a notice of up to ``LONGEST_NOTICE`` characters across the picture's upper part."""
     top = max(image.shape[0] // 8, least_top)
     place_notice(image, notice, top=top, most_lines=LONGEST_NOTICE, large=True).paint(image)
 
 
-@lru_cache(maxsize=4)  # a notice stays for seconds, and to measure it is dear
+@lru_cache(maxsize=4)  # a notice stays for seconds, and measuring text is slow
 def _notice_lines(
     text: str, size_px: int, colour: Colour, width_px: int, most: int
 ) -> tuple[Stamp, ...]:
@@ -163,7 +164,7 @@ def _notice_lines(
 
 
 def _cut_to(text: str, size_px: int, width_px: int) -> str:
-    """As much of a text as a line takes, with an ellipsis."""
+    """Return as much of a text as fits into a line, with an ellipsis."""
     lengths = range(1, min(len(text), LONGEST))
     fits = bisect_right(
         lengths, width_px, key=lambda n: passing_stamp(cut(text, n), size_px, NOTICE_BGR).size[0]
@@ -172,7 +173,7 @@ def _cut_to(text: str, size_px: int, width_px: int) -> str:
 
 
 def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:
-    """Lines of whole words."""
+    """Return the text in lines of whole words."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()

@@ -1,7 +1,7 @@
-"""Text in any script as small bitmaps, each rendered once and then laid on the picture.
+"""Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
-OpenCV 5 writes UTF-8 with a typeface of its own. OpenCV 4 writes ASCII alone, so there Pillow
-does it, with a typeface of the system, or in ASCII where the system has none.
+OpenCV 5 writes UTF-8 with its own typeface. OpenCV 4 writes only ASCII, so there Pillow is used,
+with a typeface of the system, or with ASCII only if the system has none.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ Colour = tuple[int, int, int]
 
 TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
-_CACHED, _PASSING = 1024, 24  # texts
-#: Of these parts of a picture's width and height is a text: 9 px on a phone 360 px wide.
+_CACHED, _PASSING = 1024, 24  # number of texts
+#: The text size is these fractions of a picture's width and height: 9 px on a phone 360 px wide.
 _WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
-_WEIGHT = 500  # of OpenCV's typeface: 400 is plain, 700 bold
+_WEIGHT = 500  # of OpenCV's typeface: 400 is regular, 700 bold
 _SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
 
 
 def text_px(image: Pixels) -> int:
-    """The size of plain text on a picture (h, w, ...)."""
+    """Return the size of plain text on a picture (h, w, ...), px."""
     height, width = image.shape[:2]
     fits = round(min(width / _WIDTH_PARTS, height / _HEIGHT_PARTS))
     return int(min(max(fits, _SMALLEST_PX), _LARGEST_PX))
 
 
 def line_px(size_px: int) -> int:
-    """The height of a line of text, with its halo, unless a letter is taller than others."""
+    """Return the height, px, of a line of text with its halo; a tall letter may need more."""
     return size_px + size_px // 3 + 2 * _halo_px(size_px)
 
 
@@ -56,7 +56,7 @@ def _disc(radius_px: int) -> Pixels:
 
 
 class Box(NamedTuple):
-    """A rectangle of pixels; right and bottom are the first ones outside."""
+    """Hold a rectangle of pixels; right and bottom are the first ones outside."""
 
     left: int
     top: int
@@ -64,7 +64,7 @@ class Box(NamedTuple):
     bottom: int
 
     def meets(self, other: Box, room: int = 0) -> bool:
-        """Whether less than so much room is between them."""
+        """Return whether the boxes overlap, or have less than ``room`` px between them."""
         return (
             self.left - room < other.right
             and other.left < self.right + room
@@ -75,25 +75,25 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """A text ready to be laid on a picture: ``picture * keep / 255 + ink``."""
+    """Hold a text ready to be drawn on a picture: ``picture * keep / 255 + ink``."""
 
     keep: Pixels  # (h, w, 3)
     ink: Pixels  # (h, w, 3)
 
     @classmethod
     def of(cls, alpha: cv2.typing.MatLike, halo: cv2.typing.MatLike, colour: Colour) -> Stamp:
-        """Of how far ink, and darkness, cover each pixel: (h, w), 0 to 255."""
+        """Return the stamp of the coverage by ink and by halo, both (h, w), 0 to 255."""
         ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
         keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
         return cls(keep, ink)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
+        """Return width and height in pixels."""
         return self.ink.shape[1], self.ink.shape[0]
 
     def lay(self, image: Pixels, left: int, top: int) -> None:
-        """Draw on a (h, w, 3) picture with the upper left corner here; cut at the edges."""
+        """Draw on a (h, w, 3) picture with the upper left corner here; clip at the edges."""
         keep, ink = self.keep, self.ink
         if left < 0 or top < 0:
             part = slice(max(-top, 0), None), slice(max(-left, 0), None)
@@ -110,12 +110,12 @@ class Stamp:
 
 
 def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
-    """A text in a BGR colour with a dark halo, cut at ``LONGEST``. Controls become spaces."""
+    """Return a text in a BGR colour with a dark halo, cut at ``LONGEST``, controls as spaces."""
     return _stamp(cut(text, LONGEST), size_px, colour)
 
 
 def passing_stamp(text: str, size_px: int, colour: Colour) -> Stamp:
-    """The same of words of the moment, which will not come again: few are remembered."""
+    """Return the stamp of a text that will not come again, from a small cache of its own."""
     return _kept_briefly(cut(text, LONGEST), size_px, colour)
 
 
@@ -125,12 +125,13 @@ def _rendered(text: str, size_px: int, colour: Colour) -> Stamp:
 
 
 _stamp = lru_cache(maxsize=_CACHED)(_rendered)
-#: Seconds that are counted, in a reason of 60 characters, would fill the other with 70 MB.
+#: Without its own cache, reasons with a running time in seconds (60 characters each) would fill
+#: the large one with 70 MB.
 _kept_briefly = lru_cache(maxsize=_PASSING)(_rendered)
 
 
 def composed(width: int, height: int, parts: Sequence[tuple[Stamp, int, int]]) -> Stamp:
-    """Stamps in one, each with its upper left corner at a column and row of it."""
+    """Combine stamps into one; each has its upper left corner at (left, top) in the whole."""
     keep = np.full((height, width, 3), 255, np.uint8)
     ink = np.zeros_like(keep)
     for part, left, top in parts:
@@ -140,9 +141,9 @@ def composed(width: int, height: int, parts: Sequence[tuple[Stamp, int, int]]) -
 
 
 def coverage(text: str, size_px: int) -> Pixels:
-    """How far ink covers each pixel of a text, 0 to 255, (h, w), with the halo's margin.
+    """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo.
 
-    Raises ConfigError where neither OpenCV 5 nor Pillow is there.
+    Raises ConfigError if neither OpenCV 5 nor Pillow is installed.
     """
     if hasattr(cv2, "FontFace"):
         return _by_opencv(cv2, text, size_px)
@@ -158,7 +159,7 @@ def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
 
 
 def _sheet(size_px: int, width: int, top: int, bottom: int) -> tuple[Pixels, int]:
-    """An empty bitmap and the row of its base line; texts of a size get the same line height."""
+    """Return an empty bitmap and its base line's row; texts of one size have one line height."""
     above, below = max(size_px, -top), max(size_px // 3, bottom)
     pad = _halo_px(size_px)
     return np.zeros((above + below + 2 * pad, width + 2 * pad), np.uint8), above + pad
@@ -188,7 +189,7 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
 
 @lru_cache(maxsize=8)
 def _pillow_font(size_px: int) -> tuple[Any, bool]:
-    """A typeface of the system, else Pillow's own, and whether it is more than ASCII."""
+    """Return a system typeface, else Pillow's own, and whether it covers more than ASCII."""
     from PIL import ImageFont  # noqa: PLC0415
 
     for name in _SYSTEM_FONTS:
@@ -198,6 +199,6 @@ def _pillow_font(size_px: int) -> tuple[Any, bool]:
 
 
 def _plain(text: str) -> str:
-    """ASCII: letters without their accents, a question mark for all others."""
+    """Return the text in ASCII: letters without accents, a question mark for the rest."""
     bare = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     return "".join(c if c.isascii() else "?" for c in bare)

@@ -1,14 +1,14 @@
-"""What the picture shows of its own uncertainty: lines that fade or have a band, and ellipses.
+"""Draw the overlay's own uncertainty: lines that fade or have a band, and ellipses.
 
     confidence = Confidence(config.confidence)
     frame = confidence.frame(camera, pose, rates)                      # once a picture
     confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
     marked = confidence.marked(frame, lines, anchors, radius_px, sigma)   # for Painter.strokes
 
-A faded line says that there is something, no longer where. Ellipses are at points alone, dashed,
-in a colour of their own, and left out where the mark is about as large. Where one would not tell
-the truth, or is as large as the picture, it is dotted and its feature is ``uncertain``: the label
-belongs in grey.
+A faded line shows that a feature exists, but no longer where. Ellipses are drawn only at points,
+dashed, in a colour of their own, and left out where the mark is about as large. Where an ellipse
+would be wrong (the projection is too nonlinear), or is as large as the picture, it is dotted and
+its feature is ``uncertain``: its label is grey.
 """
 
 from __future__ import annotations
@@ -38,44 +38,44 @@ from tirgeo_ros.core.overlay.line_sampling import each, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Opacity falls in so many equal steps, from 1 to the faintest, at the configured radius.
+#: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
 FADE_STEPS = 3
 FAINTEST = 0.25
-#: An ellipse is drawn if its major semi-axis is so many times the mark's radius: of about the same
-#: size the two could not be told apart.
+#: An ellipse is drawn if its major semi-axis is at least this many times the mark's radius: of
+#: about the same size the two could not be told apart.
 MARK_TIMES = 1.5
-#: As many ellipses as labels, at most.
+#: The largest number of ellipses, the same as of labels.
 MOST_ELLIPSES = 40
 
 _BAND_STEP_PX = 16.0
 _BAND_OPACITY = 0.25
-#: No layer's by default, nor a click's: what is so drawn is no place but a doubt.
+#: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
 ELLIPSE_BGR = (255, 175, 215)
 _CORNERS = 48  # of an ellipse
 _TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
 _CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
-_PERIOD, _DASH, _DOT = 6, 3, 1  # corners, from dash to dash and along one
+_PERIOD, _DASH, _DOT = 6, 3, 1  # in corners: from dash to dash, of a dash, of a dot
 
 
 class Anchors(NamedTuple):
-    """Points of features whose uncertainty is asked for."""
+    """Hold points of features whose uncertainty is needed."""
 
     uv: Array  # (2, N) pixels
-    rays: Array  # (3, N) as Seen has them
+    rays: Array  # (3, N) as in Seen
     owner: IntArray  # (N,) their features
-    mark: BoolArray  # (N,) whether each is a point of the map: it may have an ellipse
+    mark: BoolArray  # (N,) whether each is a point feature, which may have an ellipse
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipses:
-    """Ellipses of 95 % for N anchors."""
+    """Hold the 95 % confidence ellipses of N anchors."""
 
-    outlines: Polylines  # (2, V) pixels, owned by features: the dashes, or dots of a hint
-    uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or nobody can tell
+    outlines: Polylines  # (2, V) pixels, owned by features: dashes, or dots if uncertain
+    uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or is not known
 
 
 class Marked(NamedTuple):
-    """What is drawn of some lines and points."""
+    """Hold what is drawn of some lines and points."""
 
     lines: Polylines  # cut where their opacity changes
     opacity: Array  # (lines,) 1/4 to 1
@@ -83,7 +83,7 @@ class Marked(NamedTuple):
 
 
 class Confidence:
-    """Draws the overlay's uncertainty as the configuration says."""
+    """Draw the overlay's uncertainty as configured."""
 
     def __init__(self, config: ConfidenceConfig) -> None:
         self._config = config
@@ -91,7 +91,7 @@ class Confidence:
     def frame(
         self, camera: Camera, pose: CameraPose, rates: CameraRates | None = None
     ) -> FrameConfidence:
-        """The errors of one frame: pose and rates at its exposure."""
+        """Return the errors of one frame, from pose and rates at its exposure."""
         return FrameConfidence(self._config, camera, pose, rates)
 
     def marked(
@@ -102,12 +102,12 @@ class Confidence:
         mark_radius_px: float,
         sigma_m: Array | None = None,
     ) -> Marked:
-        """Lines that fade, and the ellipses of anchors that are clearly larger than a mark.
+        """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
 
-        ``sigma_m`` (features,) of the map's layers, nan where not told. Lines with a band fade
-        too: a strong line in the middle of a broad band would still be believed. If nothing is to
-        become of lines, they are returned as they are. Without ellipses in the configuration
-        there are no outlines, but still the word on what is uncertain.
+        ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
+        Lines with a band fade too: a strong line in the middle of a broad band would still be
+        trusted. If lines are configured to show nothing, they are returned unchanged. If ellipses
+        are switched off, there are no outlines, but ``uncertain`` is still computed.
         """
         fades = self._config.lines != "none" and len(lines)
         fading = Fading.of(lines) if fades else None
@@ -115,7 +115,7 @@ class Confidence:
         if fading:
             rays = np.concatenate([rays, fading.rays], axis=1)
             owner = np.concatenate([owner, fading.owner])
-        # All in one: for so few points most of the time goes into the calls.
+        # One call for all points: for so few, most of the time is call overhead.
         spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
         ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
         if not fading:
@@ -123,7 +123,7 @@ class Confidence:
         return Marked(*fading.cut(self._opacity(radius_95(spread[:, count:]))), ellipses)
 
     def _opacity(self, radius_px: Array) -> Array:
-        """For radii of 95 %; what is not known (nan) is at its faintest."""
+        """Return the opacity for 95 % radii, px; an unknown radius (nan) gives the faintest."""
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
         return np.asarray(1 - step * ((1 - FAINTEST) / FADE_STEPS))
 
@@ -136,7 +136,7 @@ class Confidence:
         styles: Sequence[LayerStyle],
         sigma_m: Array | None = None,
     ) -> None:
-        """Tint (h, w, 3) where 95 % of the true lines run, if lines are to have a band.
+        """Tint (h, w, 3) the bands that hold the true line with 95 %, if bands are configured.
 
         ``layer`` (lines,) is the index of each line's style, whose colour the band has. No band
         is wider than half the picture.
@@ -162,7 +162,7 @@ class Confidence:
         semi_px, angle = ellipse_95(matrices(spread))
         most_px = min(camera.width, camera.height) / 4
         uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-        drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # not if nan
+        drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
         chosen = np.flatnonzero(drawn & self._config.ellipses)
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
         uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
@@ -171,15 +171,15 @@ class Confidence:
 
 
 def layer_sigmas(vector_map: VectorMap) -> Array:
-    """(features,) standard deviation of the places of each feature's layer, m; nan: not told."""
-    told = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
-    return np.array(told, float)[vector_map.layer]
+    """Return (features,) position sigma of each feature's layer, m; nan if not given."""
+    sigmas = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
+    return np.array(sigmas, float)[vector_map.layer]
 
 
 def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
-    """The anchors of labels, and other marks: all, if that is not too many.
+    """Return the anchors of labels and those of other marks: all marks, if they are not too many.
 
-    Else one in each part of the picture where there is none yet, up to the most there may be.
+    Else one in each part of the picture that has none yet, up to MOST_ELLIPSES in total.
     """
     if not len(marks):
         return labelled
@@ -194,7 +194,7 @@ def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
 
 
 def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
-    """Lay a layer's colour thinly over the picture, once where quads overlap."""
+    """Blend a layer's colour thinly over the picture, once where quads overlap."""
     mask = np.zeros(image.shape[:2], np.uint8)
     for quad in np.rint(quads).astype(np.int32):
         cv2.fillConvexPoly(mask, quad, (255,))
@@ -204,7 +204,7 @@ def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
 
 
 def _spread_out(uv: Array, camera: Camera) -> IntArray:
-    """All (2, N), if they are not too many; else the first of each part of the picture."""
+    """Return the indices of all points (2, N), or, if too many, of the first in each cell."""
     if uv.shape[1] <= MOST_ELLIPSES:
         return np.arange(uv.shape[1])
     side = np.sqrt(camera.width * camera.height / MOST_ELLIPSES)
@@ -217,10 +217,10 @@ def _spread_out(uv: Array, camera: Camera) -> IntArray:
 def ellipse_dashes(
     uv: Array, semi_px: Array, angle: Array, owner: IntArray, dotted: BoolArray
 ) -> Polylines:
-    """Dashes (2, V) of ellipses around uv (2, N).
+    """Return the dashes (2, V) of ellipses around uv (2, N).
 
-    Semi-axes (N, 2) and the angles (N,) of the larger ones, as ``ellipse_95`` gives them.
-    ``owner`` (N,) is whose they are; those that are ``dotted`` (N,) have shorter dashes.
+    ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) those of the larger ones, as returned
+    by ``ellipse_95``. ``owner`` (N,) are the features; ``dotted`` (N,) ones have shorter dashes.
     """
     corners = _corners(uv, semi_px, angle)
     dashes = _CORNERS // _PERIOD
@@ -233,7 +233,7 @@ def ellipse_dashes(
 
 
 def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
-    """(2, N, corners + 1), the last one the first."""
+    """Return (2, N, corners + 1) points of the ellipses; the last equals the first."""
     c, s = np.cos(angle), np.sin(angle)
     along, across = semi_px.T
     axes = np.array([[along * c, -across * s], [along * s, across * c]])

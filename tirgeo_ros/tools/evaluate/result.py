@@ -2,7 +2,7 @@
 
 East and north are metres in one projected plane (``Evaluation.projection``), true to scale as its
 name says. Attitudes are roll, pitch, yaw (rad) relative to north, east, down at the aircraft; yaw
-is the heading, within -pi to pi. IntArray are int ns. Series are thinned to ``SERIES_HZ``.
+is the heading, within -pi to pi. Stamps are int ns. Series are thinned to ``SERIES_HZ``.
 """
 
 from __future__ import annotations

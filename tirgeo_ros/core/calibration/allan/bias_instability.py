@@ -1,13 +1,14 @@
-"""The filter's model of a bias, fitted to an Allan curve.
+"""Fit the filter's bias model, a Gauss-Markov process, to an Allan curve.
 
-``error_state`` models a bias as a first-order Gauss-Markov process of standard deviation ``s`` and
-correlation time ``T``, driven by ``s sqrt(2 / T)``. A sensor's bias is flicker noise and a random
-walk rather, which no such process is; the nearest one is wanted at all averaging times alike, from
-the shortest to a quarter of the record, so that no point weighs more than a fifth's error allows.
+``ins_error_model`` models a bias as a first-order Gauss-Markov process of standard deviation ``s``
+and correlation time ``T``, driven by ``s sqrt(2 / T)``. A sensor's bias is rather flicker noise
+and a random walk, which no such process reproduces. The process nearest to the curve is wanted,
+with equal weight at all averaging times from the shortest to a quarter of the record. So each
+point is given a relative error of at least a fifth.
 
-Where a process with the bias instability B for its ``s`` is about as near, it is taken: B is what
-data sheets and other tools call so. Flicker noise is then modelled by B and the best time. Of a
-bias that walks, or truly is such a process, B alone would say too little.
+If a process whose ``s`` is the bias instability B is about as near, it is taken, because B is the
+number in data sheets and in other tools. Flicker noise is then modelled by B and the best time.
+For a bias that walks, or that is truly such a process, B alone would be too small.
 """
 
 from __future__ import annotations
@@ -19,26 +20,27 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 
-#: The process is told from none by so many standard deviations of its power.
+#: The process is significant beyond this many standard deviations of its power.
 _SEEN_SIGMA = 2.0
 _MODEL = 0.2  # relative error of the model of variances
-#: So many times the least sum of squared misfits is about as near. Pure flicker noise is fitted by
-#: s = 1.25 B best, and by B with 1.3 to 2.5 times the sum; a process or a walk by B with 6 to 200.
+#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
+#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
+#: gives 6 to 200 times the sum.
 _AS_NEAR = 3.0
-_TIMES = 200
+_TIMES = 200  # correlation times that are tried
 
 
 class GaussMarkov(NamedTuple):
-    """A first-order Gauss-Markov process; the unit is that of the record."""
+    """Hold a first-order Gauss-Markov process, in the unit of the record."""
 
     sigma: float
     time_s: float
     sigma_of_sigma: float
     time_factor: float  # the time is known to within this factor
-    seen: bool  # False: ``sigma`` is an upper bound, at the longest time that a record tells of
+    seen: bool  # False: ``sigma`` is an upper bound, at the longest time that the record shows
 
     def variances(self, tau_s: Array) -> Array:
-        """(k,) Allan variances."""
+        """Return the Allan variances (k,)."""
         return self.sigma**2 * gauss_markov(tau_s, self.time_s)
 
 
@@ -50,20 +52,20 @@ class _Trial(NamedTuple):
 
 
 class Instability(NamedTuple):
-    """B and its standard deviation, in the unit of the record."""
+    """Hold the bias instability B and its standard deviation, in the unit of the record."""
 
     value: float
     sigma: float
 
 
 def gauss_markov(tau_s: Array, time_s: float) -> Array:
-    """Allan variance of a first-order Gauss-Markov process of standard deviation 1.
+    """Return the Allan variance of a first-order Gauss-Markov process of standard deviation 1.
 
-    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``error_state``.
+    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``ins_error_model``.
     """
     r = np.asarray(tau_s / time_s)
     decay = -np.expm1(-r)
-    # 3 - 4 exp(-r) + exp(-2 r) = 2 r - (2 (r - decay) - decay^2) keeps its digits down to 1e-3.
+    # 3 - 4 exp(-r) + exp(-2 r) = 2 decay + decay^2, which is accurate down to r = 1e-3.
     closed = 2 / r * (1 - (2 * decay + decay**2) / (2 * r))
     return np.where(r < 1e-3, 2 * r / 3, closed)
 
@@ -76,12 +78,12 @@ def fit_bias(
     used: slice,
     instability: Instability | None = None,
 ) -> GaussMarkov:
-    """The process nearest to Allan variances (k,) that white noise has been taken out of.
+    """Return the process nearest to Allan variances (k,) from which white noise is subtracted.
 
-    ``model`` (k,) and ``covariance`` (k, k) are of the whole variances, with the white noise;
-    ``instability`` is B where it is told from none: the standard deviation, if a process of it is
-    about as near. Correlation times reach from four of the shortest averaging time to four of the
-    longest: the length of the record.
+    ``model`` (k,) and ``covariance`` (k, k) are of the complete variances, with the white noise.
+    ``instability`` is B if it is significant; it becomes the standard deviation if a process with
+    it is about as near. Correlation times are tried from four times the shortest averaging time
+    to four times the longest, which is the record's length.
     """
     weights = 1 / (model[used] * np.sqrt(covariance.diagonal() / model**2 + _MODEL**2)[used])
     times_s = np.geomspace(4 * tau_s[0], 4 * tau_s[-1], _TIMES)
@@ -99,26 +101,26 @@ def fit_bias(
     sigma = Instability(math.sqrt(best.power), best.sigma / (2 * math.sqrt(best.power)))
     if instability is not None:
         power = instability.value**2
-        told = [
+        constrained = [
             one._replace(power=power, cost=_cost(weights * (values - power * shape)))
             for one, shape in zip(trials, shapes, strict=True)
         ]
-        nearest = min(told, key=lambda trial: trial.cost)
+        nearest = min(constrained, key=lambda trial: trial.cost)
         if nearest.cost <= _AS_NEAR * best.cost:
-            trials, best, sigma = told, nearest, instability
+            trials, best, sigma = constrained, nearest, instability
     factor = _time_factor(trials, best, len(weights))
     return GaussMarkov(sigma.value, best.time_s, sigma.sigma, factor, seen=True)
 
 
 def _time_factor(trials: list[_Trial], best: _Trial, points: int) -> float:
-    """Within which factor the time is known: a misfit of the model counts as the points' error."""
+    """Return the factor within which the time is known; misfit of the model counts as error."""
     limit = best.cost + max(1.0, best.cost / points)
     near = [trial.time_s for trial in trials if trial.cost <= limit]
     return max(near[-1] / best.time_s, best.time_s / near[0])
 
 
 def _trial(time_s: float, shape: Array, values: Array, weights: Array, part: Array) -> _Trial:
-    """The best process of one correlation time."""
+    """Return the best process with one correlation time."""
     gain = weights**2 * shape / float((weights * shape) @ (weights * shape))
     power = max(float(gain @ values), 0.0)
     spread = math.sqrt(float(gain @ part @ gain))

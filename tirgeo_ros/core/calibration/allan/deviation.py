@@ -1,10 +1,11 @@
-"""Overlapping Allan variances of records of any length, in bounded memory.
+"""Compute overlapping Allan variances of records of any length, in bounded memory.
 
-An average over ``m`` slots is compared with the one over the next ``m``. For ``m`` up to 7 that
-is done at every slot. For longer ones the record is halved again and again by adding neighbours,
-and ``m`` is 4 to 7 slots of such a level, compared at every one of them: a stride of a quarter to
-a seventh of the averaging time, which takes nearly all that full overlap could (the equivalent
-degrees of freedom of white noise are 3 % fewer), at the cost of one more pass in all.
+An average over ``m`` slots is compared with the average over the next ``m``. For ``m`` up to 7
+this is done at every slot. For longer times the record is halved again and again by adding
+neighbours, and ``m`` is 4 to 7 slots of such a level, compared at every one of them. The stride is
+then a quarter to a seventh of the averaging time. This uses nearly all the information of full
+overlap (the equivalent degrees of freedom of white noise are 3 % fewer) and costs one more pass
+in total.
 """
 
 from __future__ import annotations
@@ -19,29 +20,29 @@ from tirgeo_ros.core.types.arrays import Array
 
 _FIRST = (1, 2, 3, 4, 5, 6, 7)
 _LATER = _FIRST[3:]
-#: An average counts where this share of its samples is there.
+#: An average is used if at least this share of its samples is present.
 _PRESENT = 0.75
 
 
 class AllanCurve(NamedTuple):
-    """Overlapping Allan variances over rising averaging times."""
+    """Hold overlapping Allan variances over increasing averaging times."""
 
-    slots: Array  # (k,) slots averaged over
+    slots: Array  # (k,) averaging times, in slots
     strides: Array  # (k,) slots between comparisons
-    pairs: Array  # (k,) comparisons
+    pairs: Array  # (k,) number of comparisons
     variances: Array  # (k, channels)
     inverse_counts: Array  # (k,) mean of 1 / (samples in an average)
-    steps: Array  # (k, channels) mean difference from an average to the next
+    steps: Array  # (k, channels) mean difference from one average to the next
 
 
 class AllanStream:
-    """Takes the pieces of a record one after another."""
+    """Accumulate the pieces of a record one after another."""
 
     def __init__(self) -> None:
         self._levels = [_Level(0)]
 
     def add(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive slots."""
         if piece.fresh:
             for level in self._levels:
                 level.restart()
@@ -54,7 +55,7 @@ class AllanStream:
             number += 1
 
     def curve(self) -> AllanCurve:
-        """What has come in so far, at all averaging times that fit into it twice."""
+        """Return the curve so far, at all averaging times that fit into the record twice."""
         rows = [row for level in self._levels for row in level.rows()]
         columns = zip(*rows, strict=True)
         return AllanCurve(*(np.array(column, float) for column in columns))
@@ -62,7 +63,7 @@ class AllanStream:
 
 @dataclass
 class _Sums:
-    """Of the comparisons at one averaging time."""
+    """Hold sums over the comparisons at one averaging time."""
 
     pairs: int = 0
     squares: Array | None = None  # (channels,)
@@ -72,26 +73,26 @@ class _Sums:
 
 @dataclass
 class _Level:
-    """The record in sums over ``2 ** number`` slots."""
+    """Accumulate the record in sums over ``2 ** number`` slots."""
 
     number: int
     _found: dict[int, _Sums] = field(default_factory=dict)
-    _sums: Array | None = None  # the newest slots: what later ones are compared with
+    _sums: Array | None = None  # the newest slots, with which later ones are compared
     _counts: Array = field(default_factory=lambda: np.zeros(0))
-    _odd: int = 0  # how many of these are not in the next level yet
+    _odd: int = 0  # number of these that are not in the next level yet
 
     def restart(self) -> None:
-        """Compare nothing to come with anything before."""
+        """Forget the slots so far, so that later ones are not compared with them."""
         self._sums, self._counts, self._odd = None, np.zeros(0), 0
 
     def add(self, sums: Array, counts: Array) -> tuple[Array, Array]:
-        """Take in slots (n, channels), (n,); those that they make for the next level."""
+        """Add slots (n, channels), (n,); return the slots that they make for the next level."""
         old = len(self._counts)
         if self._sums is not None:
             sums = np.concatenate([self._sums, sums])
         counts = np.concatenate([self._counts, counts])
         total = np.zeros((len(sums) + 1, sums.shape[1]))
-        # Less a common value, which falls out of the differences: sums of gravity lose digits.
+        # Subtract a common value, which cancels in the differences: sums of gravity lose digits.
         level = sums.sum(axis=0) / max(counts.sum(), 1.0)
         np.cumsum(sums - counts[:, None] * level, axis=0, out=total[1:])
         present = np.concatenate([[0.0], np.cumsum(counts)])
@@ -108,7 +109,7 @@ class _Level:
         )
 
     def _compare(self, m: int, start: int, total: Array, present: Array) -> None:
-        """Add the comparisons of ``m`` slots from ``start`` on."""
+        """Add the comparisons of averages over ``m`` slots, from slot ``start`` on."""
         if len(total) - 1 - start < 2 * m:
             return
         counts = present[start + m :] - present[start:-m]
@@ -129,7 +130,7 @@ class _Level:
         found.pairs += len(steps)
 
     def rows(self) -> list[tuple[int, int, int, Array, float, Array]]:
-        """Of each averaging time what ``AllanCurve`` holds."""
+        """Return the rows of ``AllanCurve``, one for each averaging time."""
         stride = 2**self.number
         return [
             (

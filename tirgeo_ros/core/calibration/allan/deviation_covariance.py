@@ -1,15 +1,16 @@
-"""How uncertain Allan variances are, and how alike those of neighbouring averaging times.
+"""Compute the covariance of Allan variances, also between averaging times.
 
-A record of averages is a second difference of the integrated signal ``x``. For white noise,
-flicker noise and a random walk of the rate the generalised autocovariance of ``x`` is
+The difference of two neighbouring averages is a second difference of the integrated signal ``x``.
+For white noise, flicker noise and a random walk of the rate, the generalised autocovariance of
+``x`` is
 
     white  -N^2 |t| / 2      flicker  B^2 t^2 ln|t| / (2 pi)      walk  K^2 |t|^3 / 12
 
-from which the covariance of any two such differences follows by adding nine terms, and from its
-square, summed over the record, the covariance of two Allan variances of Gaussian noise. That is
-the method of C. Greenhall and W. Riley, "Uncertainty of stability variances based on finite
-differences" (PTTI 2003), with the mixture of noises that a record shows in place of one kind, and
-between averaging times too. Equivalent degrees of freedom are ``2 mean^2 / variance``.
+The covariance of any two such differences is a sum of nine terms of it. Its square, summed over
+the record, gives the covariance of two Allan variances of Gaussian noise. This is the method of
+C. Greenhall and W. Riley, "Uncertainty of stability variances based on finite differences" (PTTI
+2003), extended to the record's mixture of noises instead of one kind, and to pairs of averaging
+times. Equivalent degrees of freedom are ``2 mean^2 / variance``.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ import numpy as np
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
 from tirgeo_ros.core.types.arrays import Array
 
-#: Terms of the model: white noise, flicker noise, random walk.
+#: Number of terms of the model: white noise, flicker noise, random walk.
 TERMS = 3
-_LAGS = 800  # of a sum over the record; more would change variances by less than 1 %
+_LAGS = 800  # of the sum over the record; more change variances by less than 1 %
 _SIGNS = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]).ravel()  # of two second differences
-_REACH = 3.0  # averaging times beyond which flicker noise's covariance has died away
+_REACH = 3.0  # averaging times after which the covariance of flicker noise is negligible
 
 
 def shapes(tau_s: Array, white: Array) -> Array:
-    """(k, 3) Allan variance of each term for ``N = B = K = 1`` (IEEE Std 952, annex C).
+    """Return (k, 3) Allan variances of the terms for ``N = B = K = 1`` (IEEE Std 952, annex C).
 
-    ``white`` (k,) is that of white noise, ``1 / tau`` where no sample is missing.
+    ``white`` (k,) is that of white noise, ``1 / tau`` if no sample is missing.
     """
     flicker = np.full(len(tau_s), 2 * np.log(2) / np.pi)
     return np.stack([white, flicker, tau_s / 3], axis=1)
 
 
 def products(curve: AllanCurve, step_s: float) -> Array:
-    """(3, 3, k, k): the covariance of the variances is ``p_i p_j`` times this, summed.
+    """Return (3, 3, k, k); the covariance of the variances is the sum of ``p_i p_j`` times it.
 
     ``p`` holds ``N^2, B^2, K^2``.
     """
@@ -49,26 +50,26 @@ def products(curve: AllanCurve, step_s: float) -> Array:
 
 
 def covariance(powers: Array, made: Array) -> Array:
-    """(k, k) covariance of Allan variances where the noise is of ``powers`` (3,)."""
+    """Return the covariance (k, k) of Allan variances of noise with ``powers`` (3,)."""
     return np.asarray(np.einsum("i,j,ijab->ab", powers, powers, made))
 
 
 def _product(curve: AllanCurve, step_s: float, a: int, b: int) -> Array:
-    """(3, 3) of the averaging times ``a <= b``."""
+    """Return the products (3, 3) for averaging times ``a <= b``."""
     near, far = curve.slots[a] * step_s, curve.slots[b] * step_s
     lags_s, spacing_s = _lags(curve.strides[a] * step_s, near, far)
     lengths = curve.pairs[[a, b]] * curve.strides[[a, b]] * step_s
-    # Of the comparisons at a and at b: how many lie so far apart, as a share of all pairs.
+    # The share of all pairs of comparisons, one at a and one at b, that have each lag.
     shift = lags_s + far - near  # between the middles of the two spans
     both = np.clip(0.5 * lengths.sum() - np.abs(shift), 0, lengths.min())
     share = both * spacing_s / (lengths[0] * lengths[1])
     terms = _crossed(lags_s, near, far)
-    # Half of each squared difference, and cov(u^2, v^2) = 2 cov(u, v)^2.
+    # Each variance is half a mean square, and cov(u^2, v^2) = 2 cov(u, v)^2.
     return np.asarray(0.5 * np.einsum("il,jl,l->ij", terms, terms, share))
 
 
 def _lags(stride_s: float, near: float, far: float) -> tuple[Array, float]:
-    """Lags (l,) at which two differences are compared: all, or evenly some."""
+    """Return the lags (l,) at which two differences are compared, and the spacing of the lags."""
     begin, end = -2 * far - _REACH * far, 2 * near + _REACH * far
     spacing_s = stride_s * max(1.0, np.ceil((end - begin) / stride_s / _LAGS))
     count_below, count_above = int(-begin / spacing_s), int(end / spacing_s)
@@ -76,10 +77,10 @@ def _lags(stride_s: float, near: float, far: float) -> tuple[Array, float]:
 
 
 def _crossed(lags_s: Array, near: float, far: float) -> Array:
-    """(3, l) covariance of the difference over ``near`` with the one over ``far`` later."""
+    """Return (3, l) covariances of a difference over ``near`` with a later one over ``far``."""
     ends = (np.arange(3) * far - np.arange(3)[:, None] * near).reshape(-1, 1)
-    # In units of ``far``, whose logarithm falls out of the second differences. t^2 ln t is
-    # nothing where t is.
+    # In units of ``far``, whose logarithm cancels in the second differences. The limit of
+    # t^2 ln t at t = 0 is 0.
     t = np.maximum(np.abs(lags_s + ends) / far, 1e-9)
     square = t * t
     white, walk = _SIGNS @ t, _SIGNS @ (square * t)

@@ -1,9 +1,9 @@
-"""White noise of an IMU in flight: densities between the lines of vibration, piece by piece.
+"""Estimate an IMU's white noise in flight, from densities between the vibration lines.
 
-What an aircraft does lies below 8 Hz, what shakes it above. The power there, by the method of
-Welch (1967: Hann windows, overlapping by half), is lines upon a floor; the median over frequency
-is the floor's, and lines, steps of a walker among them, leave it alone. One-sided power ``S``
-belongs to white noise of the density ``sqrt(S / 2)``.
+Motion of the aircraft is below 8 Hz, vibration above. The power there, by Welch's method (1967:
+Hann windows, overlapping by half), consists of lines on a floor. The median over frequency gives
+the floor and is not changed by lines, also not by those of a walker's steps. A one-sided power
+``S`` belongs to white noise of the density ``sqrt(S / 2)``.
 """
 
 from __future__ import annotations
@@ -17,46 +17,46 @@ from tirgeo_ros.core.calibration.allan.sample_grid import Piece
 from tirgeo_ros.core.calibration.allan.spectral_lines import Line
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 
-#: Motion is below, vibration above.
+#: Frequency that separates motion, below, from vibration, above.
 MOTION_HZ = 8.0
-#: A piece is so long: the memory of what the filter itself follows.
+#: Length of a piece: the averaging time of the filter's own vibration meter.
 PIECE_S = 3
-_PRESENT = 0.98  # share of a piece's samples that must be there
-_STANDS_OUT = 4.0  # times the median power: no chance of pieces that make 20 s
-_MEAN_S = 1 / MOTION_HZ  # a moving mean of so long is motion, what is left is vibration
-# What lies still, motors off: changes of the means of seconds and scatter within a second, of
-# any sensor on sale; its turning, by its bias alone (gyroscope rad/s, accelerometer m/s2).
+_PRESENT = 0.98  # share of a piece's samples that must be present
+_STANDS_OUT = 4.0  # times the median power: does not happen by chance in 20 s of pieces
+_MEAN_S = 1 / MOTION_HZ  # a moving mean over this time is motion, the rest is vibration
+# Limits at rest with motors off, for any sensor on sale: change of the means of seconds, scatter
+# within a second, and mean rate, which is then only bias (gyroscope rad/s, accelerometer m/s2).
 _STILL_CHANGE = np.repeat([0.01, 0.1], 3)
 _STILL_SCATTER = np.repeat([0.02, 0.5], 3)
 _STILL_RATE = 0.1
 
 
 class Pieces(NamedTuple):
-    """What was measured of each piece of a record; gyroscope x, y, z, accelerometer x, y, z."""
+    """Hold the measurements of a record's pieces; gyroscope x, y, z, accelerometer x, y, z."""
 
-    starts_s: Array  # (n,) since the first sample
+    starts_s: Array  # (n,) from the first sample
     at_rest: BoolArray  # (n,)
     floors: Array  # (n, 6) density between the lines, unit/sqrt(Hz)
     differences: Array  # (n, 6) density by second differences
-    rms: Array  # (n, 6) vibration, unit
+    rms: Array  # (n, 6) rms of vibration, unit
     peaks: Array  # (n, 6)
     spectra: Array  # (n, f, 6) density at each frequency
     frequencies_hz: Array  # (f,)
 
     def where(self, these: BoolArray) -> Pieces:
-        """Those pieces."""
+        """Return the pieces selected by a mask (n,)."""
         columns: dict[str, Any] = {name: getattr(self, name)[these] for name in self._fields[:-1]}
         return Pieces(**columns, frequencies_hz=self.frequencies_hz)
 
     def above_motion(self) -> BoolArray:
-        """Which frequencies (f,) are looked at; the last is half a one."""
+        """Return (f,) which frequencies are used; the last one's band is only half as wide."""
         hz = self.frequencies_hz
         return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
 
     def lines(self, channel: int) -> list[Line]:
-        """What stands out of the mean spectrum above motion, wide or narrow, strongest first.
+        """Return what exceeds the mean spectrum's floor above motion, strongest first.
 
-        The amplitude is that of the sine with the power of all that stands out in one place.
+        The amplitude is that of the sine with the power of all the excess in one place.
         """
         inside = self.above_motion()
         hz, power = self.frequencies_hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
@@ -70,13 +70,13 @@ class Pieces(NamedTuple):
                 float(np.sqrt(2 * excess[begin:end].sum())),
             )
             for begin, end in edges.reshape(-1, 2).tolist()
-            if begin or power[begin] < power[begin:end].max()  # else it is what motion leaves
+            if begin or power[begin] < power[begin:end].max()  # else it is a remainder of motion
         ]
         return sorted(found, key=lambda line: -line.amplitude)
 
 
 class PieceStream:
-    """Collects the pieces of a record."""
+    """Collect the pieces of a record."""
 
     def __init__(self, step_ns: float) -> None:
         self._step_s = step_ns * 1e-9
@@ -86,7 +86,7 @@ class PieceStream:
         self.skipped = 0  # pieces with too few samples
 
     def add(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive slots."""
         for start_s, sums, counts in self._blocks.add(piece):
             there = counts > 0
             if there.mean() < _PRESENT:
@@ -95,7 +95,7 @@ class PieceStream:
             self._found.append(self._piece(start_s, _filled(sums, counts, there)))
 
     def pieces(self) -> Pieces:
-        """All that were whole; none where there was none."""
+        """Return all complete pieces, or empty arrays."""
         if not self._found:
             empty = np.zeros((0, 6))
             none = np.zeros(0)
@@ -128,9 +128,10 @@ class PieceStream:
 
 
 def welch(values: Array, size: int, step_s: float) -> tuple[Array, Array, float]:
-    """Frequencies (f,), one-sided power (f, channels) per Hz, and its degrees of freedom.
+    """Return frequencies (f,), one-sided power (f, channels) per Hz, and degrees of freedom.
 
-    Windows of ``size`` samples, their means taken out; degrees as Welch gives them for Hann.
+    Windows have ``size`` samples, with their means subtracted. The degrees of freedom are Welch's
+    for Hann windows.
     """
     window = np.hanning(size + 1)[:-1, None]
     starts = range(0, len(values) - size + 1, size // 2)
@@ -145,12 +146,12 @@ def welch(values: Array, size: int, step_s: float) -> tuple[Array, Array, float]
 
 
 def median_of_mean(degrees: float) -> float:
-    """Median over mean of a chi-square variable (Wilson and Hilferty 1931)."""
+    """Return the median over the mean of a chi-square variable (Wilson and Hilferty 1931)."""
     return (1 - 2 / (9 * degrees)) ** 3
 
 
 def _filled(sums: Array, counts: Array, there: BoolArray) -> Array:
-    """Samples (n, channels), those that lack on the line between their neighbours."""
+    """Return samples (n, channels); missing ones are interpolated linearly."""
     values: Array = sums / np.maximum(counts, 1)[:, None]
     if there.all():
         return values
@@ -160,7 +161,7 @@ def _filled(sums: Array, counts: Array, there: BoolArray) -> Array:
 
 
 def _at_rest(seconds: Array) -> bool:
-    """Whether a piece (seconds, n, 6) lies still with motors off."""
+    """Return whether a piece (seconds, n, 6) is at rest with motors off."""
     means, scatters = seconds.mean(axis=1), seconds.std(axis=1)
     return bool(
         (np.ptp(means, axis=0) < _STILL_CHANGE).all()
@@ -170,7 +171,7 @@ def _at_rest(seconds: Array) -> bool:
 
 
 def _without_motion(values: Array, size: int) -> Array:
-    """Samples less the moving mean over ``size`` of them; the ends, which have none, left out."""
+    """Subtract the moving mean over ``size`` samples; omit the ends, which have no mean."""
     size |= 1
     totals = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
     means = (totals[size:] - totals[:-size]) / size

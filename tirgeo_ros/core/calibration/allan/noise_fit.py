@@ -1,15 +1,15 @@
-"""Noise terms from an Allan curve, and the noise model of the filter that comes nearest to it.
+"""Fit noise terms to an Allan curve, and the nearest noise model of the filter.
 
 The curve is ``s^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + 3 Q^2/tau^2``: white noise (angle
 or velocity random walk), flicker noise (bias instability), rate random walk, and quantisation
 where the curve shows it. IEEE Std 952, annex C. The floor of flicker noise is 0.664 B.
 
-Squares of the terms enter linearly, so that a fit is non-negative least squares of the relative
-residuals ``s^2 / model - 1``, weighted by the degrees of freedom for the model of the step before:
-the likelihood of chi-square variables, without the downward pull that logarithms of few degrees of
-freedom have. No term describes a sensor to better than some per cent, so that no point weighs
-more than that allows. Standard deviations come from the whole covariance of the curve, for
-neighbouring averaging times share their data; a misfit beyond it enlarges them.
+The squares of the terms enter linearly. So a fit is non-negative least squares of the relative
+residuals ``s^2 / model - 1``, weighted by the degrees of freedom of the previous step's model.
+This is the likelihood of chi-square variables, without the downward bias of logarithms with few
+degrees of freedom. The terms describe a sensor only to some per cent, which limits the weight of
+a point. Standard deviations come from the whole covariance of the curve, because neighbouring
+averaging times share their data; a misfit beyond it enlarges them.
 """
 
 from __future__ import annotations
@@ -28,48 +28,48 @@ from tirgeo_ros.core.types.arrays import Array
 
 #: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
 FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
-#: A term is told from none by so many standard deviations of its square.
+#: A term is significant beyond this many standard deviations of its square.
 _SEEN_SIGMA = 2.0
-#: Averages of more than this part of the record have too few neighbours to say anything.
+#: Longer averages, relative to the record, have too few neighbours to be useful.
 _LONGEST = 0.25
 _MODEL = 0.02  # relative error of the terms as a model of variances
-_BARE_MISFIT = 0.06  # of variances at the shortest times that no term explains
-_REACH = 4.0  # times as long as the first time that fits: what does not fit dies away slowly
+_BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
+_REACH = 4.0  # times the first time that fits: the unexplained effect decays slowly
 _STEPS = 8
-_FEWEST = 8  # points that a fit keeps
-_LEAST_DEGREES = 10.0  # degrees of freedom of a point that can be the minimum
+_FEWEST = 8  # points that a fit must keep
+_LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
 
 
 class Term(NamedTuple):
-    """A noise term: ``value`` is None where it is not told from none, and then below ``upper``."""
+    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
 
     value: float | None
     sigma: float
-    upper: float  # two standard deviations up
+    upper: float  # two standard deviations above
 
 
 class NoiseFit(NamedTuple):
-    """The noise of one axis; terms in the units of the record and seconds."""
+    """Hold the noise of one axis; terms are in the units of the record and seconds."""
 
     white: Term  # N, unit sqrt(s)
-    flicker: Term  # B, unit: the floor over 0.664
+    flicker: Term  # B, unit: the floor divided by 0.664
     walk: Term  # K, unit / sqrt(s)
     quantisation: Term  # Q, unit s
-    minimum: float  # of the measured deviation
+    minimum: float  # of the measured Allan deviation
     minimum_sigma: float
     minimum_at_s: float
-    minimum_reached: bool  # False: the curve is white noise as far as the record goes
+    minimum_reached: bool  # False: the curve is white noise up to the record's end
     bias: GaussMarkov
-    shortest_s: float  # averaging times below fit no term and were left out
-    misfit: float  # root of the mean square of weighted residuals, about 1 or less
+    shortest_s: float  # shorter averaging times fit no term and were left out
+    misfit: float  # rms of the weighted residuals, about 1 or less
     degrees: Array  # (k,) equivalent degrees of freedom
-    variances: Array  # (k,) as measured, without the drift
+    variances: Array  # (k,) as measured, with the drift removed
     model: Array  # (k,) fitted variances
     bias_model: Array  # (k,) variances of the filter's model
 
 
 class AllanAnalysis:
-    """What all axes of a record share: averaging times and their covariance."""
+    """Hold what all axes of a record share: averaging times and their covariance."""
 
     def __init__(self, curve: AllanCurve, step_s: float) -> None:
         spans = (curve.pairs - 1) * curve.strides + 2 * curve.slots
@@ -81,7 +81,7 @@ class AllanAnalysis:
         self._products = products(self.curve, step_s)
 
     def fit(self, channel: int, ramp: float = 0.0) -> NoiseFit:
-        """Of one channel; a steady drift of ``ramp`` (unit/s) is taken out of its curve."""
+        """Return the fit of one channel; a steady drift ``ramp`` (unit/s) is removed first."""
         variances = self._without_ramp(channel, ramp)
         columns = np.column_stack([self._columns, 3 / self.tau_s**2])
         start, powers = self._powers(variances, columns)
@@ -99,8 +99,8 @@ class AllanAnalysis:
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
         ]
         flicker, part = terms[1], slice(start, None)
-        told = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
-        bias = fit_bias(self.tau_s, variances - white, model, spread, part, told)
+        instability = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
+        bias = fit_bias(self.tau_s, variances - white, model, spread, part, instability)
         return NoiseFit(
             white=terms[0],
             flicker=flicker,
@@ -120,16 +120,16 @@ class AllanAnalysis:
         )
 
     def _without_ramp(self, channel: int, ramp: float) -> Array:
-        """Variances of the record less a steady drift: that of each difference is ``ramp tau``."""
+        """Return variances without a steady drift, which adds ``ramp tau`` to each difference."""
         rise = ramp * self.tau_s
         measured = self.curve.variances[:, channel]
         return np.asarray(measured - rise * self.curve.steps[:, channel] + 0.5 * rise**2)
 
     def _powers(self, variances: Array, columns: Array) -> tuple[int, Array]:
-        """Index of the first point that the terms explain, and squares of the terms (4,).
+        """Return the index of the first point that the terms explain, and their squares (4,).
 
-        A sensor's own low-pass filter holds the shortest times down and vibration lifts them:
-        they are left out one by one.
+        A sensor's low-pass filter lowers the variances at the shortest times, and vibration raises
+        them. Such points are left out one by one.
         """
         plain, start = columns.copy(), 0
         plain[:, 3] = 0.0
@@ -139,7 +139,7 @@ class AllanAnalysis:
             if _explained(residuals[start:]) or start + _FEWEST >= len(variances):
                 break
             start += 1
-        if start:  # quantisation is a reason too, where it takes all of it away
+        if start:  # try quantisation, and use it only if it explains all the points
             with_steps = self._weighted(variances, columns, 0)
             if _explained(variances / (columns @ with_steps) - 1):
                 return 0, with_steps
@@ -149,10 +149,10 @@ class AllanAnalysis:
         return start, powers
 
     def _without(self, variances: Array, columns: Array, powers: Array, start: int) -> Array:
-        """(4,) what each squared term would scatter by if it were not there.
+        """Return (4,) the scatter that each squared term would have if it were absent.
 
-        That, not its scatter where it is there, tells whether it is seen: long averaging times
-        have few degrees of freedom, but a curve far above the other terms is no chance.
+        Significance is judged by this, not by the scatter with the term present: long averaging
+        times have few degrees of freedom, but a curve far above the other terms is not by chance.
         """
         found = np.zeros(len(powers))
         for term in np.flatnonzero(powers):
@@ -165,9 +165,9 @@ class AllanAnalysis:
         return found
 
     def _weighted(self, variances: Array, columns: Array, start: int) -> Array:
-        """Squares of the terms from the points from ``start`` on."""
+        """Return the squares of the terms, fitted to the points from ``start`` on."""
         model = variances
-        degrees = self.span_s / self.tau_s  # of averages side by side, to begin with
+        degrees = self.span_s / self.tau_s  # first guess: averages without overlap
         for _ in range(_STEPS):
             weights = _weights(model, degrees)[start:]
             powers = non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
@@ -180,7 +180,7 @@ class AllanAnalysis:
 
 
 def non_negative(columns: Array, values: Array) -> Array:
-    """Least squares (n, k), (n,) with no coefficient below zero: the best of all subsets."""
+    """Solve least squares (n, k), (n,) with no negative coefficient: the best of all subsets."""
     size = columns.shape[1]
     best, best_cost = np.zeros(size), float(values @ values)
     scale = np.linalg.norm(columns, axis=0)
@@ -197,7 +197,7 @@ def non_negative(columns: Array, values: Array) -> Array:
 
 
 def deviation_band(variances: Array, degrees: Array, share: float = 0.95) -> tuple[Array, Array]:
-    """Lowest and highest Allan deviation (k,) at a level of confidence.
+    """Return the lowest and highest Allan deviation (k,) at a confidence level.
 
     Chi-square quantiles by Wilson and Hilferty, within 1 % down to 3 degrees of freedom.
     """
@@ -213,14 +213,14 @@ def _weights(model: Array, degrees: Array) -> Array:
 
 
 def _explained(residuals: Array) -> bool:
-    """Whether the first points lie on the model as well as any do."""
+    """Return whether the first point lies on the model within the permitted misfit."""
     return bool(np.abs(residuals[0]) < _BARE_MISFIT)
 
 
 def _sigmas(
     variances: Array, columns: Array, model: Array, spread: Array, start: int
 ) -> tuple[Array, float]:
-    """Standard deviations (4,) of the squared terms, and the misfit."""
+    """Return the standard deviations (4,) of the squared terms, and the misfit."""
     degrees = 2 * model**2 / np.maximum(spread.diagonal(), 1e-300)
     weights = _weights(model, degrees)[start:]
     scale = np.maximum(np.linalg.norm(columns[start:] * weights[:, None], axis=0), 1e-300)
@@ -239,6 +239,6 @@ def _term(power: float, sigma: float, sigma_without: float) -> Term:
 
 
 def _minimum(variances: Array, degrees: Array) -> int:
-    """Where the curve is lowest among the points that can be trusted."""
+    """Return the index of the lowest point among those with enough degrees of freedom."""
     trusted = np.flatnonzero(degrees >= _LEAST_DEGREES)
     return int(trusted[np.argmin(variances[trusted])]) if len(trusted) else 0

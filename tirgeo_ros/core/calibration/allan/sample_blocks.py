@@ -1,4 +1,4 @@
-"""Blocks of equal length from the pieces of a record."""
+"""Cut the pieces of a record into blocks of equal length."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 class SampleBlocks:
-    """Cuts consecutive slots into blocks of ``size``; what a break leaves over is dropped."""
+    """Cut consecutive slots into blocks of ``size``; drop the remainder before a break."""
 
     def __init__(self, size: int, step_ns: float) -> None:
         self._size = size
@@ -20,7 +20,7 @@ class SampleBlocks:
         self._start_s = 0.0
 
     def add(self, piece: Piece) -> Iterator[tuple[float, Array, Array]]:
-        """Start (s since the first sample), sums (size, channels), counts (size,) of each."""
+        """Yield each block's start (s from the first sample), sums (size, channels), counts."""
         if piece.fresh or not self._rest:
             self._rest = []
             self._start_s = piece.start_ns * 1e-9

@@ -1,8 +1,8 @@
-"""Samples one after another whose stamps shake, for spectra: each has a slot of its own.
+"""Give each sample a slot of its own, in order, for spectra of stamps with jitter.
 
-A grid of even times (``SampleGrid``) puts two samples into one slot and none into the next where
-stamps shake by half a step. Here a sample follows the one before, and only a step of half as much
-again leaves slots empty.
+On a grid of even times (``SampleGrid``), stamps with a jitter of half a step put two samples into
+one slot and none into the next. Here a sample follows the previous one, and only a step that
+rounds to two or more leaves slots empty.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from tirgeo_ros.core.calibration.allan.sample_grid import Piece, SampleGrid, bin
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import CalibrationError
 
-_FEWEST = 100  # samples that tell a step
-_ALONE = 1.75  # times the usual step: nothing lacks between two samples
+_FEWEST = 100  # steps needed for a rate
+_ALONE = 1.75  # times the median step: no sample is missing in a shorter step
 
 
 class SampleRuns(SampleGrid):
-    """Turns blocks of stamps and values into pieces; the first block tells the rate."""
+    """Convert blocks of stamps and values to pieces; the first block gives the rate."""
 
     def __init__(self) -> None:
         super().__init__()
         self._before_ns = 0
 
-    def _tell_rate(self, stamps_ns: IntArray) -> None:
+    def _update_rate(self, stamps_ns: IntArray) -> None:
         if not self.step_ns:
             steps = np.diff(stamps_ns)
             if len(steps) < _FEWEST:

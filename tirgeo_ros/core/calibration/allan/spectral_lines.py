@@ -1,4 +1,4 @@
-"""Lines in the spectrum of an IMU at rest: motors, fans, mains, whatever shakes it."""
+"""Find lines in the spectrum of an IMU at rest: motors, fans, mains, or other vibration."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
 from tirgeo_ros.core.types.arrays import Array
 
-_SIZE = 2048
-_PRESENT = 0.99
-_AROUND = 32  # bins to either side that tell the floor below a line
-_FIRST_BIN = 8  # below it flicker noise rises too fast to tell a floor
-_WIDTH = 2  # bins that the Hann window spreads a line over
+_SIZE = 2048  # samples of a window
+_PRESENT = 0.99  # share of a block's samples that must be present
+_AROUND = 32  # bins on either side from which the floor below a line is taken
+_FIRST_BIN = 8  # below it flicker noise rises too steeply for a floor
+_WIDTH = 2  # bins over which the Hann window spreads a line
 _OVER_FLOOR = 2.0
-_SIGMAS = 8.0  # with 12000 places to look at, noise alone reaches 5
+_SIGMAS = 8.0  # noise alone reaches 5 in 12000 bins
 _MOST = 5
 
 
 class Line(NamedTuple):
-    """A vibration of one channel."""
+    """Hold a vibration of one channel."""
 
     channel: int
     frequency_hz: float
@@ -29,7 +29,7 @@ class Line(NamedTuple):
 
 
 class SpectrumStream:
-    """Power spectrum of a record by the method of Welch: Hann windows, side by side."""
+    """Accumulate a record's power spectrum by Welch's method: Hann windows, without overlap."""
 
     def __init__(self, step_ns: float) -> None:
         self._blocks = SampleBlocks(_SIZE, step_ns)
@@ -39,7 +39,7 @@ class SpectrumStream:
         self._number = 0
 
     def add(self, piece: Piece) -> None:
-        """Take in consecutive slots; a block of which more than a hundredth lacks is passed by."""
+        """Add consecutive slots; skip a block with more than a hundredth of samples missing."""
         for _, sums, counts in self._blocks.add(piece):
             there = counts > 0
             if there.mean() < _PRESENT:
@@ -52,14 +52,14 @@ class SpectrumStream:
             self._number += 1
 
     def lines(self) -> list[Line]:
-        """The strongest lines of each channel, at most five, by frequency."""
+        """Return the strongest lines of each channel, at most five, by frequency."""
         found: list[Line] = []
         for channel in range(self._power.shape[1]):
             found += sorted(self._of(channel)[:_MOST], key=lambda line: line.frequency_hz)
         return found
 
     def _of(self, channel: int) -> list[Line]:
-        """Lines of a channel, the strongest first."""
+        """Return the lines of a channel, the strongest first."""
         power = self._power[:, channel] / self._number
         padded = np.pad(power, _AROUND, mode="reflect")
         around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1)
@@ -76,7 +76,7 @@ class SpectrumStream:
         return sorted(found, key=lambda line: -line.amplitude)
 
     def _line(self, channel: int, k: int, excess: Array) -> Line:
-        """Amplitude of the sine that has the power of a peak (Parseval over the window)."""
+        """Return a line with the amplitude of the sine of a peak's power (Parseval, windowed)."""
         power = excess[k - _WIDTH : k + _WIDTH + 1].clip(0).sum()
         scale = _SIZE * float((self._window**2).sum())
         frequency = k / (_SIZE * self._step_s)

@@ -1,4 +1,4 @@
-"""Whether a record of an IMU at rest was one: movement, drift and settling, second by second."""
+"""Check whether an IMU was at rest during a record: movement, drift, settling, by seconds."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 
-#: Moved is what exceeds so many usual scatters and what hands or wind do at least.
+#: A second counts as moved beyond this many usual scatters, and at least the least change.
 _SCATTERS = 8.0
-_LEAST = np.array([0.005] * 3 + [0.05] * 3)  # 0.3 deg/s; 0.3 deg of tilt
+_LEAST = np.array([0.005] * 3 + [0.05] * 3)  # by hands or wind: 0.3 deg/s; 0.3 deg of tilt
 _SHAKEN = 3.0  # times the usual scatter within a second
-_FEWEST = 20  # seconds that tell what is usual
+_FEWEST = 20  # seconds needed for the usual scatter
 _FEWEST_OF_DRIFT = 120
-_ALL_ALONG_RAD_S = 0.01  # usual change of turning over two seconds: no sensor at rest has it
-_JOIN_S = 5.0  # moved seconds no farther apart make one interval
+_ALL_ALONG_RAD_S = 0.01  # usual change of rate over two seconds: larger than of any sensor at rest
+_JOIN_S = 5.0  # moved seconds no further apart are one interval
 _SURE = 5.0  # standard deviations of a slope of white noise
-_STEADY = 0.9  # share of a series' variance that its slope or its settling explains
+_STEADY = 0.9  # share of a series' variance that its slope or its settling must explain
 _SETTLED_IN = 2.0 ** np.arange(-5, -0.75, 0.25)  # time constants, as shares of the record
 
 
 class Interval(NamedTuple):
-    """From one second of the record to another."""
+    """Hold the start and end of an interval of the record."""
 
     from_s: float
     to_s: float
 
 
 class Seconds(NamedTuple):
-    """Means and scatters of every second of a record."""
+    """Hold the means and scatters of every second of a record."""
 
     starts_s: Array  # (n,)
     means: Array  # (n, 6) gyroscope, accelerometer
@@ -41,12 +41,12 @@ class Seconds(NamedTuple):
 
     @staticmethod
     def none() -> Seconds:
-        """Of a record without any."""
+        """Return the seconds of a record without any."""
         return Seconds(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
 
 
 class SecondStream:
-    """Collects the seconds of a record piece by piece."""
+    """Collect the seconds of a record piece by piece."""
 
     def __init__(self, step_ns: float) -> None:
         self._size = max(round(1e9 / step_ns), 2)
@@ -54,7 +54,7 @@ class SecondStream:
         self._found: list[Seconds] = []
 
     def add(self, piece: Piece) -> None:
-        """Take in consecutive slots."""
+        """Add consecutive slots."""
         for start_s, sums, counts in self._blocks.add(piece):
             there = counts > 0
             if 2 * there.sum() >= len(counts):
@@ -63,21 +63,21 @@ class SecondStream:
                 self._found.append(Seconds(*row))
 
     def seconds(self) -> Seconds:
-        """Those of which at least half is there."""
+        """Return the seconds with at least half of their samples."""
         if not self._found:
             return Seconds.none()
         return Seconds(*(np.concatenate(column) for column in zip(*self._found, strict=True)))
 
 
 def movements(seconds: Seconds) -> list[Interval]:
-    """When the IMU did not lie still: turned, tilted, shaken; slow wander is none."""
+    """Return when the IMU was turned, tilted or shaken; slow wander does not count."""
     if len(seconds.starts_s) < _FEWEST:
         return []
     moved = np.zeros(len(seconds.starts_s), bool)
-    # From the second before to the second after: an IMU that stays tilted has moved once.
+    # From the previous second to the next one: an IMU that stays tilted has moved once.
     jumps = np.abs(seconds.means[2:] - seconds.means[:-2])
     usual = 1.4826 * np.median(jumps, axis=0)
-    if usual[:3].max() > _ALL_ALONG_RAD_S:  # then nothing stands out
+    if usual[:3].max() > _ALL_ALONG_RAD_S:  # moved all the time, so that nothing stands out
         return [Interval(float(seconds.starts_s[0]), float(seconds.starts_s[-1]) + 1.0)]
     moved[1:-1] = (jumps > np.maximum(_SCATTERS * usual, _LEAST)).any(axis=1)
     limit = np.maximum(_SHAKEN * np.median(seconds.scatters, axis=0), _LEAST)
@@ -85,10 +85,10 @@ def movements(seconds: Seconds) -> list[Interval]:
 
 
 def largest_move(seconds: Seconds, found: Sequence[Interval]) -> tuple[float, float]:
-    """By how much the IMU moved in these intervals: rad/s, m/s2; the worst axis of the worst."""
+    """Return the largest move in these intervals, of any axis: rad/s, m/s2."""
     moves = [np.zeros(6)]
     for one in found:
-        # From the second before, for what it turned away from.
+        # Include the previous second, with the attitude before the move.
         inside = (seconds.starts_s >= one.from_s - 1.5) & (seconds.starts_s < one.to_s)
         spread = np.ptp(seconds.means[inside], axis=0)
         moves.append(np.maximum(spread, seconds.scatters[inside].max(axis=0)))
@@ -97,16 +97,16 @@ def largest_move(seconds: Seconds, found: Sequence[Interval]) -> tuple[float, fl
 
 
 def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> Interval:
-    """The longest time between movements."""
+    """Return the longest time between movements."""
     edges = [from_s, *(edge for one in found for edge in one), to_s]
     rests = [Interval(*edges[i : i + 2]) for i in range(0, len(edges), 2)]
     return max(rests, key=lambda rest: rest.to_s - rest.from_s)
 
 
 def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
-    """Slope (6,), unit/s, and whether the record drifts steadily along it (6,).
+    """Return slopes (6,), unit/s, and whether the record drifts steadily along them (6,).
 
-    A warming sensor does. So does one random walk in twenty; the two look alike in one record.
+    A warming sensor does. So does one random walk in twenty; one record cannot separate the two.
     """
     t = seconds.starts_s - seconds.starts_s.mean() if len(seconds.starts_s) else np.zeros(0)
     if len(t) < _FEWEST_OF_DRIFT:
@@ -116,10 +116,10 @@ def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
 
 
 def settlings(seconds: Seconds) -> tuple[Array, BoolArray]:
-    """Change (6,) from first to last second, unit, of what settles, and whether it does (6,).
+    """Return changes (6,), unit, of exponential settling from first to last second, and whether.
 
-    A sensor that was switched on settles so: exponentially from the start. Pure random walks do
-    no oftener than they drift steadily, flicker noise does not.
+    A sensor that was switched on settles exponentially from the start. Pure random walks seem to
+    settle no more often than they seem to drift steadily; flicker noise does not.
     """
     change, settles, best = np.zeros(6), np.zeros(6, bool), np.zeros(6)
     if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
@@ -137,7 +137,7 @@ def settlings(seconds: Seconds) -> tuple[Array, BoolArray]:
 
 
 def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
-    """Factors (6,) of a shape (n,) of mean zero, and what they are worth.
+    """Fit a shape (n,) of mean zero: return its factors (6,) and their significance.
 
     That is the share of the minutes' variance that they explain (6,), and whether they are beyond
     the scatter of the seconds (6,).

@@ -1,13 +1,13 @@
-"""Corrections of a boresight and its like from sightings: a robust fit with its covariance.
+"""Fit corrections of the boresight and related parameters to sightings, robustly, with covariance.
 
-Gauss-Newton over the pixels' residuals, each weighted with its expected covariance. While it is on
-its way, Cauchy's weights keep wrong clicks from leading it; at the end sightings that are off by
-more than ``MOST_SIGMAS`` are left out, and named.
+Gauss-Newton over the pixel residuals, each weighted with its expected covariance. During the
+iteration Cauchy weights keep wrong clicks from dominating. At the end sightings that are off by
+more than ``MOST_SIGMAS`` are left out, and reported.
 
-Errors of a pose last, so that two clicks in one picture know hardly more than one of them. The
-parameters' covariance takes them as a Gauss-Markov process: with H the sum of J' S^-1 J and g a
-sighting's J' S^-1, it is H^-1 (sum of g_i E_ij g_j') H^-1 with E_ij the expected covariance of
-two residuals. Where the residuals are larger than expected it grows with them.
+Pose errors are correlated in time, so that two clicks in one picture give hardly more information
+than one. The parameters' covariance models them as a Gauss-Markov process. With H the sum of
+J' S^-1 J and g a sighting's J' S^-1, it is H^-1 (sum of g_i E_ij g_j') H^-1 with E_ij the expected
+covariance of two residuals. If the residuals are larger than expected, it is scaled accordingly.
 """
 
 from __future__ import annotations
@@ -23,57 +23,58 @@ from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Flight, Sigh
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 
-#: What a parameter may be uncertain by (one sigma) and still be called found: rad, s, m. An angle
-#: of 0.3 deg is 0.2 m on the ground 40 m away, and as much as 0.8 deg of roll, which moves what is
-#: 0.35 rad off the axis, near a picture's edge; 20 ms turn as much at 15 deg/s. A turn about the
-#: vertical may be off by more: the yaw found with it makes up for that at the tilts flown.
+#: Largest sigma with which a parameter counts as found: rad, s, m. An angle of 0.3 deg is 0.2 m on
+#: the ground at 40 m; near a picture's edge, 0.35 rad off the axis, so is 0.8 deg of roll; 20 ms
+#: are the same angle at 15 deg/s. The rotation about the vertical may be less certain, because the
+#: yaw that is found with it compensates for it at the tilts flown.
 LIMITS = np.array([*np.radians([0.8, 0.3, 0.3]), 0.02, *np.radians([0.5, 0.5]), 0.2])
-#: Errors of pose last so long (s): the gimbal's wander a few seconds, the filter's heading longer.
+#: Correlation time of pose errors (s): the gimbal's wander is a few seconds, the filter's heading
+#: error longer.
 POSE_ERROR_S = 5.0
-#: Of 2000 good clicks one is farther off by chance (chi-square, two degrees of freedom: 4.5 is
-#: 4e-5 of each).
+#: Limit that one of 2000 good clicks exceeds with 8 % probability (chi-square, two degrees of
+#: freedom: 4.5 is 4e-5 for each).
 MOST_SIGMAS = 4.5
-_MEDIAN_SIGMAS = math.sqrt(2 * math.log(2))  # of the distance of a plane's normal distribution
-_CAUCHY_SIGMAS = 2.4  # 95 % as good as least squares where no click is wrong
-#: A prior so wide (in LIMITS) that it keeps the normal equations solvable and says nothing.
+_MEDIAN_SIGMAS = math.sqrt(2 * math.log(2))  # median distance of a two-dimensional normal error
+_CAUCHY_SIGMAS = 2.4  # 95 % of the efficiency of least squares if no click is wrong
+#: Information of a weak prior (per LIMITS squared): it only keeps the normal equations solvable.
 _PRIOR = 1e-6
 _MOST_STEPS = 30
-#: Steps from here on are halved: the slope by the latency is a mean, which may swing to and fro.
+#: From this step on steps are halved: the slope by the latency is a mean, and may oscillate.
 _DAMPED_FROM = 8
 _SETTLED = 1e-3  # of LIMITS
-#: Beyond this from the present value the poses around a picture are not kept.
+#: Largest change of latency: further from a picture no poses are kept.
 _MOST_LATENCY_S = 0.8
-_LEAST_SHARE = 2 / 3
+_LEAST_SHARE = 2 / 3  # of the observations that must agree
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What sightings say of the parameters."""
+    """Hold the parameters' corrections estimated from sightings, with covariance and residuals."""
 
-    correction: Array  # (7,) of PARAMETERS from their present values: rad, s, m; 0 where held
-    covariance: Array  # (p, p) of the estimated ones, in their order
+    correction: Array  # (7,) of PARAMETERS from their present values: rad, s, m; 0 if held
+    covariance: Array  # (p, p) of the estimated parameters, in their order
     estimated: tuple[str, ...]
-    used: BoolArray  # (N,) without the sightings that agree with no other
-    before: Array  # (N, 2) residuals, px; nan where the point is not in view
+    used: BoolArray  # (N,) False for sightings that were left out as outliers
+    before: Array  # (N, 2) residuals, px; nan if the point is not in view
     after: Array  # (N, 2)
-    noise_factor: float  # residuals over what was expected of them; 1 = as expected
-    by_point: dict[str, Array]  # (7,) the correction without the point's own sightings
+    noise_factor: float  # ratio of actual to expected residuals
+    by_point: dict[str, Array]  # (7,) the correction without the sightings of that point
 
     @property
     def sigma(self) -> dict[str, float]:
-        """One standard deviation of each estimated parameter, rad, s or m."""
+        """Return the standard deviation of each estimated parameter, rad, s or m."""
         return dict(zip(self.estimated, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
 class _Normal(NamedTuple):
-    """Normal equations in units of LIMITS, and their parts by sighting."""
+    """Hold the normal equations in units of LIMITS, and their parts by sighting."""
 
     weighted: Array  # (N, p, 2) g: design' S^-1, zero where unused
     parts: Array  # (N, p, p) g design
     gradient: Array  # (N, p) g residual
 
     def solved(self, without: BoolArray | None = None) -> Array:
-        """(p,) the step that all sightings ask for, or all but some."""
+        """Return the step (p,) from all sightings, or from those not in ``without`` (N,)."""
         keep = np.ones(len(self.parts), bool) if without is None else ~without
         return np.asarray(
             np.linalg.solve(_regular(self.parts[keep].sum(0)), self.gradient[keep].sum(0))
@@ -81,9 +82,9 @@ class _Normal(NamedTuple):
 
 
 def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Fit:
-    """Fit the parameters in ``estimated``, in any order; the others stay as they are.
+    """Fit the parameters in ``estimated``, in any order; hold the others.
 
-    Raises CalibrationError where the sightings do not agree or lead nowhere.
+    Raises CalibrationError if the sightings do not agree or the fit does not converge.
     """
     chosen = _places(estimated)
     names = tuple(PARAMETERS[k] for k in chosen)
@@ -107,7 +108,7 @@ def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str])
 
 
 def foreseen(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Array:
-    """(p, p) the covariance that a fit will have if all residuals are as expected.
+    """Return the covariance (p, p) that a fit will have if all residuals are as expected.
 
     In the order of PARAMETERS; rad, s, m.
     """
@@ -127,7 +128,7 @@ def _regular(information: Array) -> Array:
 
 
 def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
-    """Of the sightings of positive weight (N,)."""
+    """Return the normal equations of the sightings with positive weight (N,)."""
     use = weights > 0
     design = np.where(use[:, None, None], sight.design[:, :, chosen] * LIMITS[chosen], 0.0)
     residual = np.where(use[:, None], sight.residual, 0.0)
@@ -137,7 +138,7 @@ def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
 
 
 def _sigmas(sight: Sight) -> Array:
-    """(N,) how far each residual is off, in its own standard deviations; nan where it is not."""
+    """Return (N,) residuals in their own standard deviations; nan where there is none."""
     seen = np.isfinite(sight.residual[:, 0])
     covariance = np.where(seen[:, None, None], sight.covariance, np.eye(2))
     whitened = np.linalg.solve(covariance, sight.residual[:, :, None])[:, :, 0]
@@ -145,9 +146,9 @@ def _sigmas(sight: Sight) -> Array:
 
 
 def _scale(sigmas: Array) -> float:
-    """By how much usual residuals exceed what is expected of them, at least 1.
+    """Return the ratio of median to expected residuals, at least 1.
 
-    Raises CalibrationError where there are none: no point is in view.
+    Raises CalibrationError if there are none: no point is in view.
     """
     if np.isnan(sigmas).all():
         raise CalibrationError(
@@ -158,7 +159,7 @@ def _scale(sigmas: Array) -> float:
 
 
 def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) -> Array:
-    """(7,) the correction with Cauchy's weights."""
+    """Return the correction (7,) fitted with Cauchy weights."""
     correction = np.zeros(len(PARAMETERS))
     for k in range(_MOST_STEPS):
         sight = sights(flight, sightings, correction)
@@ -178,12 +179,12 @@ def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) ->
 def _polished(
     flight: Flight, sightings: Sequence[Sighting], chosen: list[int], correction: Array
 ) -> tuple[Array, Sight, BoolArray]:
-    """Least squares over the sightings that agree; which those are is settled on the way."""
+    """Fit by least squares to the sightings that agree; choose them anew in every step."""
     sight = sights(flight, sightings, correction)
     used = np.zeros(len(sightings), bool)
     for k in range(_MOST_STEPS):
         sigmas = _sigmas(sight)
-        agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # not for nan
+        agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
         _check_agreement(agree)
         step = _normal(sight, chosen, agree.astype(float)).solved() * _share(k)
         correction = correction.copy()
@@ -224,7 +225,7 @@ def _noise_factor(sight: Sight, used: BoolArray, parameters: int) -> float:
 
 
 def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
-    """(p, p) in units of LIMITS."""
+    """Return the covariance (p, p) in units of LIMITS."""
     inverse = np.linalg.inv(_regular(normal.parts.sum(0)))
     used = normal.parts.any(axis=(1, 2))
     weighted, times = normal.weighted[used], stamps_s[used]
@@ -232,14 +233,14 @@ def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
     lasting = weighted @ sight.systematic[used]  # (n, p, 6)
     spread = np.einsum("npi,nqi->pq", lasting, np.tensordot(alike, lasting, 1))
     spread += (weighted @ sight.noise[used] @ np.swapaxes(weighted, 1, 2)).sum(0)
-    # what the observations leave open the prior alone closes, with its own variance
+    # Directions that the observations leave open have the prior's own variance.
     return np.asarray(inverse @ (spread + _PRIOR * np.eye(len(inverse))) @ inverse)
 
 
 def _without_each(
     sightings: Sequence[Sighting], correction: Array, normal: _Normal, chosen: list[int]
 ) -> dict[str, Array]:
-    """By point the correction that the others give: one step from the common one."""
+    """Return for each point the correction by the others: one step from the common solution."""
     names = np.array([one.id for one in sightings])
     found = {}
     for name in dict.fromkeys(names.tolist()):

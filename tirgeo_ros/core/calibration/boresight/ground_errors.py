@@ -1,4 +1,4 @@
-"""How far off sightings of surveyed points lie on the ground, under a correction of parameters."""
+"""Compute the ground errors of sightings of surveyed points, given corrections of parameters."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def ground_errors(
     sightings: Sequence[Sighting],
     corrections: Mapping[str, Array],
 ) -> Array:
-    """(N, 2) located less surveyed, north and east, m; nan where a pixel meets no ground.
+    """Return (N, 2) located minus surveyed, north and east, m; nan if a pixel meets no ground.
 
-    The ground is level at each point's own height. ``corrections`` (7,) are by the point's id.
+    The ground is level at each point's own height. ``corrections`` (7,) are by point id.
     """
     return np.array(
         [_error(flight, plane, seen, corrections[seen.id]) for seen in sightings]
@@ -39,6 +39,6 @@ def _error(flight: Flight, plane: TangentPlane, seen: Sighting, correction: Arra
 
 
 def rmse_m(errors: Array) -> float:
-    """Root mean square of horizontal errors (N, 2) that are known; nan without any."""
+    """Return the root mean square of the known horizontal errors (N, 2), m; nan without any."""
     squares = (errors**2).sum(1)
     return math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan

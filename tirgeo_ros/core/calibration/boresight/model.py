@@ -1,23 +1,23 @@
-"""What a camera's mounting error, the video's latency and their like do to pixels of points.
+"""Model how the boresight, the video's latency and related parameters move the pixels of points.
 
-A surveyed point seen in a picture says where the camera looked. Its residual is the observed pixel
-less the one at which the flight's pose puts the point. Seven parameters move that pixel, each
-counted from what the aircraft's parameters say now:
+A surveyed point seen in a picture shows where the camera looked. Its residual is the observed
+pixel minus the pixel at which the flight's pose projects the point. Seven parameters move that
+pixel, each counted from its present value in the aircraft's parameters:
 
 ``roll``, ``pitch``, ``yaw``
     the mounting error ``boresight_rpy_deg``, about the gimbal's camera axes.
 ``latency``
-    the video's: the pose is taken at another instant.
+    the video's latency: the pose is taken at another instant.
 ``gimbal_north``, ``heading_offset``
-    turn the camera about the vertical (the encoder's zero about the body's). What a step of them
-    does to a pose is not modelled but seen: in the poses of the same flight with that step.
+    turn the camera about the vertical (the encoder's zero about the body's). Their effect on a
+    pose is not modelled but computed: from the poses of the same flight with a changed parameter.
 ``ground_height``
-    of all points together, against the heights of the aircraft's positioning.
+    of all points together, relative to the heights of the aircraft's positioning.
 
-The derivative of the projection by the pose is that of ``core.camera.projection_covariance``;
-all here is a chain rule before it. An observation's expected covariance is that of the click, of
-the survey and of the pose. A pose's error is not white: it lasts, and ``Sight.systematic`` keeps
-it apart.
+The derivative of the projection by the pose is that of ``core.camera.projection_covariance``; this
+module applies the chain rule before it. An observation's expected covariance is that of the click,
+the survey and the pose. A pose's error is not white but correlated in time, so
+``Sight.systematic`` holds it separately.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: In the order of every vector of corrections: rad, s and m.
+#: The parameters, in the order of every vector of corrections: rad, s and m.
 PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
 _LATENCY, _GROUND = PARAMETERS.index("latency"), PARAMETERS.index("ground_height")
-#: Of a surveyed point, per axis: an RTK rover's.
+#: Position sigma of a surveyed point, per axis: that of an RTK rover.
 _SURVEY_SIGMA_M = 0.02
 
-#: The camera's pose and motion at an instant (ns), or None where none is known.
+#: Returns the camera's pose and rates at an instant (ns), or None if it is not known.
 PoseAt = Callable[[int], tuple[CameraPose, CameraRates | None] | None]
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A surveyed point observed in a picture."""
+    """Hold a surveyed point observed in a picture."""
 
     id: str
     stamp_ns: int  # of the picture's header
@@ -67,39 +67,39 @@ class Sighting:
 
 
 class Stepped(NamedTuple):
-    """The same flight with one parameter changed."""
+    """Hold the same flight with one parameter changed."""
 
     poses: PoseAt
-    step: float  # of the parameter, rad
+    step: float  # change of the parameter, rad
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight's poses under the present parameters, and those parameters."""
+    """Hold a flight's poses under the present parameters, and those parameters."""
 
     camera: Camera
     poses: PoseAt
     boresight_rpy_rad: Array  # (3,) as configured: about forward, left, up
     latency_s: float
-    camera_offset_g: Array  # (3,) camera from the pivot, m
+    camera_offset_g: Array  # (3,) from the pivot to the camera, m
     click_sigma_px: float
-    #: By name of the parameter; what is absent cannot be estimated.
+    #: By parameter name; a parameter that is absent cannot be estimated.
     stepped: Mapping[str, Stepped]
-    #: In the poses' covariance, of the gimbal's north (rad2): here an unknown, not a noise.
+    #: Variance of the gimbal's north in the poses (rad2): removed, because it is estimated here.
     north_variance: float = 0.0
 
 
 class Sight(NamedTuple):
-    """One sighting, or N of them, linearised; nan where there is no pose or no projection."""
+    """Hold one sighting, or N of them, linearised; nan if there is no pose or no projection."""
 
-    residual: Array  # (2,) observed less expected, px
-    design: Array  # (2, 7) of the expected pixel by the parameters, px over rad, s, m
-    noise: Array  # (2, 2) px2, of click and survey
-    systematic: Array  # (2, 6) px: root of the pose's part of the covariance
+    residual: Array  # (2,) observed minus expected, px
+    design: Array  # (2, 7) of the expected pixel by the parameters, px per rad, s, m
+    noise: Array  # (2, 2) covariance of click and survey, px2
+    systematic: Array  # (2, 6) root of the pose's part of the covariance, px
 
     @property
     def covariance(self) -> Array:
-        """(..., 2, 2) of the residual, px2."""
+        """Return the covariance (..., 2, 2) of the residual, px2."""
         return self.noise + self.systematic @ np.swapaxes(self.systematic, -1, -2)
 
 
@@ -107,7 +107,7 @@ _NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 7), (2, 2), (2
 
 
 def sights(flight: Flight, sightings: Sequence[Sighting], correction: Array) -> Sight:
-    """All N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
+    """Return all N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
     each = [_sight(flight, seen, correction) for seen in sightings]
     return Sight(*(np.array(part) for part in zip(*each, strict=True)))
 
@@ -115,9 +115,10 @@ def sights(flight: Flight, sightings: Sequence[Sighting], correction: Array) -> 
 def corrected_pose(
     flight: Flight, stamp_ns: int, correction: Array
 ) -> tuple[CameraPose, Array] | None:
-    """The camera's pose at a picture's exposure under a correction (7,), and its slopes (6, 7).
+    """Return the camera's pose at a picture's exposure under a correction (7,), and its slopes.
 
-    The slopes are of position (m) and phi_n (rad) by the parameters. None without a pose there.
+    The slopes (6, 7) are of position (m) and phi_n (rad) by the parameters. None if there is no
+    pose.
     """
     exposure_ns = stamp_ns - round((flight.latency_s + correction[_LATENCY]) * 1e9)
     found = flight.poses(exposure_ns)
@@ -134,12 +135,12 @@ def corrected_pose(
             return None
         slopes[:, PARAMETERS.index(name)] = _apart(pose, other[0]) / stepped.step
     moved = slopes.copy()
-    moved[:, _LATENCY] = 0  # taken above, by the instant itself
+    moved[:, _LATENCY] = 0  # already applied by the exposure's time
     return _turned(flight, pose, moved @ correction, correction[:3], slopes)
 
 
 def _apart(pose: CameraPose, other: CameraPose) -> Array:
-    """(6,) position and phi_n that lead from one pose to the other."""
+    """Return position and phi_n (6,) from one pose to the other."""
     turn = quat_multiply(other.q_nc, quat_conjugate(pose.q_nc))
     return np.concatenate([other.position_n - pose.position_n, rotvec_from_quat(turn)])
 
@@ -147,7 +148,7 @@ def _apart(pose: CameraPose, other: CameraPose) -> Array:
 def _turned(
     flight: Flight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
 ) -> tuple[CameraPose, Array]:
-    """The pose moved by (6,) and mounted anew; fills the boresight's columns of the slopes."""
+    """Return the pose moved by (6,) and mounted anew; fill the boresight columns of the slopes."""
     mounted = quat_conjugate(_mounting(tuple(flight.boresight_rpy_rad.tolist()))[0])
     q_ng = quat_multiply(quat_from_rotvec(move[3:]), quat_multiply(pose.q_nc, mounted))
     q_gc, axes_g = _mounting(tuple((flight.boresight_rpy_rad + turn_rpy).tolist()))
@@ -165,9 +166,9 @@ def _turned(
     return found, slopes
 
 
-@functools.lru_cache(maxsize=2)  # all sightings of a step share the two: before and now
+@functools.lru_cache(maxsize=2)  # all sightings of a step use the same two mountings
 def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
-    """``q_gc`` (4,) of a mounting error as configured, and the axes (3, 3) of its three angles.
+    """Return ``q_gc`` (4,) of a configured mounting error, and the axes (3, 3) of its angles.
 
     The axes are columns in g: a small change of roll, pitch or yaw turns the camera about them.
     """
@@ -179,7 +180,7 @@ def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
 
 
 def _about_vertical(offset_n: Array) -> Array:
-    """(6, 6) of a unit turn about down, of a camera so far from its pivot."""
+    """Return the covariance (6, 6) of a unit turn about down of a camera offset from its pivot."""
     north, east, _ = offset_n
     move = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
     return np.outer(move, move)
@@ -200,6 +201,6 @@ def _sight(flight: Flight, seen: Sighting, correction: Array) -> Sight:
 
 
 def _root(covariance: Array) -> Array:
-    """The symmetric root (6, 6); a variance that rounding made negative counts as zero."""
+    """Return the symmetric root (6, 6); a variance that is negative by rounding counts as zero."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

@@ -1,4 +1,4 @@
-"""Which parameters a flight's sightings cannot tell apart, why, and what to fly instead."""
+"""Find parameters that a flight's sightings cannot separate, with the reason and advice."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 
-#: With fewer there is no telling a wrong point, or a pose that is off, from a boresight.
+#: With fewer, a wrong point or a wrong pose cannot be distinguished from a boresight.
 LEAST_POINTS, LEAST_PICTURES = 3, 3
-#: A parameter that nobody asked for is taken in only if all are then so much better known than
-#: LIMITS: what it adds to the others' uncertainty must be small beside the 0.3 deg of it.
+#: A parameter that was not asked for is estimated only if all sigmas are then within this share of
+#: LIMITS: it must add little to the others' uncertainty, compared with their 0.3 deg.
 UNASKED_SHARE = 1 / 3
-#: A parameter belongs to what cannot be told apart with such a share of the largest part in it.
+#: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
+#: this share of the largest part.
 _PART = 0.2
 
-#: A turn of 57 deg that moves nothing by more than a pixel is rounding.
+#: A parameter that moves no pixel by more than this has no effect but rounding.
 _IDLE_PX_RAD = 1.0
 
 _OF_NORTH = ("gimbal_north", "heading_offset")
@@ -36,21 +37,21 @@ _OF_NORTH = ("gimbal_north", "heading_offset")
 
 @dataclass(frozen=True)
 class Doubt:
-    """Parameters that turn the picture alike, in this flight."""
+    """Hold parameters that have the same effect on the picture in this flight."""
 
     names: tuple[str, ...]
     reason: str
     advice: str
 
     def __str__(self) -> str:
-        """One line for a person."""
+        """Return one line for the operator."""
         what = " and ".join([", ".join(self.names[:-1]), self.names[-1]]).removeprefix(" and ")
         apart = "cannot be told apart" if len(self.names) > 1 else "cannot be found"
         return f"{what} {apart}: {self.reason}; {self.advice}"
 
 
 def check_numbers(sightings: Sequence[Sighting]) -> None:
-    """Raise CalibrationError where there are too few points or pictures."""
+    """Raise CalibrationError if there are too few points or pictures."""
     points = len({seen.id for seen in sightings})
     pictures = len({seen.stamp_ns for seen in sightings})
     if points < LEAST_POINTS or pictures < LEAST_PICTURES:
@@ -68,9 +69,9 @@ def doubt(
     covariance: Array,
     share: float = 1.0,
 ) -> Doubt | None:
-    """What a covariance (p, p) of estimated parameters leaves open; None where all are told.
+    """Return what a covariance (p, p) of estimated parameters leaves open; None if nothing.
 
-    They are told where each standard deviation is within ``share`` of LIMITS.
+    A parameter is found if its standard deviation is within ``share`` of LIMITS.
     """
     names = [name for name in PARAMETERS if name in estimated]
     limits = LIMITS[[PARAMETERS.index(name) for name in names]] * share
@@ -87,7 +88,7 @@ def doubt(
 
 
 def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -> tuple[str, ...]:
-    """Turns about the vertical that turn nothing, as the offset of a heading that is not used."""
+    """Return rotations about the vertical without effect, as the offset of an unused heading."""
     design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
     turns = [name for name in _OF_NORTH if name in names]
     moves = {name: np.abs(design[:, :, PARAMETERS.index(name)]).max() for name in turns}
@@ -95,7 +96,7 @@ def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -
 
 
 def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sighting]) -> list[str]:
-    """Why, and what to do."""
+    """Return the reason and the advice."""
     if all(name in alike for name in _OF_NORTH):
         return ["both turn the camera about the vertical", "estimate one of them"]
     for name in _OF_NORTH:
@@ -123,7 +124,7 @@ def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sightin
 
 
 def _tilts(flight: Flight, sightings: Sequence[Sighting]) -> Array:
-    """How far below the horizon the camera looks at each picture with a pose, rad."""
+    """Return the angle of the camera below the horizon, rad, at each sighting with a pose."""
     present = np.zeros(len(PARAMETERS))
     found = (corrected_pose(flight, seen.stamp_ns, present) for seen in sightings)
     axes_n = [matrix_from_quat(one[0].q_nc)[:, 2] for one in found if one is not None]

@@ -1,9 +1,9 @@
-"""Where a checkerboard stands before a calibrated camera, from picture to picture of a video.
+"""Estimate the pose of a checkerboard before a calibrated camera, from frame to frame of a video.
 
 A plane has two poses that explain a weak picture of it about equally well (Collins and Bartoli,
-Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not tell, the pose
+Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not decide, the pose
 nearer to the last one is taken. A board looks the same after half a turn; the end from which its
-corners are counted is that of the picture before.
+corners are counted is kept from the previous picture.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_matrix
 from tirgeo_ros.core.types.arrays import Array
 
-#: The worse pose of two is out if its squared errors, over their variance, are more by this:
-#: three standard deviations.
+#: The worse of two poses is rejected if its squared errors, divided by their variance, are larger
+#: by this: three standard deviations.
 _CLEAR = 9.0
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class BoardPose(NamedTuple):
-    """A board before a camera."""
+    """Hold the pose of a board before a camera."""
 
     rotation_cb: Array  # (3, 3) board to optical frame
-    position_c: Array  # (3,) m, the board's first corner
-    rms_px: float  # of the corners' distances
-    covariance: Array  # (3, 3) rad^2 of the rotation, about the optical frame's axes
+    position_c: Array  # (3,) the board's first corner, m
+    rms_px: float  # of the corners' reprojection distances
+    covariance: Array  # (3, 3) of the rotation, rad^2, about the optical frame's axes
 
 
 def board_poses(sighting: Sighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
-    """The poses that a sighting allows, the better one first; none where there is no solution."""
+    """Return the poses that a sighting permits, the better one first; an empty list if none."""
     found = [_pose(sighting, board, camera, *one) for one in _solutions(sighting, board, camera)]
     return sorted((pose for pose in found if pose is not None), key=lambda pose: pose.rms_px)
 
@@ -45,7 +45,7 @@ def board_poses(sighting: Sighting, board: Checkerboard, camera: Camera) -> list
 def _solutions(
     sighting: Sighting, board: Checkerboard, camera: Camera
 ) -> Iterator[tuple[Array, Array]]:
-    """Rotations (3, 3) and positions (3,) of least squares, each from another beginning."""
+    """Yield least-squares rotations (3, 3) and positions (3,), each from another start."""
     seen = np.ascontiguousarray(sighting.corners_px)
     given = board.points_m, seen, camera.matrix, np.array(camera.distortion or (0.0,) * 4)
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):
@@ -60,13 +60,13 @@ def _solutions(
             continue
         yield from ((rotation_of(t), np.asarray(p, float).ravel()) for t, p in refined)
         if refined:
-            return  # the first has no answer, or none but nan, for some boards seen straight on
+            return  # IPPE has no solution, or only nan, for some boards seen straight on
 
 
 def _pose(
     sighting: Sighting, board: Checkerboard, camera: Camera, rotation: Array, position: Array
 ) -> BoardPose | None:
-    """A solution with its errors, through the camera's own model."""
+    """Return a solution with its errors by the camera's own model; None if not all project."""
     uv, valid = camera.project(board.points_m @ rotation.T + position)
     if not valid.all():
         return None
@@ -77,7 +77,7 @@ def _pose(
 
 
 def _covariance(arms_c: Array, position_c: Array, camera: Camera, errors: Array) -> Array:
-    """(3, 3) of the rotation, with the variance that the corners' errors show."""
+    """Return the rotation's covariance (3, 3), with the variance of the corners' errors."""
     x, y, z = (arms_c + position_c).T
     xx, xy, yx, yy = camera.slopes(x / z, y / z)
     to_plane = np.zeros((len(z), 2, 3))
@@ -95,7 +95,7 @@ def _covariance(arms_c: Array, position_c: Array, camera: Camera, errors: Array)
 
 
 class BoardTracker:
-    """The poses of one fixed board over a video; knows the last one."""
+    """Track the pose of one fixed board over a video, starting from the last pose."""
 
     def __init__(self, board: Checkerboard, camera: Camera) -> None:
         self._board, self._camera = board, camera
@@ -104,9 +104,9 @@ class BoardTracker:
         self._dark_first = False
 
     def pose(self, sighting: Sighting) -> BoardPose | None:
-        """The board's pose, in a frame that is upright in the first picture; None without one.
+        """Return the board's pose, in a frame that is upright in the first picture, or None.
 
-        x of the frame then goes right, as near as the board's sides allow, y down, z away.
+        The frame's x then points right, as nearly as the board's sides permit, y down, z away.
         """
         poses = [
             pose._replace(rotation_cb=pose.rotation_cb @ turn)
@@ -124,14 +124,14 @@ class BoardTracker:
         return best
 
     def _turns(self, sighting: Sighting) -> list[Array]:
-        """From the frame of the track to that of the corners, as they can have been counted."""
+        """Return the possible rotations from the track's frame to that of the counted corners."""
         board, half = self._board, _QUARTER @ _QUARTER
         if self._last is None:
             return [np.eye(3)]
         if board.columns == board.rows:
             turns = [np.eye(3), _QUARTER, half, _QUARTER.T]
         elif (board.columns + board.rows) % 2:
-            # After half a turn dark is where light was: the squares tell.
+            # Half a turn exchanges dark and light, so the squares' colours decide.
             turns = [np.eye(3) if sighting.dark_first == self._dark_first else half]
         else:
             turns = [np.eye(3), half]
@@ -145,7 +145,7 @@ class BoardTracker:
         return pose._replace(rotation_cb=self._last)
 
     def _allowed(self, poses: list[BoardPose]) -> list[BoardPose]:
-        """The poses that are not clearly worse than the best."""
+        """Return the poses that are not clearly worse than the best."""
         count = self._board.count
         best = min(pose.rms_px for pose in poses)
         variance = max(best**2 * count / max(2 * count - 6, 1), 1e-12)
@@ -153,9 +153,9 @@ class BoardTracker:
 
 
 def camera_angles(pose: BoardPose) -> tuple[Array, Array]:
-    """Roll, pitch, yaw (3,) rad of the camera body against the board, and their sigma (3,).
+    """Return roll, pitch, yaw (3,), rad, of the camera body against the board, and their sigmas.
 
-    All are zero where the camera looks along the board's normal and is upright to it; yaw is
+    All are zero where the camera looks along the board's normal and is upright to it. Yaw is
     positive to the board's right, pitch upwards.
     """
     rotation_bc = BODY_OPTICAL @ pose.rotation_cb.T @ BODY_OPTICAL.T

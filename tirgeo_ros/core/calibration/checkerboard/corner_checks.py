@@ -1,7 +1,7 @@
-"""What speaks against corners that were fitted to a picture of a checkerboard.
+"""Check corners that were fitted to a picture of a checkerboard.
 
-Every doubt refuses the view: a calibration is spoilt by one wrong view and hardly better for one
-more.
+Every fault rejects the view: one wrong view spoils a calibration, and one more view hardly
+improves it.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from tirgeo_ros.core.types.arrays import Array
 
 _MOST_BLUR = 0.22  # of a square's side
 _MOST_BLUR_PX = 3.0
-_MOST_SMEAR_PX = 2.2  # blur that one direction has more than the other: 8 px of motion
-_LEAST_CONTRAST = 0.3  # of a corner, of the median of all
+_MOST_SMEAR_PX = 2.2  # extra blur in one direction: 8 px of motion
+_LEAST_CONTRAST = 0.3  # of a corner, relative to the median of all
 _MOST_SIGMA_PX = 0.25
-_MOST_STRUCTURE = 0.2  # what is left that is no noise, of the contrast
+_MOST_STRUCTURE = 0.2  # largest residual that is not noise, relative to the contrast
 _LEAST_COSINE = 0.34  # of the angle between the view and the board's normal: 70 deg
-_UNEVEN = 0.025  # of a square's side, and so many sigmas more:
-_SIGMAS = 4.0
-_RING = 0.4  # of the median contrast, that a corner beyond the board has more than a lone square
+_UNEVEN = 0.025  # largest deviation of a corner, in squares, and
+_SIGMAS = 4.0  # in addition this many sigmas of a corner
+_RING = 0.4  # contrast of a corner beyond the board, less a lone square's, relative to the median
 
 
 def doubt(
     sharp: npt.NDArray[np.float32], fit: CornerFit, side_px: float, board: Checkerboard
 ) -> Refused | None:
-    """Why the corners of a picture (h, w) are not to be used; ``side_px`` of the least square."""
+    """Return why a picture's (h, w) corners are rejected, or None; ``side_px`` is the shortest."""
     return (
         _covered(fit, board)
         or _blurred(fit, side_px)
@@ -42,20 +42,20 @@ def doubt(
 
 
 def sigma_px(fit: CornerFit) -> float:
-    """Standard deviation of a coordinate of the usual corner."""
+    """Return the standard deviation of a coordinate of the median corner, px."""
     return float(np.sqrt(np.median(np.trace(fit.covariance, axis1=1, axis2=2)) / 2))
 
 
 def alternating(board: Checkerboard) -> Array:
-    """(count,) +1 and -1 in turn, as the contrast of the corners is."""
+    """Return (count,) alternating +1 and -1, like the contrast of the corners."""
     return np.asarray(np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0))
 
 
 def _covered(fit: CornerFit, board: Checkerboard) -> Refused | None:
-    """Corners that are none: with no contrast, or with light and dark the wrong way round."""
+    """Reject corners without contrast, or with light and dark the wrong way round."""
     signed = fit.contrast * alternating(board)
     median = np.nanmedian(signed) if np.isfinite(signed).any() else 0.0
-    there = signed * np.sign(median) > _LEAST_CONTRAST * abs(median)  # nan is not there
+    there = signed * np.sign(median) > _LEAST_CONTRAST * abs(median)  # nan compares false
     missing = int(len(there) - there.sum())
     if missing == 0:
         return None
@@ -87,10 +87,10 @@ def _faint(sharp: npt.NDArray[np.float32], fit: CornerFit) -> Refused | None:
 
 
 def _noise(sharp: npt.NDArray[np.float32], uv: Array) -> float:
-    """Standard deviation of the pixels' noise around the board.
+    """Return the standard deviation of the pixels' noise around the board.
 
-    Of a difference that is zero for planes and for straight edges along either axis (Immerkaer,
-    Fast noise variance estimation, 1996); its median does not mind what edges are left.
+    The filter is zero on planes and on straight edges along either axis (Immerkaer, Fast noise
+    variance estimation, 1996). The median of its output ignores the remaining edges.
     """
     low = np.floor(uv.min(0)).astype(int).clip(0)
     high = np.ceil(uv.max(0)).astype(int) + 1
@@ -100,7 +100,7 @@ def _noise(sharp: npt.NDArray[np.float32], uv: Array) -> float:
 
 
 def _oblique(steps: Array) -> Refused | None:
-    """Judged by how much shorter a circle on the board looks one way than the other."""
+    """Reject by the ratio of the axes of the ellipse that a circle on the board becomes."""
     strengths = np.linalg.svd(steps.transpose(0, 2, 1), compute_uv=False)
     cosine = float(np.median(strengths[:, 1] / strengths[:, 0]))
     if cosine >= _LEAST_COSINE:
@@ -110,7 +110,7 @@ def _oblique(steps: Array) -> Refused | None:
 
 
 def _uneven(fit: CornerFit, side: float, board: Checkerboard) -> Refused | None:
-    """Corners that a plane behind a lens cannot give: a homography and a smooth bend of it."""
+    """Reject corners that a plane behind a lens cannot give: a homography plus a smooth bend."""
     homography, _ = cv2.findHomography(board.grid, fit.uv)
     if homography is None:
         return Refused(Reason.UNEVEN, "the corners are on a line")
@@ -125,7 +125,7 @@ def _uneven(fit: CornerFit, side: float, board: Checkerboard) -> Refused | None:
 
 
 def _bends(board: Checkerboard) -> Array:
-    """(count, K) polynomials of third degree, of lower where a side has few corners."""
+    """Return (count, K) polynomials of third degree, of lower degree if a side has few corners."""
     x, y = ((board.grid / (np.array(board.size) - 1)) * 2 - 1).T
     most = min(3, board.columns - 2), min(3, board.rows - 2)
     powers = [(i, j) for i in range(most[0] + 1) for j in range(most[1] + 1) if i + j <= max(most)]
@@ -135,7 +135,7 @@ def _bends(board: Checkerboard) -> Array:
 def _continued(
     sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checkerboard
 ) -> Refused | None:
-    """A board that goes on beyond its corners has more squares than it should."""
+    """Reject a board that continues beyond its corners, so that it has more squares than given."""
     grid = fit.uv.reshape(board.rows, board.columns, 2)
     steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
     sides = [
@@ -147,7 +147,7 @@ def _continued(
     usual = np.median(np.abs(fit.contrast))
     for corners, step in sides:
         beyond = fit_corners(sharp, corners, step)
-        # Where one quarter alone differs, as at a plain margin, all three contrasts are equal.
+        # At a plain margin only one quarter differs, and all three contrasts are equal.
         lone = np.abs(beyond.steps).max(1)
         sure = np.nan_to_num(np.maximum(np.abs(beyond.contrast) - lone, 0.0))
         turning = sure * np.sign(np.nan_to_num(beyond.contrast))

@@ -1,13 +1,13 @@
-"""Where the corners of a checkerboard are, to a few hundredths of a pixel, in blurred noise.
+"""Fit the corners of a checkerboard to a few hundredths of a pixel, in blur and noise.
 
-Two straight edges cross, each blurred by a width of its own, and the four quarters around them
-have a temperature each:
+Two straight edges cross, each blurred by its own width, and the four quarters around them have
+their own temperatures:
 
     I(p) = a + b s1 + c s2 + d s1 s2,    s_i = tanh(n_i . (p - corner) / w_i)
 
-This is fitted to the pixels around a corner by least squares. Foil that is warmer on one square
-than on the next goes into b and c instead of moving the corner, as it moves a saddle point; the
-blur is found with the corner; and what is left tells how sure the corner is.
+This is fitted to the pixels around a corner by least squares. If the foil is warmer on one square
+than on the next, b and c take the difference, and it does not move the corner as it moves a saddle
+point. The blur is estimated with the corner, and the residuals give the corner's covariance.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array
 
-#: Standard deviation of a Gaussian blur whose edge is as steep in the middle as tanh(x / w), by w.
+#: Sigma of the Gaussian blur whose edge is as steep in the middle as tanh(x / w), divided by w.
 _SIGMA_OF_WIDTH = math.sqrt(2 / math.pi)
-#: Share of the shortest side of the squares around a corner that is fitted: the next edges, and
-#: their blur, stay out.
+#: Radius of the fitted pixels, relative to the shortest square side at the corner: the next edges
+#: and their blur stay outside.
 _REACH = 0.42
 _LEAST_PX, _MOST_PX = 2.5, 10.0
 _STEPS = 15
@@ -34,18 +34,18 @@ _PARAMETERS = 10  # u, v, two angles, two logarithms of widths, four levels
 
 @dataclass(frozen=True)
 class CornerFit:
-    """Fitted corners of N; what could not be fitted is nan."""
+    """Hold N fitted corners; nan where the fit failed."""
 
     uv: Array  # (N, 2) px
-    covariance: Array  # (N, 2, 2) px^2, from what the fit leaves
+    covariance: Array  # (N, 2, 2) px^2, from the residuals
     contrast: Array  # (N,) grey values: d, half the step; its sign alternates over a board
-    steps: Array  # (N, 2) grey values: b and c, half the step that either edge has of its own
-    left: Array  # (N,) grey values: root mean square of what the fit leaves
-    blur_px: Array  # (N, 2) standard deviation of the blur across either edge
+    steps: Array  # (N, 2) grey values: b and c, half of each edge's own step
+    left: Array  # (N,) grey values: rms of the residuals
+    blur_px: Array  # (N, 2) sigma of the blur across each edge
 
 
 def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> CornerFit:
-    """Refine corners (N, 2) of an image (h, w), whose squares' sides are ``steps_px`` (N, 2, 2).
+    """Refine corners (N, 2) of an image (h, w) with squares' sides ``steps_px`` (N, 2, 2).
 
     ``steps_px[:, 0]`` goes from a corner to the next along its row, ``[:, 1]`` along its column.
     """
@@ -58,14 +58,14 @@ def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> C
 
 
 def _inside(image: npt.NDArray[np.float32], middles: Array, reach: Array) -> npt.NDArray[np.bool_]:
-    """Which corners have all their surroundings in the image."""
+    """Return which corners have all their surroundings in the image."""
     height, width = image.shape
     low, high = middles - reach[:, None], middles + reach[:, None]
     return np.asarray((low >= 0).all(1) & (high <= [width - 1, height - 1]).all(1))
 
 
 def _spread(inside: npt.NDArray[np.bool_], fits: _Fits) -> CornerFit:
-    """The answers at the places of all corners."""
+    """Return the results in the order of all corners, nan for those that were not fitted."""
 
     def placed(values: Array) -> Array:
         out = np.full((len(inside), *values.shape[1:]), np.nan)
@@ -83,7 +83,7 @@ def _spread(inside: npt.NDArray[np.bool_], fits: _Fits) -> CornerFit:
 
 
 class _Fits:
-    """Levenberg-Marquardt for all corners at once."""
+    """Fit all corners at once by the Levenberg-Marquardt method."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class _Fits:
         return np.asarray(self._middles + self.p[:, :2])
 
     def _levels(self) -> None:
-        """Begin with the levels that fit best."""
+        """Initialise the four levels by linear least squares."""
         model = self._shapes(self.p)[2]
         weighted = model * self._weights[:, None]
         normal = weighted @ model.transpose(0, 2, 1) + 1e-9 * np.eye(4)
@@ -121,7 +121,7 @@ class _Fits:
         self.p[:, 6:] = np.linalg.solve(normal, right[..., None])[..., 0]
 
     def _shapes(self, p: Array) -> tuple[Array, Array, Array]:
-        """Places along and across both edges (N, 2, M), and the model's four shapes (N, 4, M)."""
+        """Return places along and across both edges (N, 2, M), and four shapes (N, 4, M)."""
         x, y = self._du - p[:, :1], self._dv - p[:, 1:2]
         cosine, sine = np.cos(p[:, 2:4, None]), np.sin(p[:, 2:4, None])
         along = cosine * x[:, None] + sine * y[:, None]
@@ -136,7 +136,7 @@ class _Fits:
         return np.asarray((self._seen - model) * self._weights)
 
     def _slopes(self, p: Array) -> Array:
-        """(N, 10, M) derivatives of the model, weighted."""
+        """Return (N, 10, M) derivatives of the model, weighted."""
         along, across, shapes = self._shapes(p)
         s = shapes[:, 1:3]
         other = p[:, 7:9, None] + p[:, 9, None, None] * s[:, ::-1]  # dI/ds1, dI/ds2
@@ -147,7 +147,7 @@ class _Fits:
         return np.asarray(np.concatenate(parts, 1) * self._weights[:, None])
 
     def solve(self) -> None:
-        """Find the corners, and which of them are ones."""
+        """Fit the corners, and decide which fits are good."""
         damping = np.full(len(self.p), 1e-3)
         errors = self._errors(self.p)
         cost = (errors**2).sum(1)
@@ -188,7 +188,7 @@ def _solved(normal: Array, right: Array, damping: Array) -> Array:
 
 
 def _ridge(normal: Array, share: float | Array) -> Array:
-    """A diagonal of each parameter's own size, and never none at all."""
+    """Return a diagonal matrix, relative to each parameter's own size, and never zero."""
     own = np.diagonal(normal, axis1=1, axis2=2)
     return np.asarray(
         (share * own + 1e-12 * own.max(1, keepdims=True) + 1e-30)[:, None] * np.eye(_PARAMETERS)

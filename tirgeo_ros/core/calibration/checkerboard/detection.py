@@ -1,8 +1,8 @@
-"""A checkerboard in a thermal picture: all its corners, or the reason why they are not to be used.
+"""Detect a checkerboard in a thermal picture: all its corners, or the reason for rejecting them.
 
-Foil on a board gives a few degrees of contrast, of either sign, unevenly. The picture is given to
-OpenCV's detector in several forms until one shows the board; the corners are then fitted in the
-picture itself.
+Foil on a board gives a contrast of a few degrees, of either sign, and unevenly. The picture is
+given to OpenCV's detector in several forms until it finds the board. The corners are then fitted
+in the original picture.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_c
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting, steps_of
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
-_LEAST_SIDE_PX = 8.0  # of a square: below it the blurs of two edges meet
+_LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap
 _DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-_STRETCH = 0.5, 99.5  # percent of the pixels that become black and white
-_LOCAL_SHARE = 0.08  # of the picture's width: what a local contrast is taken over
-_WIDEST_PX = 1300  # of the detector's picture; its time grows faster than the pixels
-_CALM_PX = 1.2  # blur that quietens noise for the detector alone
+_STRETCH = 0.5, 99.5  # percentiles that become black and white
+_LOCAL_SHARE = 0.08  # sigma of the local contrast's surroundings, relative to the width
+_WIDEST_PX = 1300  # width of the detector's picture; its time grows faster than the pixels
+_CALM_PX = 1.2  # blur that reduces noise, for the detector only
 
 
 def find_board(picture: RawPixels, board: Checkerboard) -> Sighting | Refused:
-    """The board in a picture (h, w) uint8 or uint16, or (h, w, 3) in blue, green, red."""
+    """Return the board in a picture (h, w) uint8 or uint16, or (h, w, 3) in blue, green, red."""
     grey = grey_of(picture)
     sharp = grey.astype(np.float32)
     refused = None
@@ -41,12 +41,12 @@ def find_board(picture: RawPixels, board: Checkerboard) -> Sighting | Refused:
 
 
 def grey_of(picture: RawPixels) -> RawPixels:
-    """The picture with one channel."""
+    """Return the picture with one channel."""
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.ndim == 3 else picture
 
 
 def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
-    """Corners (count, 2) px as a detector gives them, form by form of the picture."""
+    """Yield corners (count, 2), px, that the detector finds in each form of the picture."""
     small, scale = _shrunk(grey)
     for form in (stretched(small), _local(small)):
         for calm_px in (0.0, _CALM_PX):
@@ -56,7 +56,7 @@ def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
 
 
 def _shrunk(grey: RawPixels) -> tuple[RawPixels, int]:
-    """The picture as the detector gets it, and by how much it is smaller: time, and noise."""
+    """Return the picture reduced for the detector, and its scale: less time, and less noise."""
     scale = -(-grey.shape[1] // _WIDEST_PX)
     if scale == 1:
         return grey, 1
@@ -66,21 +66,21 @@ def _shrunk(grey: RawPixels) -> tuple[RawPixels, int]:
 
 
 def _detected(form: Pixels, board: Checkerboard) -> Iterator[Array]:
-    """None or one; the detector takes light and dark squares either way round."""
+    """Yield at most one result; the detector accepts light and dark squares either way round."""
     yes, corners = cv2.findChessboardCornersSB(form, board.size, flags=_DETECTION)
     if yes:
         yield np.asarray(corners, float).reshape(-1, 2)
 
 
 def stretched(grey: RawPixels) -> Pixels:
-    """8 bits between the darkest and the lightest of a picture's pixels."""
+    """Stretch a picture to 8 bits, between its darkest and lightest pixels."""
     low, high = np.percentile(grey, _STRETCH)
     scaled = (grey.astype(np.float32) - low) * (255 / max(high - low, 1.0))
     return np.asarray(np.clip(scaled, 0, 255), np.uint8)
 
 
 def _local(grey: RawPixels) -> Pixels:
-    """8 bits of the local contrast: without vignette, warm corners and hot spots."""
+    """Return local contrast in 8 bits: without vignetting, warm corners and hot spots."""
     sharp = grey.astype(np.float32)
     sigma = _LOCAL_SHARE * grey.shape[1]
     off = sharp - np.asarray(cv2.GaussianBlur(sharp, (0, 0), sigma))
@@ -90,7 +90,7 @@ def _local(grey: RawPixels) -> Pixels:
 
 
 def _right_handed(corners: Array, board: Checkerboard) -> Array:
-    """The corners with rows turned about where the board would be seen from behind."""
+    """Return the corners, with rows reversed if the board would be seen from behind."""
     grid = corners.reshape(board.rows, board.columns, 2)
     along, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
     a, b = along.mean(0), down.mean(0)
@@ -101,7 +101,7 @@ def _right_handed(corners: Array, board: Checkerboard) -> Array:
 def _judged(
     sharp: npt.NDArray[np.float32], corners: Array, board: Checkerboard
 ) -> Sighting | Refused:
-    """The sighting that the fits give, or why not."""
+    """Return the sighting that the fits give, or the reason for rejecting it."""
     steps = steps_of(corners, board)
     side = float(np.linalg.norm(steps, axis=2).min())
     if side < _LEAST_SIDE_PX:
@@ -123,7 +123,7 @@ def _sighting(fit: CornerFit, side: float, board: Checkerboard) -> Sighting:
 
 
 def _not_found(grey: RawPixels, board: Checkerboard) -> Refused:
-    """Whether a part of a board is to be seen."""
+    """Return the refusal, with the part of a board that is visible."""
     flags = _DETECTION | cv2.CALIB_CB_LARGER
     form = stretched(_shrunk(grey)[0])
     found = cv2.findChessboardCornersSBWithMeta(form, (3, 3), flags)

@@ -1,7 +1,7 @@
-"""A lens from views of a checkerboard (Zhang, A flexible new technique for camera calibration).
+"""Fit a lens to checkerboard views (Zhang, A flexible new technique for camera calibration).
 
-OpenCV finds the least squares; what is around them is here: views that do not fit the others
-leave, one by one; and the parameters get a covariance in which every view has its own noise.
+OpenCV solves the least squares. This module adds two things: views that do not fit the others are
+removed one by one, and the parameters' covariance allows for different noise in each view.
 """
 
 from __future__ import annotations
@@ -19,62 +19,62 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
 
 MODELS = ("plumb_bob", "rational")
-#: Three give the focal lengths and the middle at the least; more are needed to tell a wrong one.
+#: Three views determine the focal lengths and the principal point; a wrong view needs more.
 FEWEST_VIEWS = 4
-#: A view leaves if its error is so many times the median of all, and more than so many pixels.
+#: A view is removed if its error is more than this multiple of the median, and more than these px.
 _OUTLYING, _OUTLYING_PX = 2.5, 0.15
-_MOST_RMS_PX = 1.0  # that a view may have in any case
-#: The normals of the boards must differ by so much, rad: with less the focal length is a guess.
+_MOST_RMS_PX = 1.0  # absolute limit of a view's error
+#: Least angle, rad, of some board's normal from their mean: with less the focal length is a guess.
 _LEAST_TILT_RAD = np.radians(5.0)
-_MOST_FOCAL_SIGMA = 0.02  # of the focal length
+_MOST_FOCAL_SIGMA = 0.02  # relative to the focal length
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 @dataclass(frozen=True)
 class LensModel:
-    """What is estimated: k1 k2 p1 p2, with k3, or all eight of the rational model."""
+    """Hold what is estimated: k1 k2 p1 p2, also k3, or all eight of the rational model."""
 
     model: str = "plumb_bob"
     k3: bool = False
 
     def __post_init__(self) -> None:
-        """Check the name."""
+        """Check the model's name."""
         if self.model not in MODELS:
             raise CalibrationError(f"model {self.model!r}: use {' or '.join(MODELS)}")
 
     @property
     def flags(self) -> int:
-        """OpenCV's flags."""
+        """Return OpenCV's flags."""
         if self.model == "rational":
             return int(cv2.CALIB_RATIONAL_MODEL)
         return 0 if self.k3 else int(cv2.CALIB_FIX_K3)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The estimated parameters."""
+        """Return the names of the estimated parameters."""
         return _NAMES[: 12 if self.model == "rational" else 8 + self.k3]
 
 
 @dataclass(frozen=True)
 class FittedView:
-    """A view that was used."""
+    """Hold a view that was used."""
 
     rotation_cb: Array  # (3, 3) board to optical frame
     position_c: Array  # (3,) m
-    errors_px: Array  # (count, 2) seen minus projected
+    errors_px: Array  # (count, 2) measured minus projected
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of its corners."""
+        """Return the rms distance of its corners, px."""
         return float(np.sqrt((self.errors_px**2).sum(1).mean()))
 
 
 @dataclass(frozen=True)
 class LensFit:
-    """A calibrated lens."""
+    """Hold a calibrated lens."""
 
     camera: Camera
-    names: tuple[str, ...]  # of the parameters
+    names: tuple[str, ...]  # parameter names
     values: Array  # (P,)
     covariance: Array  # (P, P)
     views: dict[str, FittedView]
@@ -82,24 +82,24 @@ class LensFit:
 
     @property
     def sigma(self) -> Array:
-        """(P,) standard deviations."""
+        """Return the standard deviations (P,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def rms_px(self) -> float:
-        """Root mean square reprojection error, as OpenCV counts it: of distances."""
+        """Return the rms reprojection error, px, as OpenCV defines it: of distances."""
         errors = np.concatenate([view.errors_px for view in self.views.values()])
         return float(np.sqrt((errors**2).sum(1).mean()))
 
     @property
     def mean_px(self) -> float:
-        """Mean reprojection error, as MATLAB counts it: of distances."""
+        """Return the mean reprojection error, px, as MATLAB defines it: of distances."""
         errors = np.concatenate([view.errors_px for view in self.views.values()])
         return float(np.hypot(*errors.T).mean())
 
     @property
     def tilt_rad(self) -> float:
-        """How far the normals of the boards differ at most from their mean."""
+        """Return the largest angle between a board's normal and the mean normal, rad."""
         normals = np.array([view.rotation_cb[:, 2] for view in self.views.values()])
         mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
         return float(np.arccos(np.clip(normals @ mean, -1, 1)).max())
@@ -113,7 +113,7 @@ def fit_lens(
 ) -> LensFit:
     """Calibrate from sightings in pictures of ``size`` (width, height).
 
-    Raises CalibrationError where the views are too few, or cannot tell the parameters apart.
+    Raises CalibrationError if there are too few views, or if they do not determine the parameters.
     """
     model = model or LensModel()
     left = dict(views)
@@ -127,7 +127,7 @@ def fit_lens(
         name, refusal = outlier
         refused[name] = refusal
         del left[name]
-    _check_told(fit)
+    _check_determined(fit)
     fit.refused.update(refused)
     return fit
 
@@ -213,11 +213,11 @@ def _camera(size: tuple[int, int], values: Array) -> Camera:
 
 
 def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Array:
-    """(P, P) of the lens's parameters, the views' poses being unknown too.
+    """Return the covariance (P, P) of the lens parameters, with the views' poses unknown.
 
-    ``slopes`` of a view: derivatives of its coordinates by the lens (M, P), by the pose (M, 6).
-    With weights all one the estimate is H^-1 sum(J^T e); a view's errors have the variance that
-    they show (White, 1980), raised by what the fit has taken of them.
+    ``slopes`` of a view are derivatives of its coordinates by the lens (M, P) and by the pose
+    (M, 6). With unit weights the estimate is H^-1 sum(J^T e). A view's errors have their own
+    empirical variance (White, 1980), corrected for the degrees of freedom that the fit uses.
     """
     count = slopes[0][0].shape[1]
     scale = np.sqrt(sum((lens**2).sum(0) for lens, _ in slopes)) + 1e-300
@@ -226,7 +226,7 @@ def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Ar
     for (lens, pose), errors in zip(slopes, errors_px, strict=True):
         unit = np.linalg.qr(pose)[0]
         free = lens / scale
-        free = free - unit @ (unit.T @ free)  # what no change of the pose can do
+        free = free - unit @ (unit.T @ free)  # project out what the pose can compensate
         part = free.T @ free
         total += part
         spread += part * (errors @ errors) / max(len(errors) - taken, 1.0)
@@ -235,8 +235,8 @@ def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Ar
     return np.asarray((covariance + covariance.T) / 2)
 
 
-def _check_told(fit: LensFit) -> None:
-    """Refuse what the views cannot tell."""
+def _check_determined(fit: LensFit) -> None:
+    """Raise CalibrationError if the views do not determine the focal lengths."""
     tilt, sigma = fit.tilt_rad, fit.sigma[:2] / fit.values[:2]
     if tilt < _LEAST_TILT_RAD:
         raise CalibrationError(

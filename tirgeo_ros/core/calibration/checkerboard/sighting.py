@@ -1,4 +1,4 @@
-"""A checkerboard that is seen in a picture, or the reason why it is not used."""
+"""Define a checkerboard as seen in a picture, or the reason why it is not used."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 class Reason(Enum):
-    """Why a view is not used; the value is its name in reports."""
+    """Name why a view is not used; the value is its name in reports."""
 
     NO_BOARD = "no board"
     PARTIAL = "board not whole"
@@ -33,7 +33,7 @@ class Reason(Enum):
 
 @dataclass(frozen=True)
 class Refused:
-    """A view that is not used."""
+    """Hold the reason why a view is not used."""
 
     reason: Reason
     detail: str  # numbers, and what to do
@@ -41,22 +41,22 @@ class Refused:
 
 @dataclass(frozen=True)
 class Sighting:
-    """A board's corners in a picture, in the order of ``Checkerboard.grid``.
+    """Hold a board's corners in a picture, in the order of ``Checkerboard.grid``.
 
     The order begins at one of the grid's ends and is right-handed: the board's z points away from
-    the camera. ``dark_first`` tells whether the square outside corner 0, diagonally, is dark.
+    the camera. ``dark_first`` is whether the square diagonally outside corner 0 is dark.
     """
 
     corners_px: Array  # (count, 2)
-    sigma_px: float  # standard deviation of a coordinate, as the fits tell
-    blur_px: Array  # (2,) standard deviation across the rows' edges and the columns'
+    sigma_px: float  # standard deviation of a coordinate, from the corner fits
+    blur_px: Array  # (2,) sigma of the blur across the rows' edges and across the columns' edges
     side_px: float  # shortest side of a square
-    contrast: float  # grey values between dark and light squares
+    contrast: float  # grey value difference between dark and light squares
     dark_first: bool
 
 
 def steps_of(corners: Array, board: Checkerboard) -> Array:
-    """(count, 2, 2) px from each corner to the next along its row and along its column."""
+    """Return (count, 2, 2), px, the steps from each corner along its row and along its column."""
     grid = corners.reshape(board.rows, board.columns, 2)
     steps = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], 2)
     return np.asarray(steps.reshape(-1, 2, 2))

@@ -1,4 +1,4 @@
-"""Which of many views of a checkerboard a calibration takes: sharp ones that differ."""
+"""Select the views of a checkerboard for a calibration: sharp ones that differ."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
 from tirgeo_ros.core.types.arrays import Array
 
-#: Views whose corners are nearer than this, root mean square, are one. Of a picture of 640 px it
-#: is three pixels, about what a hand that holds a board still moves.
+#: Views with a smaller rms distance of corners, relative to the picture's width, are duplicates.
+#: At 640 px this is three pixels, about what a hand-held board still moves.
 _SAME = 3 / 640
-#: A view is blurred beside others that are sharp if it is so many times their median, and more by:
+#: A view is too blurred if its blur exceeds the median of all by this factor and by these pixels.
 _BLURRED_TIMES, _BLURRED_PX = 1.8, 0.5
 
 
 def doubtful_views(views: Mapping[str, Sighting], width: int) -> dict[str, Refused]:
-    """Views that are blurred beside the others, and of such as are alike all but the sharpest."""
+    """Return the rejected views: too blurred ones, and all but the sharpest of similar ones."""
     refused = _blurred(views)
     kept: dict[str, Sighting] = {}
     for name in _by_sharpness({k: v for k, v in views.items() if k not in refused}):
@@ -45,7 +45,7 @@ def _by_sharpness(views: Mapping[str, Sighting]) -> list[str]:
 
 
 def distance_px(one: Sighting, other: Sighting) -> float:
-    """Root mean square distance of corners, with either end of the board as the first."""
+    """Return the rms distance of corners, px, with either end of the board counted first."""
     a, b = one.corners_px, other.corners_px
     return float(min(_rms(a - b), _rms(a - b[::-1])))
 
@@ -55,7 +55,7 @@ def _rms(off: Array) -> float:
 
 
 def most_distinct(views: Mapping[str, Sighting], count: int) -> list[str]:
-    """The names of ``count`` views, each the farthest from those before it; first the sharpest."""
+    """Return ``count`` names, the sharpest first, then always the farthest from those chosen."""
     left = _by_sharpness(views)
     if len(left) <= count:
         return left

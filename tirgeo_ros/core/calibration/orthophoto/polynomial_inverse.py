@@ -1,4 +1,4 @@
-"""From the plane back to pixels: where in a picture a place on the ground is."""
+"""Convert places on the ground plane back to pixels of an orthophoto."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _CLOSE_PX = 1e-3
 
 
 def pixels_of(found: PolynomialTransform, plane: Array) -> Array:
-    """(n, 2) column, row of metres (n, 2) by Newton's method; NaN where it does not arrive."""
+    """Return (n, 2) column, row of metres (n, 2) by Newton's method; nan without convergence."""
     middle = found.pixels.middle[None]
     start = np.linalg.solve(found.jacobian(middle)[0], (plane - found(middle)).T).T
     pixels = middle + start
     for _ in range(_STEPS):
-        with np.errstate(all="ignore"):  # what runs away is told by not arriving
+        with np.errstate(all="ignore"):  # divergence is detected by the last step
             step = _step(found, pixels, plane)
             pixels = pixels + step
     far = ~(np.hypot(*step.T) < _CLOSE_PX)

@@ -1,9 +1,9 @@
-"""Polynomials that take pixels of a picture of the ground to a plane of metres.
+"""Define polynomials from the pixels of a picture of the ground to a plane in metres.
 
-Order 1 is affine (3 terms each way), 2 has 6 and 3 has 10, the cubic that Ren et al. 2022 (section
-4.2) laid their orthophoto with. Least squares on coordinates about their mean and of unit size,
-for powers of pixel numbers would take all digits. Between the control points a polynomial is as
-good as its residuals; outside their convex hull it runs away.
+Order 1 is affine (3 terms each way), 2 has 6 and 3 has 10 terms: the cubic with which Ren et al.
+2022 (section 4.2) registered their orthophoto. Least squares uses coordinates relative to their
+mean and scaled to unit size, because powers of pixel numbers would lose all digits. Between the
+control points a polynomial is as good as its residuals; outside their convex hull it diverges.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import numpy as np
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 
-#: Control points that an order needs.
+#: Number of control points that each order needs.
 TERMS = {1: 3, 2: 6, 3: 10}
 _CURVES = {1: "a line", 2: "a line or a conic", 3: "a line, a conic or a cubic"}
-#: Least singular value over the largest of well spread points is above 0.03.
+#: Least ratio of smallest to largest singular value; well spread points are above 0.03.
 _DEGENERATE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """Coordinates about ``middle`` in units of ``size``."""
+    """Hold a scaling of coordinates, relative to ``middle`` in units of ``size``."""
 
     middle: Array  # (2,)
     size: float
@@ -37,22 +37,22 @@ class _Scale:
 
 @dataclass(frozen=True, slots=True)
 class PolynomialTransform:
-    """From pixels (column, row) to a plane (x, y, metres); made by ``fit_polynomial``."""
+    """Convert pixels (column, row) to a plane (x, y, metres); made by ``fit_polynomial``."""
 
     order: int
     pixels: _Scale
     plane: _Scale
     coefficients: Array  # (terms, 2) between scaled coordinates
-    inverse: Array  # (terms, terms) of the normal matrix
-    hull_px: Array  # (corners, 2) of the control points
+    inverse: Array  # (terms, terms) inverse of the normal matrix
+    hull_px: Array  # (corners, 2) convex hull of the control points
 
     def __call__(self, pixels: Array) -> Array:
-        """(n, 2) metres of pixels (n, 2)."""
+        """Return (n, 2) metres of pixels (n, 2)."""
         terms = _terms(self.pixels.of(pixels), self.order)
         return np.asarray(terms @ self.coefficients * self.plane.size + self.plane.middle)
 
     def jacobian(self, pixels: Array) -> Array:
-        """(n, 2, 2) metres a pixel: rows x, y; columns column, row."""
+        """Return (n, 2, 2) metres per pixel: rows x, y; columns column, row."""
         u, v = self.pixels.of(pixels).T
         powers = _powers(self.order)
         zero = np.zeros_like(u)
@@ -62,12 +62,12 @@ class PolynomialTransform:
         return np.asarray(slopes * (self.plane.size / self.pixels.size))
 
     def leverage(self, pixels: Array) -> Array:
-        """(n,) variance of a place by that of one control point, on either axis."""
+        """Return (n,) variances of places relative to that of a control point, on either axis."""
         terms = _terms(self.pixels.of(pixels), self.order)
         return np.asarray(np.einsum("ij,jk,ik->i", terms, self.inverse, terms))
 
     def inside(self, pixels: Array) -> BoolArray:
-        """(n,) which pixels lie within the convex hull of the control points, or on its rim."""
+        """Return (n,) which pixels lie within the control points' convex hull, or on its edge."""
         begin, end = self.hull_px, np.roll(self.hull_px, -1, axis=0)
         along, to = end - begin, pixels[:, None] - begin
         cross = along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0]
@@ -76,7 +76,7 @@ class PolynomialTransform:
         return found
 
     def folded(self, pixels: Array) -> BoolArray:
-        """(n,) where the polynomial turns the picture over, so that it cannot be right."""
+        """Return (n,) where the polynomial mirrors the picture, so that it cannot be right."""
         signs = np.linalg.det(self.jacobian(pixels))
         middle = np.linalg.det(self.jacobian(self.pixels.middle[None]))
         found: BoolArray = signs * np.sign(middle) <= 0
@@ -85,30 +85,30 @@ class PolynomialTransform:
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What is left at the control points (n)."""
+    """Hold the residuals at n control points."""
 
-    metres: Array  # (n, 2) surveyed less transformed
+    metres: Array  # (n, 2) surveyed minus transformed
     pixels: Array  # (n, 2) the same as columns and rows
-    left_out_m: Array  # (n,) distance where the point itself is not used; inf: not determined then
-    sigma_m: float  # of one coordinate, from the redundancy; NaN without any
+    left_out_m: Array  # (n,) residual length if the point is left out; inf: then not determined
+    sigma_m: float  # of one coordinate, from the redundancy; nan without redundancy
 
     @property
     def lengths_m(self) -> Array:
-        """(n,) distances."""
+        """Return (n,) lengths of the residuals, m."""
         return np.asarray(np.hypot(*self.metres.T))
 
     @property
     def lengths_px(self) -> Array:
-        """(n,) distances in pixels."""
+        """Return (n,) lengths of the residuals, px."""
         return np.asarray(np.hypot(*self.pixels.T))
 
 
 def fit_polynomial(
     pixels: Array, plane: Array, order: int
 ) -> tuple[PolynomialTransform, Residuals]:
-    """From control points: pixels (n, 2) and metres (n, 2).
+    """Fit a polynomial to control points: pixels (n, 2) and metres (n, 2).
 
-    Raises CalibrationError for too few points, or points that leave a coefficient open.
+    Raises CalibrationError for too few points, or points that do not determine a coefficient.
     """
     needed = TERMS[order]
     if len(pixels) < needed:
