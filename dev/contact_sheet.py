@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera.model import XT2, Camera
-from tirgeo_ros.core.config.pictures import PALETTES, OverlayConfig
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.config.overlay import PALETTES, OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y, rotation_z
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

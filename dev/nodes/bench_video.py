@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

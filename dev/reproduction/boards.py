@@ -6,7 +6,7 @@ from dev.paper_tables import TABLE_8_DEG, TABLE_9
 from dev.reproduction.markdown import fixed, ratio, table, words
 from dev.reproduction.script import WORK, Results, Run
 from dev.reproduction.sections import Amounts, Section
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.boards import BOARD
 
 _FOLDER = f"{WORK}/boards"

@@ -10,7 +10,7 @@ from dev.paper_tables import TABLE_1, TABLE_2_M, TABLE_9
 from dev.reproduction.markdown import fixed, ratio, table, words
 from dev.reproduction.script import WORK, Put, Results, Run, Step
 from dev.reproduction.sections import FLIGHT, SCENARIO, Amounts, Section
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 _CENTRED = f"""\

@@ -15,7 +15,7 @@ from dev.reproduction.markdown import fixed, words
 from dev.reproduction.mounting import mounting
 from dev.reproduction.script import WORK, Results, carry_out
 from dev.reproduction.sections import SCENARIO, Amounts, Section
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 PARTS: Sequence[Callable[[Amounts], Section]] = (

@@ -9,7 +9,7 @@ import pytest
 from project import PROJECT
 
 from dev.contact_sheet import PHONE_PX, contact_sheet, main
-from tirgeo_ros.core.config.pictures import PALETTES
+from tirgeo_ros.core.config.overlay import PALETTES
 
 SAMPLES = "shared/thermal_samples"
 

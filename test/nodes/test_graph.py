@@ -20,7 +20,7 @@ from graph_helpers import Stranger
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
 from sensor_msgs.msg import Image
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory

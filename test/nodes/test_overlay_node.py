@@ -26,7 +26,7 @@ from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
 from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.io.messages import ground_point, image_pixels, stamp_ns
 from tirgeo_ros.nodes.monitor import Monitor

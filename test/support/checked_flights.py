@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dev.flight_errors import NAVIGATION_SAMPLES
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig

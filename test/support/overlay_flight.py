@@ -11,7 +11,7 @@ from overlays import GREY, PLANE, ink_on, pose_at
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.io.messages import Messages, image_pixels
 from tirgeo_ros.nodes.topics import message_class
 

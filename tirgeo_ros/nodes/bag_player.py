@@ -30,7 +30,7 @@ from tirgeo_ros.nodes.play_clock import PlayClock
 from tirgeo_ros.nodes.playlist import Audience, aircraft_topics, publishers_for
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.serial_aircraft import SerialAircraft
+from tirgeo_ros.nodes.simulated_serial_aircraft import SerialAircraft
 from tirgeo_ros.nodes.topics import advertise, message_class
 
 #: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 from rclpy.node import Node
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig

@@ -19,7 +19,7 @@ from tirgeo_ros.core.accuracy.error_budget import (
     pixel_grid,
     rms_m,
 )
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 

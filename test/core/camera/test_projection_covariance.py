@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.camera.model import NEAR_M, XT2, Camera
+from tirgeo_ros.core.camera.camera_model import NEAR_M, XT2, Camera
 from tirgeo_ros.core.camera.projection_covariance import (
     CHI2_95,
     MOST_DEPTH_SIGMA,
@@ -21,7 +21,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     screen_covariance,
     timed_covariance,
 )
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,

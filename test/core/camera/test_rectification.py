@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.types.errors import CameraError
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
 
 BOSON = Camera(640, 512, 770.0, 770.0, 319.5, 255.5)

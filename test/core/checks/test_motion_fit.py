@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.motion_fit import BORESIGHT, FOCAL, HEIGHT, LATENCY
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import Tracks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings, size_fault
 from tirgeo_ros.core.types.finding import Severity
 

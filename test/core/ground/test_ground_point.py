@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

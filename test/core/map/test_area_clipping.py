@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

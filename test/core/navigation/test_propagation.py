@@ -17,12 +17,12 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch
 from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
 from tirgeo_ros.core.navigation.propagation import Mechanisation
 from tirgeo_ros.core.navigation.strapdown import NavState, propagate
-from tirgeo_ros.core.navigation.vibration_meter import VibrationMeter
+from tirgeo_ros.core.navigation.vibration_noise import VibrationMeter
 from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})

@@ -14,9 +14,9 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.reported_accuracy import Admitted
 from tirgeo_ros.core.navigation.strapdown import NavState

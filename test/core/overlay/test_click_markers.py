@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers

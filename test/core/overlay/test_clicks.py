@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from overlays import PLANE, geo
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z

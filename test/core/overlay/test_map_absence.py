@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, ink_on, pose_at, ready
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply

@@ -25,7 +25,7 @@ from overlays import (
     true_outline,
 )
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.config.pictures import PALETTES
+from tirgeo_ros.core.config.overlay import PALETTES
 from tirgeo_ros.core.overlay.palettes import palette_table
 from tirgeo_ros.core.types.errors import ConfigError
 

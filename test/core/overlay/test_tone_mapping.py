@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.config.pictures import PALETTES, PictureConfig
+from tirgeo_ros.core.config.overlay import PALETTES, PictureConfig
 from tirgeo_ros.core.overlay.palettes import palette_table
 from tirgeo_ros.core.overlay.tone_mapping import Toner
 from tirgeo_ros.core.types.errors import ConfigError

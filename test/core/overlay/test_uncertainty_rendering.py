@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import rays_to
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -14,7 +14,7 @@ from dev.planted_faults.ground_errors import Eye, times_of_ellipse
 from dev.planted_faults.live import CLEAN, Outcome, notice_s
 from dev.planted_faults.live_reading import Picture, Report, seen
 from dev.planted_faults.live_table import live_table
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
 from tirgeo_ros.core.ground.ground_point import Located

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.link.port_opening import pyserial_opener
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
-from tirgeo_ros.dji.link.serial_port import pyserial_opener
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 pytest.importorskip("serial")

@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSamp
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import PsdkRoad
 from tirgeo_ros.dji.sources.readings import AttitudeReading, GimbalReading, GpsReading, ImuReading
-from tirgeo_ros.dji.sources.rtk_flags import HOLD_NS
+from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from flights import NAVIGATION_SAMPLES
 
-from tirgeo_ros.core.navigation.aiding.filter_state import source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
 from tirgeo_ros.tools.simulate.flight import Flight
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.pictures.camera_file import save_camera

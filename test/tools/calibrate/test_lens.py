@@ -10,7 +10,7 @@ import pytest
 from bad_boards import bad_boards
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages

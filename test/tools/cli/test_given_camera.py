@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import BagError, CameraError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter

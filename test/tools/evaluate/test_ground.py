@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL

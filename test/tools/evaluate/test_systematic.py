@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planted_offsets import COUNT, HEIGHT_M, flight, pose
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import rotation_y
 from tirgeo_ros.tools.evaluate.systematic import Cause, find_systematic, pixel_moves

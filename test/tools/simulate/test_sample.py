@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert

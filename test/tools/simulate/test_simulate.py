@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import (
     BagPlayerConfig,
     DjiConfig,

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.io.surveys.survey import load_survey

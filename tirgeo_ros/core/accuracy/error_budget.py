@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, skew
 from tirgeo_ros.core.types.arrays import Array

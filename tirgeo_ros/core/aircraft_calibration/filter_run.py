@@ -24,7 +24,7 @@ from tirgeo_ros.core.aircraft_calibration.whitened_innovations import (
     squared,
 )
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, Belief, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.imu_axes import ImuAxes

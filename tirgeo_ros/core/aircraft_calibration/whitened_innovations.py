@@ -30,8 +30,8 @@ from tirgeo_ros.core.frames.axes import FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, Fused
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, Fused
 from tirgeo_ros.core.navigation.delayed_measurements import Carried
 from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
 from tirgeo_ros.core.navigation.kalman import update

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 
 #: Lines are clipped this far outside the image, so that their cut ends are not visible.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import NEAR_M, Camera
+from tirgeo_ros.core.camera.camera_model import NEAR_M, Camera
 from tirgeo_ros.core.camera.projection_jacobian import (
     MOVES,
     Slopes,
@@ -31,7 +31,7 @@ from tirgeo_ros.core.camera.projection_jacobian import (
     on_plane,
     products,
 )
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_conjugate,

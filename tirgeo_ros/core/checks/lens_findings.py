@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Largest offset of the principal point, in picture widths: no lens is mounted further off.

@@ -12,7 +12,7 @@ from tirgeo_ros.core.checks.force_checks import ForceChecks
 from tirgeo_ros.core.checks.gyro_checks import GyroChecks
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
-from tirgeo_ros.core.checks.lever_checks import LeverChecks
+from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.position_checks import PositionChecks
 from tirgeo_ros.core.checks.rate_checks import RateChecks, longest_step_s
 from tirgeo_ros.core.checks.stamp_checks import StampChecks

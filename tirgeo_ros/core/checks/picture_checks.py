@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
 from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding

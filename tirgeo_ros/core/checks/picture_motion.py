@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.motion_fit import (
     OFFSETS_S,
     MotionFit,

@@ -7,7 +7,7 @@ import numpy as np
 from tirgeo_ros.core.checks.imu_blocks import NO_NUMBER
 from tirgeo_ros.core.config import ImuConfig
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.navigation.vibration_meter import densities, mean_powers
+from tirgeo_ros.core.navigation.vibration_noise import densities, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.aircraft import AircraftConfig
 from tirgeo_ros.core.config.bags import (
     BagPlayerConfig,
@@ -10,8 +9,7 @@ from tirgeo_ros.core.config.bags import (
     SimulatedAircraftConfig,
 )
 from tirgeo_ros.core.config.dji import DjiConfig
-from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
-from tirgeo_ros.core.config.navigation import (
+from tirgeo_ros.core.config.filter import (
     METHODS,
     AlignmentConfig,
     AutopilotConfig,
@@ -20,7 +18,9 @@ from tirgeo_ros.core.config.navigation import (
     ImuNoiseConfig,
     TrustConfig,
 )
-from tirgeo_ros.core.config.pictures import OverlayConfig
+from tirgeo_ros.core.config.filter_aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
+from tirgeo_ros.core.config.overlay import OverlayConfig
 from tirgeo_ros.core.config.renamed import RENAMED
 
 #: Every node's parameter tree, by the node's name.

@@ -2,7 +2,7 @@
 
 NED and ENU differ by a swap of the first two axes and the sign of the third; FRD and FLU by the
 signs of the last two. Each conversion is its own inverse, so one function serves both directions.
-The contents of ROS messages are converted by ``io.messages.axes``.
+The contents of ROS messages are converted by ``io.messages.message_axes``.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tirgeo_ros.core.camera.camera_model import NEAR_M, Camera
 from tirgeo_ros.core.camera.lens_limits import field_of_view, largest_bend, largest_scale
-from tirgeo_ros.core.camera.model import NEAR_M, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.area_clipping import closed, cut_rings_to_disc, cut_rings_to_planes, disc
 from tirgeo_ros.core.map.level_of_detail import Boxes, Details, levels_at

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
-from tirgeo_ros.core.navigation.aiding.filter_state import Aidlike, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aidlike, Belief, source_of
 from tirgeo_ros.core.navigation.strapdown import NavState, Rates, Vector
-from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers, VibrationMeter
+from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict

@@ -6,7 +6,7 @@ from collections import deque
 from enum import Enum
 from itertools import pairwise
 
-from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,

@@ -15,10 +15,9 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
-from tirgeo_ros.core.navigation.aiding.filter_state import Aidlike, Belief, source_of
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aidlike, Belief, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
-from tirgeo_ros.core.navigation.antenna_solution import at_antenna
 from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch, Record, between, put
 from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.initial_state import first_belief
@@ -32,8 +31,9 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     states_of,
 )
 from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.solution_at_antenna import at_antenna
 from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.navigation.vibration_meter import Powers, VibrationMeter, clipped_powers
+from tirgeo_ros.core.navigation.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution

@@ -15,7 +15,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
-from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
 from tirgeo_ros.core.navigation.autopilot_baseline import Passthrough
 from tirgeo_ros.core.navigation.clock_offsets import ClockOffsets
@@ -30,7 +30,7 @@ from tirgeo_ros.core.navigation.imu_silence import ImuSilence
 from tirgeo_ros.core.navigation.map_origin import MapOrigin
 from tirgeo_ros.core.navigation.measurement_order import StampOrder
 from tirgeo_ros.core.navigation.verdict_log import VerdictLog
-from tirgeo_ros.core.navigation.vibration_meter import densities
+from tirgeo_ros.core.navigation.vibration_noise import densities
 from tirgeo_ros.core.streams.rate_limit import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.measurements import (

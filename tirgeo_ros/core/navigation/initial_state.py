@@ -9,7 +9,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,

@@ -38,7 +38,7 @@ from tirgeo_ros.core.navigation.strapdown import (
     normalised,
     quaternion_of,
 )
-from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers
+from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers
 from tirgeo_ros.core.types.arrays import Array
 
 STATES = 15  # states of the INS itself, without the receivers'

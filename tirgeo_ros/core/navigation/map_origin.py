@@ -6,7 +6,7 @@ import math
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.filter_state import Aiding
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.errors import ConfigError

@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.aiding.filter_state import source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import ellipse_95, pixel_jacobian
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.layers import LayerStyle

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -20,9 +20,9 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
 from tirgeo_ros.core.overlay.clicks import Marker
+from tirgeo_ros.core.overlay.layer_painter import MapPainter, SeenMap
 from tirgeo_ros.core.overlay.line_renderer import Painter
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
-from tirgeo_ros.core.overlay.map_painter import MapPainter, SeenMap
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     PlacedBar,
     PlacedRose,

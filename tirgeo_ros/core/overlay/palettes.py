@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.config.pictures import PALETTES
+from tirgeo_ros.core.config.overlay import PALETTES
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import ConfigError
 

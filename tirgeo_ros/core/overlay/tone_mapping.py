@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.config.pictures import PictureConfig
+from tirgeo_ros.core.config.overlay import PictureConfig
 from tirgeo_ros.core.overlay.palettes import palette_table
 from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 

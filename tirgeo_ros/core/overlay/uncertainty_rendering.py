@@ -20,7 +20,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import (
     CameraRates,
     FrameConfidence,
@@ -28,7 +28,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     matrices,
     radius_95,
 )
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap

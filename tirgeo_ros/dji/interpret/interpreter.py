@@ -11,10 +11,10 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.interpret.antenna_baseline import NOT_SET, BaselineCheck, baseline_deg
 from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes
-from tirgeo_ros.dji.interpret.gimbal import GimbalMeaning
-from tirgeo_ros.dji.interpret.gps import GpsMeaning
-from tirgeo_ros.dji.interpret.imu import ImuMeaning
-from tirgeo_ros.dji.interpret.rtk import RtkMeaning
+from tirgeo_ros.dji.interpret.gimbal_samples import GimbalMeaning
+from tirgeo_ros.dji.interpret.gps_samples import GpsMeaning
+from tirgeo_ros.dji.interpret.imu_samples import ImuMeaning
+from tirgeo_ros.dji.interpret.rtk_samples import RtkMeaning
 from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,

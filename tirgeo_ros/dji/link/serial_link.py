@@ -14,7 +14,7 @@ from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
-from tirgeo_ros.dji.link.serial_port import Opener, Port, pyserial_opener
+from tirgeo_ros.dji.link.port_opening import Opener, Port, pyserial_opener
 
 #: How long to wait for more once bytes have come. At 921600 baud 3 ms bring 280 bytes, about a
 #: frame. So the port is read at most 300 times a second, and the added delay is no longer than

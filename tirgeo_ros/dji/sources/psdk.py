@@ -12,7 +12,7 @@ from collections import Counter
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.sources import psdk_messages as psdk
 from tirgeo_ros.dji.sources.readings import GpsReading, Quaternion, Reading, RtkReading, Vector
-from tirgeo_ros.dji.sources.rtk_flags import EpochFlags
+from tirgeo_ros.dji.sources.rtk_flag_pairing import EpochFlags
 
 _SECOND_NS = 1_000_000_000
 #: If the receiver's own topic is silent for longer, the fused values replace it.

@@ -29,7 +29,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.messages.axes import (
+from tirgeo_ros.io.messages.message_axes import (
     covariance_turned_world,
     quat_turned_both,
     quat_turned_world,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.strapdown import Vector, cross
@@ -25,14 +25,14 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.messages.axes import (
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
+from tirgeo_ros.io.messages.message_axes import (
     Quaternion,
     covariance_turned_world,
     positive,
     quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.parts import COVARIANCE_KNOWN, Parts
 from tirgeo_ros.io.messages.topics import (
     BODY_FRAME,

@@ -10,9 +10,9 @@ import numpy as np
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.io.messages.axes import covariance_turned_world
 from tirgeo_ros.io.messages.decode import stamp_ns
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
+from tirgeo_ros.io.messages.message_axes import covariance_turned_world
 from tirgeo_ros.io.messages.parts import Parts
 from tirgeo_ros.io.messages.topics import MAP_FRAME, OPTICAL_FRAME
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import CameraError, MessageError
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked

@@ -24,8 +24,8 @@ from tirgeo_ros.core.accuracy.error_budget import (
     pixel_grid,
     rms_m,
 )
-from tirgeo_ros.core.camera.model import XT2, Camera
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import (

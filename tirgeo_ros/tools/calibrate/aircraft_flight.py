@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded, longest_piece
-from tirgeo_ros.core.navigation.aiding.filter_state import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.navigation.duplicates import Repeats, Same
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.sanity_checks import fault_of

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert

@@ -9,7 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.fit import Fit
 from tirgeo_ros.core.calibration.boresight.model import Sighting
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.flight_noise import Pieces
-from tirgeo_ros.core.config.navigation import ImuConfig
+from tirgeo_ros.core.config.filter import ImuConfig
 from tirgeo_ros.core.navigation.imu_clipping import CHANNELS as CLIPPED
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS

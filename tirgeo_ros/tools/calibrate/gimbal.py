@@ -16,7 +16,7 @@ from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.board_pose import BoardTracker, camera_angles
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files

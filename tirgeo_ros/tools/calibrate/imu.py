@@ -15,7 +15,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, PieceStream
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.navigation import ImuConfig
+from tirgeo_ros.core.config.filter import ImuConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
 from tirgeo_ros.core.checks.recording_checks import Recording, recording_findings
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig

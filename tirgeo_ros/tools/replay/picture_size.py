@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.parameter_checks import size_fault
 from tirgeo_ros.core.types.errors import CameraError, TirgeoError
 from tirgeo_ros.io import messages as convert

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.poses import CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr

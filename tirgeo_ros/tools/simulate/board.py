@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, rotation_z
 from tirgeo_ros.core.types.arrays import Array, RawPixels

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.schema import param
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 

@@ -21,7 +21,7 @@ from tirgeo_ros.core.calibration.boresight.model import (
     sights,
 )
 from tirgeo_ros.core.calibration.boresight.observability import check_numbers, doubt
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames.rotations import (

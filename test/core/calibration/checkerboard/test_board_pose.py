@@ -12,7 +12,7 @@ from tirgeo_ros.core.calibration.checkerboard.board_pose import (
     camera_angles,
 )
 from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
-from tirgeo_ros.core.camera.model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.board import gimbal_pose
 
 

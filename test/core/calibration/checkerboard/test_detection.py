@@ -12,7 +12,7 @@ from bad_boards import bad_boards
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, board_of
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views

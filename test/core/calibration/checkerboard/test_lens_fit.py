@@ -11,7 +11,7 @@ from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensModel, fit_lens
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Sighting
 from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
-from tirgeo_ros.core.camera.model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.tools.simulate.board import calibration_poses
 

@@ -19,8 +19,8 @@ from tirgeo_ros.core.navigation.aiding.aid_status import (
     Reset,
     Track,
 )
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome

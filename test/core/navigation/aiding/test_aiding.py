@@ -17,11 +17,11 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, Headings
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief, floored
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
 from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition, innovation_n
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief, floored
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,

@@ -12,8 +12,8 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import (

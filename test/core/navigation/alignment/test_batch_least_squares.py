@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation, _Terms
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, integrate
 from tirgeo_ros.core.navigation.alignment.observations import heading_observations
-from tirgeo_ros.core.navigation.vibration_meter import STILL
+from tirgeo_ros.core.navigation.vibration_noise import STILL
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

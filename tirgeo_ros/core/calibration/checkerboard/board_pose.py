@@ -16,7 +16,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
 from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_matrix
 from tirgeo_ros.core.types.arrays import Array

@@ -14,7 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
 from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
-from tirgeo_ros.core.camera.model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
 

@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import rotate
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude

@@ -13,7 +13,7 @@ import numpy as np
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import Control, Track
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
 from tirgeo_ros.core.navigation.ins_error_model import heading_error, states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate

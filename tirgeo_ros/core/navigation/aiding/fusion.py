@@ -15,7 +15,10 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, Control, Receivers, Track
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, Headings
-from tirgeo_ros.core.navigation.aiding.filter_state import (
+from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
+from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Aid,
     Aidlike,
     Belief,
@@ -24,9 +27,6 @@ from tirgeo_ros.core.navigation.aiding.filter_state import (
     not_fixed,
     refused,
 )
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition
 from tirgeo_ros.core.navigation.aiding.state_reset import Resets
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,

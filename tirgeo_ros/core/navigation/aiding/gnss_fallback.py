@@ -12,8 +12,8 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, Control
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Aidlike, Belief, added, source_of
 from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, position_design
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Aidlike, Belief, added, source_of
 from tirgeo_ros.core.navigation.ins_error_model import states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate

@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import GpsConfig, RtkConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, added, floored
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, flat_memory, has_antenna
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate

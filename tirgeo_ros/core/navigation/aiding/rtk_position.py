@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid_status import Control
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, added, floored
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,

@@ -14,7 +14,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, Control, Track
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
-from tirgeo_ros.core.navigation.aiding.filter_state import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
 from tirgeo_ros.core.navigation.ins_error_model import (
     ACCEL_BIAS,
     ATTITUDE,

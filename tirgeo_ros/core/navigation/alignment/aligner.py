@@ -27,7 +27,7 @@ from tirgeo_ros.core.navigation.alignment.sample_buffer import AlignmentSamples,
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.navigation.turn_on_bias import MOTION_STAGE, TurnOnBiases
-from tirgeo_ros.core.navigation.vibration_meter import STILL, Powers
+from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

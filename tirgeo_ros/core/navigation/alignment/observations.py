@@ -20,7 +20,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
-from tirgeo_ros.core.navigation.aiding.filter_state import floored
+from tirgeo_ros.core.navigation.aiding.state_estimate import floored
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude

@@ -27,7 +27,7 @@ from tirgeo_ros.core.navigation.alignment.observations import (
     velocity_observation,
 )
 from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
-from tirgeo_ros.core.navigation.vibration_meter import Powers, mean_powers
+from tirgeo_ros.core.navigation.vibration_noise import Powers, mean_powers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     HeadingSample,

@@ -8,7 +8,7 @@ import pytest
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
-from tirgeo_ros.core.navigation.vibration_meter import (
+from tirgeo_ros.core.navigation.vibration_noise import (
     STILL,
     VibrationMeter,
     densities,

@@ -10,7 +10,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.aiding.filter_state import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, GYRO_BIAS
 from tirgeo_ros.core.types.poses import NavSolution
 

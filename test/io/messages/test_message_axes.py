@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_rotvec,
     quat_multiply,
 )
-from tirgeo_ros.io.messages.axes import (
+from tirgeo_ros.io.messages.message_axes import (
     covariance_turned_world,
     positive,
     quat_turned_both,

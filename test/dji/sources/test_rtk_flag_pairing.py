@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.dji.sources.readings import Place, RtkReading
-from tirgeo_ros.dji.sources.rtk_flags import HOLD_NS, EpochFlags
+from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS, EpochFlags
 
 MS = 1_000_000
 EPOCH_NS = 200 * MS

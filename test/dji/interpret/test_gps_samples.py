@@ -9,8 +9,8 @@ import pytest
 from aircraft_readings import gps, of, place, t_ms, taken
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aiding import GpsConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
+from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret import Interpreter

@@ -9,8 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
-from tirgeo_ros.core.checks.lever_fit import Path, by_positions, by_velocities, integrated
-from tirgeo_ros.core.checks.lever_solution import Lever, Window, solved
+from tirgeo_ros.core.checks.lever_arm_equations import (
+    Path,
+    by_positions,
+    by_velocities,
+    integrated,
+)
+from tirgeo_ros.core.checks.lever_arm_solution import Lever, Window, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays

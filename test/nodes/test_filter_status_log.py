@@ -8,7 +8,7 @@ import pytest
 
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.nodes.state_log import StateLog
+from tirgeo_ros.nodes.filter_status_log import StateLog
 
 
 class Logger:

@@ -12,14 +12,14 @@ from flights import flight
 
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.imu_blocks import ImuBlock
-from tirgeo_ros.core.checks.lever_checks import LeverChecks
-from tirgeo_ros.core.checks.lever_fit import (
+from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
+from tirgeo_ros.core.checks.lever_arm_equations import (
     Normal,
     by_positions,
     by_velocities,
     integrated,
 )
-from tirgeo_ros.core.checks.lever_solution import Window, solved
+from tirgeo_ros.core.checks.lever_arm_solution import Window, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.presence import Presence
+from tirgeo_ros.core.streams.stream_presence import Presence
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.aiding import GpsConfig
+from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, VelocitySample
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.config.pictures import ConfidenceConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import VectorMap

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.lever_fit import Normal
+from tirgeo_ros.core.checks.lever_arm_equations import Normal
 from tirgeo_ros.core.types.arrays import Array
 
 #: With fewer windows their scatter gives no useful sigma.

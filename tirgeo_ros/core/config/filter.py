@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.filter_aiding import GpsConfig, HeadingConfig, RtkConfig
 from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 
