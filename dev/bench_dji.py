@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from struct import Struct
 from typing import NamedTuple
 
-from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable, decode_push
 
@@ -91,7 +91,7 @@ def decode(whole: bytes, read: int) -> int:
     return decoded
 
 
-def _framed(whole: bytes, read: int) -> Iterator[list[Frame]]:
+def _framed(whole: bytes, read: int) -> Iterator[list[ProtocolFrame]]:
     reader = FrameReader()
     for at in range(0, len(whole), read):
         yield reader.feed(whole[at : at + read])

@@ -27,7 +27,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
 #: pyins states the uncertainty of its start as these: m, m/s, degrees of tilt and of heading.
 _START_SIGMA = (0.1, 0.1, 0.5, 1.0)
@@ -46,7 +46,7 @@ def pyins_is_installed() -> bool:
 class PyinsRun:
     """A flight laid out for pyins; ``run`` is the filter alone and gives its result."""
 
-    flight: Flight
+    flight: SimulatedFlight
     stamp_ns: list[int]
     run: Callable[[], Any]
 
@@ -64,7 +64,7 @@ class PyinsRun:
         return errors_of_states(self.flight.truth, states)
 
 
-def pyins_run(flight: Flight) -> PyinsRun:
+def pyins_run(flight: SimulatedFlight) -> PyinsRun:
     """Lay out a flight's IMU and RTK samples, so that ``run`` has nothing but filtering to do."""
     pyins = importlib.import_module("pyins")
     samples = navigation_samples(flight)
@@ -94,7 +94,7 @@ def _table(columns: Sequence[str], times_s: Sequence[float], rows: Any) -> Any:
     return pandas.DataFrame(np.array(rows), index=times_s, columns=list(columns))
 
 
-def _sensor_models(flight: Flight) -> tuple[Any, Any]:
+def _sensor_models(flight: SimulatedFlight) -> tuple[Any, Any]:
     """White noise, turn-on bias and its walk; pyins knows no Gauss-Markov bias."""
     model = importlib.import_module("pyins").inertial_sensor.EstimationModel
     imu = flight.scenario.imu
@@ -111,7 +111,7 @@ def _sensor_models(flight: Flight) -> tuple[Any, Any]:
     )
 
 
-def _start(flight: Flight) -> Any:
+def _start(flight: SimulatedFlight) -> Any:
     """The truth at the first IMU sample: pyins leaves the alignment to its user."""
     truth = flight.truth
     place = [*np.degrees([truth.latitude_rad[0], truth.longitude_rad[0]]), truth.height_m[0]]
@@ -124,7 +124,7 @@ def _start(flight: Flight) -> Any:
     )
 
 
-def _measurements(flight: Flight, zero_ns: int) -> list[Any]:
+def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
     """Those of the RTK receiver from its second epoch on; the first is the start itself."""
     pyins = importlib.import_module("pyins")
     samples = [s for s in navigation_samples(flight) if s.stamp_ns > zero_ns]

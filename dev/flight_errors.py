@@ -28,7 +28,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import NavSolution
-from tirgeo_ros.tools.simulate.flight import Flight, Truth
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, Truth
 
 NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample)
 #: The nine states of a solution, in the order of its covariance.
@@ -39,12 +39,12 @@ STATE_NAMES = (
 )
 
 
-def navigation_samples(flight: Flight) -> list[NavigationInput]:
+def navigation_samples(flight: SimulatedFlight) -> list[NavigationInput]:
     """Every sample for the filter, in order of arrival."""
     return [sample for _, sample in flight.samples if isinstance(sample, NAVIGATION_SAMPLES)]
 
 
-def fitting_config(flight: Flight, **values: object) -> EkfConfig:
+def fitting_config(flight: SimulatedFlight, **values: object) -> EkfConfig:
     """The filter's defaults with the flight's antennas, and values (``rtk__delay_s=0.1``)."""
     fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
     given = {key.replace("__", "."): value for key, value in values.items()}
@@ -52,7 +52,7 @@ def fitting_config(flight: Flight, **values: object) -> EkfConfig:
 
 
 def solutions(
-    flight: Flight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
+    flight: SimulatedFlight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
 ) -> list[NavSolution]:
     """What the filter publishes over a flight, or over ``samples`` in its place."""
     return published(config, navigation_samples(flight) if samples is None else samples)
@@ -92,7 +92,7 @@ class Errors:
         return Errors(self.t_s[keep], self.state[keep], self.sigma[keep], self.rpy[keep])
 
 
-def errors(flight: Flight, found: Sequence[NavSolution]) -> Errors:
+def errors(flight: SimulatedFlight, found: Sequence[NavSolution]) -> Errors:
     """Errors of what the filter published; every stamp must be one of the flight's IMU."""
     states = States(
         [s.stamp_ns for s in found],

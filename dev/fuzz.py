@@ -21,10 +21,16 @@ import numpy as np
 from dev.dji_damage import KEY, damaged_stream
 from tirgeo_ros.core.config.dji import DjiConfig, DjiHostConfig
 from tirgeo_ros.dji.interpret.interpreter import Interpreter, Sample
-from tirgeo_ros.dji.link.framing import HEADER_BYTES, MAX_BYTES, MIN_BYTES, Frame, FrameReader
+from tirgeo_ros.dji.link.framing import (
+    HEADER_BYTES,
+    MAX_BYTES,
+    MIN_BYTES,
+    FrameReader,
+    ProtocolFrame,
+)
 from tirgeo_ros.dji.protocol.crc import crc16, crc32
 from tirgeo_ros.dji.protocol.subscription import PackageTable
-from tirgeo_ros.dji.sources.serial import SerialRoad
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.tools.presentation.progress import Progress, Report
 
 STRETCH_BYTES = 250_000
@@ -72,7 +78,7 @@ def literal_frames(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
-def places(frames: Iterable[Frame]) -> list[tuple[int, int]]:
+def places(frames: Iterable[ProtocolFrame]) -> list[tuple[int, int]]:
     """Offset and length of each."""
     return [(frame.offset, frame.length) for frame in frames]
 
@@ -101,16 +107,16 @@ def stretch(data: bytes, rng: random.Random) -> Found:
     return Found(len(data), len(frames), seconds, wrong)
 
 
-def _against_the_rules(data: bytes, frames: Iterable[Frame]) -> str:
+def _against_the_rules(data: bytes, frames: Iterable[ProtocolFrame]) -> str:
     differing = set(places(frames)) ^ set(literal_frames(data))
     return f"at {min(differing)[0]} the rules give another frame" if differing else ""
 
 
 def _in_pieces(
-    data: bytes, rng: random.Random, expected: Sequence[Frame], counts: dict[str, int]
+    data: bytes, rng: random.Random, expected: Sequence[ProtocolFrame], counts: dict[str, int]
 ) -> str:
     reader, most = FrameReader(KEY), rng.choice(PIECES)
-    frames: list[Frame] = []
+    frames: list[ProtocolFrame] = []
     for piece in pieces(data, rng, most):
         frames += reader.feed(piece)
         if reader.held >= MAX_BYTES:
@@ -124,7 +130,7 @@ def _in_pieces(
 def _with_pauses(data: bytes, rng: random.Random) -> str:
     """Where the line is silent now and then, cut frames are lost, but none is made up."""
     reader = FrameReader(KEY)
-    frames: list[Frame] = []
+    frames: list[ProtocolFrame] = []
     for piece in pieces(data, rng, 20_000):
         frames += reader.feed(piece) + reader.rescan()
     wrong = [at for at, length in places(frames) if literal_length(data, at) != length]
@@ -133,7 +139,7 @@ def _with_pauses(data: bytes, rng: random.Random) -> str:
 
 def _to_samples(data: bytes, rng: random.Random) -> str:
     """All the way that dji_node goes, with pauses; no sample may hold what is not finite."""
-    road, meaning = SerialRoad(_CONFIG, PackageTable()), Interpreter(_CONFIG)
+    road, meaning = SerialDecoder(_CONFIG, PackageTable()), Interpreter(_CONFIG)
     samples: list[Sample] = []
     now_ns = _START_NS
     for piece in pieces(data, rng, 2000):

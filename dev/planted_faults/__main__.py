@@ -12,7 +12,7 @@ from typing import Any
 from dev.planted_faults.faults import FAULTS, Fault
 from dev.planted_faults.live import CLEAN, Live, outcomes
 from dev.planted_faults.live_table import live_table
-from dev.planted_faults.planting import Flight
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.check import check
@@ -21,7 +21,7 @@ _JOBS = 2  # graphs at a time: each takes most of a core
 _ROW = "| {:<31} | {:<5} | {}"
 
 
-def found_in(fault: Fault, good: Flight, folder: Path) -> list[dict[str, Any]]:
+def found_in(fault: Fault, good: FlightFiles, folder: Path) -> list[dict[str, Any]]:
     """Return what is worse than a note in a flight with a fault; a refusal counts as one."""
     try:
         items: Any = check(**fault.plant(good, folder).arguments)["findings"]
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--live", nargs="*", metavar="NAME", help="through the node graph: these")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="recordings and logs, live")
     args = parser.parse_args(argv)
-    good = Flight.in_folder(args.folder)
+    good = FlightFiles.in_folder(args.folder)
     faults = [one for one in FAULTS if args.only in one.name]
     if args.live is not None:
         return _live(
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0 if len(faults) - named <= 2 else 1
 
 
-def _live(good: Flight, faults: Sequence[Fault], keep: Path | None) -> int:
+def _live(good: FlightFiles, faults: Sequence[Fault], keep: Path | None) -> int:
     """Print the table of the graph; 0 where it is as it must be."""
     with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
         found = outcomes(Live(good, keep or Path(folder)), faults, _JOBS, bar)

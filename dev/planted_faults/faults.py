@@ -27,7 +27,7 @@ from dev.planted_faults.message_changes import (
     swapped_tilt,
 )
 from dev.planted_faults.planting import (
-    Flight,
+    FlightFiles,
     Planter,
     altered,
     both,
@@ -48,7 +48,7 @@ _PICTURES = "thermal/image_raw/compressed"
 _RTK = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 
-class Shown(Enum):
+class ShownFrom(Enum):
     """From when on data can show a fault; the value is for a person to read."""
 
     AT_ONCE = "the first samples"
@@ -64,10 +64,10 @@ class Fault:
     planted: str  # what a person would have done
     names: tuple[str, ...]
     plant: Planter
-    shown: Shown = Shown.AT_ONCE  # from when on, at the earliest
+    shown: ShownFrom = ShownFrom.AT_ONCE  # from when on, at the earliest
 
 
-def _no_params(good: Flight, _folder: Path) -> Flight:
+def _no_params(good: FlightFiles, _folder: Path) -> FlightFiles:
     return dataclasses.replace(good, params=[])
 
 
@@ -84,28 +84,28 @@ FAULTS: tuple[Fault, ...] = (
         "boresight_rpy_deg 5 deg of pitch that is not there",
         ("boresight_rpy_deg",),
         parameters("gimbal_node", boresight_rpy_deg=[0.0, 5.0, 0.0]),
-        Shown.MOVING_PICTURES,
+        ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "latency",
         "video_latency_s 0.35, and it is 0.05",
         ("video_latency_s",),
         parameters("overlay_node", video_latency_s=0.35),
-        Shown.MOVING_PICTURES,
+        ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "ground above sea level",
         f"ground_height_m less by {GEOID_M:g} m",
         ("ground_height_m",),
         parameters("overlay_node", ground_height_m=_GROUND_M - GEOID_M),
-        Shown.MOVING_PICTURES,
+        ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "DEM above sea level",
         f"a DEM less by {GEOID_M:g} m",
         ("dem",),
         level_dem(_GROUND_M - GEOID_M),
-        Shown.MOVING_PICTURES,
+        ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "fixes above sea level",
@@ -118,7 +118,7 @@ FAULTS: tuple[Fault, ...] = (
         "focal lengths of camera_info times 1.5",
         (_CAMERA_INFO,),
         altered(longer_lens, _CAMERA_INFO),
-        Shown.MOVING_PICTURES,
+        ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "wrong size",
@@ -155,7 +155,7 @@ FAULTS: tuple[Fault, ...] = (
         "both antennas with the other sign",
         ("rtk_antenna_m",),
         parameters("", **_ANTENNAS),
-        Shown.TURNS,
+        ShownFrom.TURNS,
     ),
     Fault(
         "gyroscopes in deg/s",
@@ -183,7 +183,7 @@ FAULTS: tuple[Fault, ...] = (
         "rtk/heading counted clockwise",
         ("rtk/heading",),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: -yaw), "rtk/heading"),
-        Shown.TURNS,
+        ShownFrom.TURNS,
     ),
     Fault("NED velocity", "rtk/vel in NED", ("rtk/vel",), altered(ned_velocity, "rtk/vel")),
     Fault(
@@ -203,7 +203,7 @@ FAULTS: tuple[Fault, ...] = (
         "RTK arrives 0.6 s later and is stamped so",
         ("rtk", "delay_s"),
         rewritten(late, *_RTK),
-        Shown.TURNS,
+        ShownFrom.TURNS,
     ),
     Fault("no camera_info", "camera_info not recorded", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(

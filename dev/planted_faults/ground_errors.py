@@ -12,7 +12,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.types.poses import CameraPose
@@ -30,7 +30,7 @@ _PLACES = ((0.5, 0.5), (0.25, 0.5), (0.75, 0.5), (0.5, 0.75))
 class Eye:
     """What locates pixels: poses of a bag, a lens, a latency and a ground."""
 
-    poses: PoseHistory[CameraPose]
+    poses: PoseBuffer[CameraPose]
     plane: TangentPlane
     camera: Camera
     ground: Ground
@@ -54,7 +54,7 @@ def eye_of(poses_bag: Path, camera: Camera, ground: Ground, config: OverlayConfi
     outputs = read_outputs(poses_bag)
     if outputs.plane is None or not outputs.cameras:
         return None
-    poses: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+    poses: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
     for pose in outputs.cameras:
         poses.add(pose)
     return Eye(poses, outputs.plane, camera, ground, config)

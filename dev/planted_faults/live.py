@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dev.planted_faults.faults import Fault, Shown
+from dev.planted_faults.faults import Fault, ShownFrom
 from dev.planted_faults.ground_errors import Eye, camera_of, eye_of, times_of_ellipse
 from dev.planted_faults.live_reading import Picture, Report, read_reports, seen
-from dev.planted_faults.planting import Flight
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.io import messages as convert
@@ -75,7 +75,7 @@ class Outcome:
 class Live:
     """Plays flights through graphs, each in a DDS domain of its own."""
 
-    def __init__(self, good: Flight, folder: Path) -> None:
+    def __init__(self, good: FlightFiles, folder: Path) -> None:
         self._good, self._folder = good, folder
         first_ns, last_ns = BagReader(good.bag).span_ns
         self.duration_s = (last_ns - first_ns) * 1e-9
@@ -94,7 +94,7 @@ class Live:
             return Outcome(fault, refused=str(error))
         return _judged(fault, self._good, planted, run)
 
-    def _setup(self, planted: Flight, folder: Path) -> GraphSetup:
+    def _setup(self, planted: FlightFiles, folder: Path) -> GraphSetup:
         params = list(planted.params)
         if planted.options:
             params.append(folder / "planted" / "options.yaml")
@@ -130,7 +130,7 @@ def outcomes(live: Live, faults: Sequence[Fault], jobs: int, progress: Progress)
         return list(pool.map(one, faults))
 
 
-def _judged(fault: Fault, good: Flight, planted: Flight, run: GraphRun) -> Outcome:
+def _judged(fault: Fault, good: FlightFiles, planted: FlightFiles, run: GraphRun) -> Outcome:
     begin_ns = first_imu_ns(good.bag)
     reports = read_reports(run.recording, begin_ns)
     named = next((one for one in reports if one.names(fault.names)), None)
@@ -176,14 +176,14 @@ def first_imu_ns(bag: Path) -> int:
     raise BagError(f"{bag}: no imu/data")
 
 
-def _truth(good: Flight) -> Path:
+def _truth(good: FlightFiles) -> Path:
     return good.bag.with_name("truth.mcap")
 
 
-def _shown_s(shown: Shown, first_pose_s: float, truth: Path, begin_ns: int) -> float:
-    if shown is Shown.AT_ONCE:
+def _shown_s(shown: ShownFrom, first_pose_s: float, truth: Path, begin_ns: int) -> float:
+    if shown is ShownFrom.AT_ONCE:
         return 0.0
-    if shown is Shown.MOVING_PICTURES:
+    if shown is ShownFrom.MOVING_PICTURES:
         return first_pose_s
     cameras = read_outputs(truth).cameras
     turned = np.abs(np.diff(np.unwrap([camera_heading_rad(one) for one in cameras]))).cumsum()
@@ -191,14 +191,14 @@ def _shown_s(shown: Shown, first_pose_s: float, truth: Path, begin_ns: int) -> f
     return (cameras[enough[0] + 1].stamp_ns - begin_ns) * 1e-9 if enough.size else math.nan
 
 
-def _eyes(good: Flight, planted: Flight, run: GraphRun) -> tuple[Eye, Eye] | None:
+def _eyes(good: FlightFiles, planted: FlightFiles, run: GraphRun) -> tuple[Eye, Eye] | None:
     """Return how the graph located pixels, and how they lie in truth; None without poses."""
     believed = _eye(planted, run.recording)
     true = _eye(good, _truth(good))
     return (believed, true) if believed and true else None
 
 
-def _eye(flight: Flight, poses: Path) -> Eye | None:
+def _eye(flight: FlightFiles, poses: Path) -> Eye | None:
     overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
     camera, ground = camera_of(flight.bag), ground_of(overlay)
     return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)

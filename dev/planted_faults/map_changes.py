@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dev.planted_faults.planting import Flight, Planter
+from dev.planted_faults.planting import FlightFiles, Planter
 
 
 def _each_place(change: Callable[[list[Any]], list[Any]]) -> Callable[[Any], Any]:
@@ -55,7 +55,7 @@ def next_zone(text: str) -> str:
 def level_dem(height_m: float) -> Planter:
     """Return a planter that gives a level DEM of a height, without its undulation."""
 
-    def plant(good: Flight, folder: Path) -> Flight:
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         import rasterio  # noqa: PLC0415 an extra
 
         path = folder / "dem.tif"

@@ -28,7 +28,7 @@ Change = Callable[[Item], Iterator[Item]]
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightFiles:
     """The files of a flight, in the arguments of ``tirgeo check``."""
 
     bag: Path
@@ -42,13 +42,13 @@ class Flight:
         return {"bag": self.bag, "params": self.params, "map": self.map, **self.options}
 
     @classmethod
-    def in_folder(cls, folder: Path) -> Flight:
+    def in_folder(cls, folder: Path) -> FlightFiles:
         """Return the flight that ``tirgeo simulate`` has written to a folder."""
         return cls(folder / "flight.mcap", [folder / "params.yaml"], folder / "map.geojson")
 
 
 #: What makes a faulty flight of a good one, with a folder for its files.
-Planter = Callable[[Flight, Path], Flight]
+Planter = Callable[[FlightFiles, Path], FlightFiles]
 
 
 def altered(change: Callable[[Any], object], *topics: str) -> Planter:
@@ -64,7 +64,7 @@ def altered(change: Callable[[Any], object], *topics: str) -> Planter:
 def rewritten(change: Change, *topics: str) -> Planter:
     """Return a planter that puts what ``change`` makes in the place of topics' messages."""
 
-    def plant(good: Flight, folder: Path) -> Flight:
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         cdr, items = Cdr(), []
         for raw in BagReader(good.bag).messages():
             data: Any = raw.data
@@ -90,7 +90,7 @@ def left_out(*topics: str) -> Planter:
 def parameters(node: str, **values: Value) -> Planter:
     """Return a planter that sets parameters; two underscores stand for a dot."""
 
-    def plant(good: Flight, folder: Path) -> Flight:
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         path = folder / f"{node or 'all'}.yaml"
         dotted = {name.replace("__", "."): value for name, value in values.items()}
         write_parameters(path, {node: dotted}, "planted")
@@ -102,7 +102,7 @@ def parameters(node: str, **values: Value) -> Planter:
 def with_map(change: Callable[[str], str]) -> Planter:
     """Return a planter that changes the map's text."""
 
-    def plant(good: Flight, folder: Path) -> Flight:
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         assert good.map is not None
         path = folder / "map.geojson"
         path.write_text(change(good.map.read_text(encoding="utf-8")), encoding="utf-8")
@@ -114,7 +114,7 @@ def with_map(change: Callable[[str], str]) -> Planter:
 def both(*planters: Planter) -> Planter:
     """Return a planter that does what some do, one after another."""
 
-    def plant(good: Flight, folder: Path) -> Flight:
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         for number, planter in enumerate(planters):
             place = folder / str(number)
             place.mkdir()

@@ -13,7 +13,7 @@ from dev import fuzz
 from dev.dji_damage import KEY, damaged_stream
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
-from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.tools.presentation.progress import silent
 
 FRAME = encode_frame(b"\x02\x00\x00\x00")
@@ -120,7 +120,7 @@ class MakesUp(FrameReader):
 
     def rescan(self):
         end = self.counts["bytes"]
-        return [*super().rescan(), Frame(end, 12, 0, False, 0, 0, 0, b"", False)]
+        return [*super().rescan(), ProtocolFrame(end, 12, 0, False, 0, 0, 0, b"", False)]
 
 
 class Miscounts(FrameReader):
@@ -191,7 +191,7 @@ def test_a_frame_made_up_in_a_pause_is_found_out(monkeypatch):
             held = self.held
             frames = super().rescan()
             end = self.counts["bytes"]
-            return [Frame(end, 12, 0, False, 0, 0, 0, b"", False)] if held else frames
+            return [ProtocolFrame(end, 12, 0, False, 0, 0, 0, b"", False)] if held else frames
 
     monkeypatch.setattr(fuzz, "FrameReader", MakesUpLate)
     wrong = fuzz._with_pauses(FRAME * 3000 + FRAME[:-1] + b"\x00", random.Random(1))

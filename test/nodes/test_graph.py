@@ -23,7 +23,7 @@ from sensor_msgs.msg import Image
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
@@ -103,7 +103,7 @@ def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
     """Mean at most 2 px: the product's promise. Half a pixel of it is the raster's."""
     watched = flown[1]
     truth = read_outputs(sample / "truth.mcap")
-    true_poses: PoseHistory[CameraPose] = PoseHistory(1e9)
+    true_poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
     for pose in truth.cameras:
         true_poses.add(pose)
     ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m

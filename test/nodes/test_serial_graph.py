@@ -15,7 +15,7 @@ pytest.importorskip("serial", reason="needs pyserial")
 
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose, stamp_ns
@@ -63,7 +63,7 @@ def heading_rad(path: Path, sample: Path, shift_ns: int = 0) -> float:
 
 
 def ground(outputs: Outputs, sample) -> GroundErrors:
-    poses: PoseHistory[CameraPose] = PoseHistory(1e9)
+    poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
     for pose in outputs.cameras:
         poses.add(pose)
     overlay = ParameterFile(sample / "params.yaml").config("overlay_node", OverlayConfig)

@@ -9,7 +9,7 @@ import pytest
 
 from dev.planted_faults.__main__ import found_in, naming
 from dev.planted_faults.faults import FAULTS
-from dev.planted_faults.planting import Flight
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.io.parameters.parameter_output import write_parameters
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.simulate.files import simulate
@@ -49,12 +49,12 @@ def test_the_faults_are_as_many_as_the_table_needs_and_no_name_is_twice():
 def test_a_planted_fault_is_named(fault, sample, tmp_path):
     if fault.name.startswith("DEM"):
         pytest.importorskip("rasterio", reason="elevation models need rasterio")
-    items = found_in(fault, Flight.in_folder(sample), tmp_path)
+    items = found_in(fault, FlightFiles.in_folder(sample), tmp_path)
     assert naming(fault, items), items
 
 
 def test_nothing_is_wrong_with_the_sample(sample):
-    result = check(**Flight.in_folder(sample).arguments)
+    result = check(**FlightFiles.in_folder(sample).arguments)
     assert worse_than_notes(result) == []
     assert result["verdict"].startswith("GO")
 
@@ -66,7 +66,7 @@ def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
     scenario.write_text(text + "\n")
     folder = tmp_path / "flight"
     simulate(scenario, folder, seed=seed, start_s=start_s, duration_s=25.0)
-    assert worse_than_notes(check(**Flight.in_folder(folder).arguments)) == []
+    assert worse_than_notes(check(**FlightFiles.in_folder(folder).arguments)) == []
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -80,6 +80,6 @@ def test_a_right_boresight_is_no_fault(sample, tmp_path):
     write_parameters(
         tmp_path / "true.yaml", {"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, ""
     )
-    good = Flight.in_folder(sample)
+    good = FlightFiles.in_folder(sample)
     params = [*good.params, tmp_path / "true.yaml"]
     assert worse_than_notes(check(**good.arguments | {"params": params})) == []

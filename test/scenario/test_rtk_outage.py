@@ -14,7 +14,7 @@ from scenario.time_faults import drop
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 pytestmark = pytest.mark.slow
@@ -26,7 +26,7 @@ SPEED_M_S = 4.0
 
 
 @functools.cache
-def flown(seed: int) -> Flight:
+def flown(seed: int) -> SimulatedFlight:
     """Legs of 85 m and turns of 7.5 m radius, all at 4 m/s."""
     base = Scenario()
     route = replace(

@@ -9,11 +9,11 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     RtkReading,
 )
 
@@ -42,7 +42,7 @@ def attitude(t_ms, q_nb=LEVEL):
 
 def place(number=0, height_m=30.0):
     """Each number is a place of its own, 3 m further north."""
-    return Place(math.radians(52.0) + number * 3 / 6.4e6, math.radians(4.0), height_m)
+    return GeodeticPlace(math.radians(52.0) + number * 3 / 6.4e6, math.radians(4.0), height_m)
 
 
 def rtk(t_ms, **parts):

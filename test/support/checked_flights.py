@@ -29,7 +29,7 @@ from tirgeo_ros.io.messages import sensed
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration
-from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
 _SEEN = ("thermal/camera_info", "thermal/image_raw/compressed")
 
@@ -78,7 +78,7 @@ def recorded(path: Path) -> list[Arrived]:
     return [one for one in read(path, SAMPLES) if isinstance(one.sample, NAVIGATION_SAMPLES)]
 
 
-def simulated(flight: Flight) -> list[Arrived]:
+def simulated(flight: SimulatedFlight) -> list[Arrived]:
     """The filter's inputs of a simulated flight."""
     messages = Messages(Cdr().types)
     return [

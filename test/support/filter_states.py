@@ -7,8 +7,8 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
@@ -25,10 +25,10 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
 MEASURED = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 
 
-def belief_of(state: NavState, states: int = 18, covariance=None) -> Belief:
+def belief_of(state: NavState, states: int = 18, covariance=None) -> StateEstimate:
     """RTK fixed and its position, velocity and heading used just now, for long."""
-    control = Control(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
+    control = AidStatus(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
     control = control.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
     for source in (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING):
-        control = control.with_track(source, Track(NOW_NS, NOW_NS))
-    return Belief(state, np.eye(states) if covariance is None else covariance, control)
+        control = control.with_track(source, AidTrack(NOW_NS, NOW_NS))
+    return StateEstimate(state, np.eye(states) if covariance is None else covariance, control)

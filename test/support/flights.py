@@ -8,7 +8,7 @@ from dataclasses import replace
 from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
 from dev.flight_errors import fitting_config as config_for
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 __all__ = (
@@ -24,7 +24,9 @@ __all__ = (
 
 
 @functools.lru_cache(maxsize=8)
-def flight(seed: int | None = None, duration_s: float = 107.0, shape: str = "lawnmower") -> Flight:
+def flight(
+    seed: int | None = None, duration_s: float = 107.0, shape: str = "lawnmower"
+) -> SimulatedFlight:
     """A flight of the paper's scenario, cut short."""
     base = Scenario()
     return fly(replace(base, duration_s=duration_s, route=replace(base.route, shape=shape)), seed)

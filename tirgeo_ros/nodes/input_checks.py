@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
-from tirgeo_ros.core.checks.recording_checks import Recording, needed_findings
+from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.monitor import Monitor
@@ -36,12 +36,12 @@ class InputChecks:
         found = needed_findings(self._graph(missed), missed)
         return [one for one in found if _is_type(one) or self._waited > _PATIENCE]
 
-    def _graph(self, missed: Sequence[Sequence[str]]) -> Recording:
+    def _graph(self, missed: Sequence[Sequence[str]]) -> RecordedTopics:
         node = self._node
         contract = {topic: TOPIC_TYPES[topic] for topics in missed for topic in topics}
         names = node.get_topic_names_and_types()
         types = {name: kinds[0] for name, kinds in names if node.count_publishers(name)}
-        graph = Recording(types, contract, node.get_namespace(), live=True)
+        graph = RecordedTopics(types, contract, node.get_namespace(), live=True)
         # The list above also contains the type of the node's own subscription.
         for topic, wanted in contract.items():
             infos = node.get_publishers_info_by_topic(topic)

@@ -14,11 +14,11 @@ from rclpy.node import Node
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.core.types.quoted_text import shown
 from tirgeo_ros.io.maps import map_files
-from tirgeo_ros.io.maps.map_process import MapChild, MapContents
+from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
 from tirgeo_ros.nodes.unless_stopped import done_or_stopped
 
 # ``stop`` kills the child; the thread can then only hang on a file that does not respond.
@@ -30,7 +30,7 @@ Signature = list[tuple[str, int, int] | None]
 class _Found:
     """Hold the result of one attempt to place the map in the plane."""
 
-    result: LaidMap | TirgeoError
+    result: DrapedMap | TirgeoError
     contents: MapContents | None  # set if the files have changed, else None
 
 
@@ -54,7 +54,7 @@ class MapWatch:
         self._config = config
         self._plane = plane
         self._found: SimpleQueue[_Found] = SimpleQueue()
-        self._child = MapChild()
+        self._child = MapProcess()
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
@@ -85,7 +85,7 @@ class MapWatch:
         """Check the map again soon: the plane may have changed."""
         self._wake.set()
 
-    def changed(self) -> LaidMap | None:
+    def changed(self) -> DrapedMap | None:
         """Return a newly placed map, once, or None; log each new error and each reload once."""
         try:
             found = self._found.get_nowait()

@@ -15,7 +15,7 @@ from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.draping import Ground
-from tirgeo_ros.core.overlay.map_renderer import Verdict
+from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Severity
@@ -81,7 +81,7 @@ class OverlayNode(Node):
         self._setup = SetupChecks(
             self, self._monitor, inputs, self._map_checks, self._picture_checks
         )
-        self._verdicts: dict[str, Verdict] = {}  # of the nodes, by the names of their items
+        self._verdicts: dict[str, DrawingVerdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
@@ -171,7 +171,7 @@ class OverlayNode(Node):
                 self._overlay.set_status(navigation_status(status))
             elif subject == SUBJECT:
                 severity = Severity(min(diagnostic_level(status), Severity.STOP))
-                self._verdicts[status.name] = Verdict(severity, cut(status.message))
+                self._verdicts[status.name] = DrawingVerdict(severity, cut(status.message))
                 worst = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
                 self._overlay.set_verdict(worst)
 

@@ -17,7 +17,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.dji.sources.psdk import PsdkRoad
+from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
 from tirgeo_ros.nodes.callbacks import steady_timer
@@ -101,7 +101,7 @@ class PsdkSource:
     ) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take, self._monitor = node, take, monitor
-        self._road = PsdkRoad()
+        self._road = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
         self._logged: list[str] = []

@@ -10,12 +10,12 @@ from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.quoted_text import shown
-from tirgeo_ros.dji.link.link_watch import Level, LinkReport, LinkWatch
+from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkReport, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.dji.sources.serial import SerialRoad
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.callbacks import guarded
@@ -43,7 +43,7 @@ class SerialSource:
         packages = PackageTable()
         if config.packages:
             packages = package_table(load_yaml(config.packages), config.packages)
-        self._road = SerialRoad(config, packages)
+        self._road = SerialDecoder(config, packages)
         self._link = SerialLink(config.port, config.baud)
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
         self._openings = 0
@@ -89,7 +89,7 @@ class SerialSource:
         """Log each change of the link's state and of the host's message once."""
         if report is not None:
             # Two separate calls: rclpy allows only one severity per line of code.
-            if report.level is Level.OK:
+            if report.level is LinkLevel.OK:
                 self._node.get_logger().info(shown(report.message))
             else:
                 self._node.get_logger().warning(shown(report.message))
@@ -104,7 +104,7 @@ class SerialSource:
             values = self._road.diagnostics
         name = item_name(self._node, "link")
         if report is None:
-            return [DiagnosticItem(name, int(Level.WARN), "not opened yet", values)]
+            return [DiagnosticItem(name, int(LinkLevel.WARN), "not opened yet", values)]
         state = {
             "state": report.condition.value,
             "state_time_s": f"{time.monotonic() - report.since_s:.1f}",

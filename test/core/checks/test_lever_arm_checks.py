@@ -11,7 +11,7 @@ from checked_flights import Arrived, changed, checked, simulated
 from flights import flight
 
 from dev.flight_errors import fitting_config
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.lever_arm_equations import (
     Normal,
@@ -19,7 +19,7 @@ from tirgeo_ros.core.checks.lever_arm_equations import (
     by_velocities,
     integrated,
 )
-from tirgeo_ros.core.checks.lever_arm_solution import Window, solved
+from tirgeo_ros.core.checks.lever_arm_solution import LeverArmWindow, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler
@@ -139,7 +139,9 @@ def errors_in_sigmas(rng):
         squares = right @ np.linalg.solve(matrix, right) + 26
         halves.append(Normal(matrix, right, squares, 30))
     windows = [
-        Window(Normal(*(a + b for a, b in zip(one, other, strict=True))), None, overlaps=True)
+        LeverArmWindow(
+            Normal(*(a + b for a, b in zip(one, other, strict=True))), None, overlaps=True
+        )
         for one, other in pairwise(halves)
     ]
     found = solved(windows)
@@ -155,21 +157,23 @@ def test_the_sigmas_of_windows_that_overlap_are_those_of_their_errors():
 
 
 def test_a_flight_without_turns_or_tilts_says_nothing():
-    still = ImuBlock(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
+    still = ImuMean(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
     path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
     times_s = np.arange(0.2, 3.9, 0.2)
     fixes = np.random.default_rng(1).normal(0, 0.01, (len(times_s), 3))
     normal = by_positions(path, times_s, fixes)
-    found = solved([Window(normal, by_velocities(path, times_s, fixes), overlaps=False)] * 6)
+    found = solved(
+        [LeverArmWindow(normal, by_velocities(path, times_s, fixes), overlaps=False)] * 6
+    )
     assert found is not None
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
 
 
 def test_too_few_windows_or_fixes_are_none():
-    still = ImuBlock(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
+    still = ImuMean(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
     path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
     assert by_positions(path, np.array((1.0, 2.0)), np.zeros((2, 3))) is None
-    assert solved([Window(None, None, overlaps=True)] * 9) is None
+    assert solved([LeverArmWindow(None, None, overlaps=True)] * 9) is None
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from tirgeo_ros.core.checks.recording_checks import (
-    Recording,
+    RecordedTopics,
     damage_findings,
     no_pose_findings,
     recording_findings,
@@ -34,7 +34,7 @@ WHOLE = {f"/{topic}": kind for topic, kind in CONTRACT.items()}
 def found(topics, **values):
     return [
         (one.check, one.severity.name, one.parameter)
-        for one in recording_findings(Recording(topics, CONTRACT, **values))
+        for one in recording_findings(RecordedTopics(topics, CONTRACT, **values))
     ]
 
 
@@ -83,7 +83,7 @@ def test_no_pictures_is_as_bad_as_what_they_are_for():
 
 def test_a_topic_of_another_type_names_both():
     wrong = WHOLE | {"/rtk/fix": "PoseStamped"}
-    (finding,) = recording_findings(Recording(wrong, CONTRACT))
+    (finding,) = recording_findings(RecordedTopics(wrong, CONTRACT))
     assert (finding.check, finding.parameter) == ("type_of_rtk_fix", "rtk/fix")
     assert finding.severity is Severity.CAUTION  # there is gps/fix
     assert finding.evidence == "/rtk/fix is a PoseStamped, and should be a NavSatFix"
@@ -93,16 +93,16 @@ def test_a_topic_of_another_type_names_both():
 
 def test_another_namespace_is_one_fault_that_says_which():
     there = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
-    (finding,) = recording_findings(Recording(there, CONTRACT))
+    (finding,) = recording_findings(RecordedTopics(there, CONTRACT))
     assert finding.parameter == "--namespace"
     assert finding.mend == "did you mean --namespace uav1?"
-    (finding,) = recording_findings(Recording(WHOLE, CONTRACT, "uav1"))
+    (finding,) = recording_findings(RecordedTopics(WHOLE, CONTRACT, "uav1"))
     assert finding.mend == "did you mean --namespace /?"
 
 
 def test_a_topic_under_another_name_is_told_where_it_is():
     there = without("imu/data") | {"/mavros/imu/data": "Imu"}
-    (finding,) = recording_findings(Recording(there, CONTRACT))
+    (finding,) = recording_findings(RecordedTopics(there, CONTRACT))
     assert finding.evidence == "the bag has no /imu/data (there is /mavros/imu/data)"
 
 

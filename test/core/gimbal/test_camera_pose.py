@@ -27,7 +27,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.gimbal.camera_pose import (
     Mount,
-    NorthBias,
+    YawBias,
     from_computed,
     from_joints,
     from_reported,
@@ -46,7 +46,7 @@ CONFIG = GimbalConfig(
     encoder_sigma_deg=0.2,
 )
 FULL = Mount.from_config(CONFIG)
-KNOWN = NorthBias(0.0, 0.0)
+KNOWN = YawBias(0.0, 0.0)
 
 headings = st.floats(-3.1, 3.1)
 tilts = st.floats(-0.5, 0.5)
@@ -74,7 +74,7 @@ def rotation_ng(pose):
 def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler, bias):
     autopilot = quat_from_euler(0.02, -0.03, autopilot_yaw)
     reported = CameraAttitudeSample(7, quat_from_euler(*camera_euler))
-    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported, NorthBias(bias, 0.0))
+    pose = from_reported(PLAIN, body_at(body_euler), autopilot, reported, YawBias(bias, 0.0))
     roll, pitch, yaw = euler_from_matrix(rotation_ng(pose))
     psi_coder = wrap_pi(camera_euler[2] - autopilot_yaw - bias)
     assert roll == pytest.approx(camera_euler[0], abs=1e-9)
@@ -208,7 +208,7 @@ def test_covariance_of_reported_against_differences(body_euler, camera, autopilo
     def compose(at, error):
         euler = np.array(camera) + np.array([*error[:2], 0.0])
         reported = CameraAttitudeSample(7, quat_from_euler(*euler))
-        north = NorthBias(0.05 - error[2], NORTH_VARIANCE)
+        north = YawBias(0.05 - error[2], NORTH_VARIANCE)
         return from_reported(FULL, at, autopilot, reported, north)
 
     variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
@@ -226,7 +226,7 @@ def test_covariance_covers_a_north_that_is_not_known():
     body, camera = body_at((0.03, -0.05, 0.7), covariance=some_covariance(4)), (0.01, -0.6, 1.1)
     tilts_rad = np.sqrt(FULL.reported_variance)
     root = np.linalg.cholesky(body.covariance)
-    estimate = NorthBias(0.04, sigma**2)
+    estimate = YawBias(0.04, sigma**2)
     truth_q = quat_from_euler(*camera)
     truth = from_reported(FULL, body, body.q_nb, CameraAttitudeSample(7, truth_q), KNOWN)
     squares = []
@@ -255,7 +255,7 @@ def test_computed_joints_are_equation_12_where_the_tilts_agree(euler, camera, he
     """Whatever the two headings and the gimbal's north are."""
     autopilot = quat_from_euler(*euler)
     body = body_at((euler[0], euler[1], heading))
-    north = NorthBias(bias, NORTH_VARIANCE)
+    north = YawBias(bias, NORTH_VARIANCE)
     pose = from_computed(FULL, body, computed(autopilot, camera), north)
     reported = CameraAttitudeSample(7, quat_from_euler(*camera))
     expected = from_reported(FULL, body, autopilot, reported, north)
@@ -275,7 +275,7 @@ def test_covariance_of_computed_joints_against_differences(euler, camera, headin
     def compose(at, error):
         tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), autopilot)
         joints = computed(tilted, np.array(camera) + np.array([*error[:2], 0.0]))
-        return from_computed(FULL, at, joints, NorthBias(0.05 - error[4], NORTH_VARIANCE))
+        return from_computed(FULL, at, joints, YawBias(0.05 - error[4], NORTH_VARIANCE))
 
     tilt = FULL.tilt_variance
     variances = np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))

@@ -23,7 +23,7 @@ from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.measurements import JOINT_ORDERS, ImuSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.tools.replay.registration import Registration, composed
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 DURATION_S = 60.0
@@ -41,7 +41,7 @@ BOUND_DEG = SAMPLE_DEG + READING_DEG + PULL_DEG
 
 
 @functools.lru_cache(maxsize=8)
-def flown(seed=1, shape="lawnmower", **north) -> Flight:
+def flown(seed=1, shape="lawnmower", **north) -> SimulatedFlight:
     values = {f"gimbal.north_{name}": value for name, value in north.items()}
     return fly(
         scenario_from({"duration_s": DURATION_S, "route.shape": shape, "seed": seed, **values})

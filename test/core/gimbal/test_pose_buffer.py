@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory, StampedHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer, StampedBuffer
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 STEP_NS = 10_000_000
@@ -41,7 +41,7 @@ vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
 
 @given(vectors, vectors, vectors, st.integers(0, 20 * STEP_NS))
 def test_constant_motion_is_met_at_every_instant(velocity_n, rate_b, rotvec, stamp_ns):
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     start_q = quat_from_rotvec(rotvec)
     for k in range(21):
         history.add(constant_motion(k * STEP_NS, velocity_n, rate_b, start_q))
@@ -62,7 +62,7 @@ def test_sign_of_quaternion_does_not_matter(rotvec, turn, fraction):
     q1 = quat_multiply(q0, quat_from_rotvec(turn))
     found = []
     for sign in (1, -1):
-        history: PoseHistory[BodyPose] = PoseHistory()
+        history: PoseBuffer[BodyPose] = PoseBuffer()
         history.add(BodyPose(0, np.zeros(3), q0, np.eye(6)))
         history.add(BodyPose(STEP_NS, np.zeros(3), sign * q1, np.eye(6)))
         found.append(history.at(stamp_ns))
@@ -74,7 +74,7 @@ def test_sign_of_quaternion_does_not_matter(rotvec, turn, fraction):
 @given(st.integers(0, 2**32 - 1), st.floats(0, 1))
 def test_covariance_between_stays_symmetric_and_positive(seed, fraction):
     rng = np.random.default_rng(seed)
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     for stamp_ns in (0, STEP_NS):
         root = rng.normal(size=(6, 6))
         pose = BodyPose(stamp_ns, np.zeros(3), np.array([1.0, 0, 0, 0]), root @ root.T)
@@ -85,7 +85,7 @@ def test_covariance_between_stays_symmetric_and_positive(seed, fraction):
 
 
 def test_camera_poses_come_out_as_camera_poses():
-    history: PoseHistory[CameraPose] = PoseHistory()
+    history: PoseBuffer[CameraPose] = PoseBuffer()
     for k in range(2):
         q = quat_from_rotvec(np.array([0.0, 0.0, 0.2 * k]))
         history.add(CameraPose(k * STEP_NS, np.array([k, 0.0, 0.0]), q, np.eye(6)))
@@ -96,7 +96,7 @@ def test_camera_poses_come_out_as_camera_poses():
 
 
 def test_never_outside_the_poses():
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     assert history.at(0) is Miss.EMPTY
     first, last = body(STEP_NS), body(2 * STEP_NS)
     history.add(first)
@@ -108,7 +108,7 @@ def test_never_outside_the_poses():
 
 
 def test_gap_is_not_bridged_but_its_ends_stand():
-    history: PoseHistory[BodyPose] = PoseHistory(max_gap_s=0.1)
+    history: PoseBuffer[BodyPose] = PoseBuffer(max_gap_s=0.1)
     for stamp_ns in (0, 100_000_000, 200_000_001):
         history.add(body(stamp_ns))
     assert isinstance(history.at(50_000_000), BodyPose)  # 0.1 s exactly is no gap
@@ -117,7 +117,7 @@ def test_gap_is_not_bridged_but_its_ends_stand():
 
 
 def test_bounded_by_time():
-    history: PoseHistory[BodyPose] = PoseHistory(span_s=1.0)
+    history: PoseBuffer[BodyPose] = PoseBuffer(span_s=1.0)
     for k in range(1000):
         history.add(body(k * STEP_NS))
     assert len(history) == 101
@@ -126,7 +126,7 @@ def test_bounded_by_time():
 
 
 def test_the_latest_poses():
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     assert history.latest(1.0) == []
     for k in range(5):
         history.add(body(k * STEP_NS))
@@ -139,7 +139,7 @@ def test_the_latest_poses():
 
 
 def test_stamp_going_back_starts_again():
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     history.add(body(5 * STEP_NS))
     history.add(body(6 * STEP_NS))
     history.add(body(STEP_NS))
@@ -149,7 +149,7 @@ def test_stamp_going_back_starts_again():
 
 
 def test_same_stamp_again_replaces():
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     history.add(body(0))
     history.add(body(0, position_n=(1.0, 2.0, 3.0)))
     assert len(history) == 1
@@ -170,7 +170,7 @@ def test_same_stamp_again_replaces():
     ],
 )
 def test_invalid_pose_is_refused_and_counted(pose):
-    history: PoseHistory[BodyPose] = PoseHistory()
+    history: PoseBuffer[BodyPose] = PoseBuffer()
     assert not history.add(pose)
     assert history.invalid == 1
     assert history.fault
@@ -178,7 +178,7 @@ def test_invalid_pose_is_refused_and_counted(pose):
 
 
 def test_any_entry_can_be_kept():
-    history: StampedHistory[str] = StampedHistory()
+    history: StampedBuffer[str] = StampedBuffer()
     history.put(0, "a")
     history.put(100, "b")
     assert history.around(25) == ("a", "b", 0.25)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
-from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.types.verdicts import Outcome
 
 S = 1_000_000_000
@@ -23,7 +23,7 @@ def seconds(count, start_s=0):
 
 def fed(readings_rad, config=None, *, centred=True):
     """The filter after one reading a second, and what became of each."""
-    north = GimbalNorth(config or NorthConfig())
+    north = YawBiasFilter(config or NorthConfig())
     stamps = seconds(len(readings_rad))
     outcomes = [
         north.take(stamp, reading, NOISE, centred=centred)
@@ -60,7 +60,7 @@ def test_a_centred_gimbal_tells_the_bias_no_better_than_its_centre_is_known():
 
 
 def test_without_readings_sigma_grows_as_the_walk_and_the_mean_stays():
-    north = GimbalNorth(NorthConfig(bias_deg=1.5, sigma_deg=0.5, walk_deg=0.03))
+    north = YawBiasFilter(NorthConfig(bias_deg=1.5, sigma_deg=0.5, walk_deg=0.03))
     north.advance(7 * S)
     for t_s in (107, 1007):
         north.advance(t_s * S)
@@ -70,7 +70,7 @@ def test_without_readings_sigma_grows_as_the_walk_and_the_mean_stays():
 
 
 def test_clock_that_is_set_costs_an_hour_at_most():
-    north = GimbalNorth(NorthConfig(sigma_deg=0.5))
+    north = YawBiasFilter(NorthConfig(sigma_deg=0.5))
     north.advance(0)
     north.advance(1_700_000_000 * S)
     assert deg(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
@@ -156,7 +156,7 @@ steps = st.tuples(
 
 @given(st.lists(steps, max_size=40), st.floats(0, 100), st.floats(0, 10), st.floats(0, 90))
 def test_whatever_comes_the_answer_is_a_number(given_steps, sigma_deg, walk_deg, centre_deg):
-    north = GimbalNorth(
+    north = YawBiasFilter(
         NorthConfig(sigma_deg=sigma_deg, walk_deg=walk_deg, centred_sigma_deg=centre_deg)
     )
     stamp_s, sound = 0, 0
@@ -186,7 +186,7 @@ def _phases(config, seed):
     rng = np.random.default_rng(seed)
     bias_deg = rng.normal(0.0, config.sigma_deg)
     centre_deg = rng.normal(0.0, config.centred_sigma_deg)
-    north = GimbalNorth(config)
+    north = YawBiasFilter(config)
     north.advance(0)
     found, t_s = [], 0
     for kind, count in (("none", 100), ("centred", 3), ("centred", 60), ("none", 200), ("j", 20)):

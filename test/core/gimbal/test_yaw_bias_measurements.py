@@ -18,10 +18,10 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     wrap_pi,
 )
-from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import (
-    NorthReadings,
     SteadyMean,
+    YawBiasMeasurements,
     heading_of_right,
     vertical_turn,
 )
@@ -65,7 +65,7 @@ def test_upside_down_is_no_reading():
 
 def read(nose, bias, *, seconds=10.0, config=CENTRED, lag_s=0.0, joints=False, pitch=-0.5):
     """The filter after a flight with the nose's heading ``nose(t_s)`` and a lagging gimbal."""
-    north, readings = GimbalNorth(config), NorthReadings(config, 0.0)
+    north, readings = YawBiasFilter(config), YawBiasMeasurements(config, 0.0)
     camera = nose(0.0)
     for t_ms in range(0, round(seconds * 1e3) + 1, PERIOD_MS):
         t_s = 1e-3 * t_ms
@@ -134,7 +134,7 @@ def test_joints_show_the_bias_without_the_gimbal_being_centred_and_looking_down(
 
 
 def test_a_nose_straight_up_gives_no_reading():
-    north, readings = GimbalNorth(CENTRED), NorthReadings(CENTRED, 0.0)
+    north, readings = YawBiasFilter(CENTRED), YawBiasMeasurements(CENTRED, 0.0)
     for t_ms in range(0, 8000, PERIOD_MS):
         up = quat_from_euler(0.0, math.pi / 2, 0.0)
         readings.read(north, t_ms * MS, quat_from_euler(0.0, -0.5, 0.0), up, None)

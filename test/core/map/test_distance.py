@@ -11,7 +11,7 @@ from overlays import PLANE, geo
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
-    Whereabouts,
+    NearestFeature,
     compass_word,
     distance_words,
     likely_mistake,
@@ -24,7 +24,7 @@ HERE = TangentPlane(math.radians(48.1), math.radians(11.5), 500.0)  # UTM zone 3
 
 
 def whereabouts(*features):
-    return Whereabouts(lay_layers([MapLayer("m", features)], PLANE, 25.0).map)
+    return NearestFeature(lay_layers([MapLayer("m", features)], PLANE, 25.0).map)
 
 
 def place_n(latitude_deg, longitude_deg, plane=HERE):
@@ -72,7 +72,7 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     south_rad = HERE.latitude_rad - math.pi / 2
     point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
     laid = lay_layers([MapLayer("m", [point])], HERE, 0.0)
-    found = Whereabouts(laid.map).nearest(np.zeros(3))
+    found = NearestFeature(laid.map).nearest(np.zeros(3))
     assert found.distance_m == pytest.approx(10_002_000, rel=5e-3)
 
 

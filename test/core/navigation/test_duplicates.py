@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.navigation.duplicates import Repeats, Same
+from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -60,7 +60,7 @@ def news(found):
     ],
 )
 def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     found = [
         (epoch, repeats.compared(make(t_s, 0.6 * epoch, source)))
         for t_s, epoch in polled(10.0, jitter_s=jitter_s)
@@ -73,7 +73,7 @@ def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
 @pytest.mark.parametrize("jitter_s", [0.0, 0.004])
 def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s):
     """They say the same for many epochs; the positions with them tell when there is news."""
-    repeats, found = Repeats(), []
+    repeats, found = DuplicateDetector(), []
     for t_s, epoch in polled(20.0, jitter_s=jitter_s):
         repeats.compared(position(t_s, 0.6 * epoch))
         same = repeats.compared(heading(t_s, 20.0 + epoch // 7))
@@ -86,7 +86,7 @@ def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s):
 
 def test_whole_degrees_of_a_receiver_that_is_not_polled():
     """Every heading is a new one, however often it says the same."""
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     for k in range(100):
         repeats.compared(position(0.2 * k, 0.6 * k))
         same = repeats.compared(heading(0.2 * k, 20.0))
@@ -96,7 +96,7 @@ def test_whole_degrees_of_a_receiver_that_is_not_polled():
 
 def test_two_fixes_of_a_burst_do_not_make_a_fast_receiver():
     """A serial line that held one back: its headings' repeats are still known."""
-    repeats, found = Repeats(), []
+    repeats, found = DuplicateDetector(), []
     for t_s, epoch in polled(20.0):
         repeats.compared(position(t_s, 0.6 * epoch))
         if epoch == 50 and t_s == pytest.approx(10.06):
@@ -109,7 +109,7 @@ def test_two_fixes_of_a_burst_do_not_make_a_fast_receiver():
 
 def test_at_rest_with_constant_values_something_is_taken():
     """A test bench, a receiver that rounds: about one a second, so that aids are not missing."""
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     taken = [
         t_s
         for t_s, _ in polled(20.0)
@@ -120,7 +120,7 @@ def test_at_rest_with_constant_values_something_is_taken():
 
 
 def test_one_value_again_later_is_a_measurement():
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
     assert repeats.compared(position(0.2, 2.0)) is Same.NOTHING
     assert repeats.compared(position(0.4, 1.0)) is Same.NOTHING
@@ -129,7 +129,7 @@ def test_one_value_again_later_is_a_measurement():
 @pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
 def test_the_same_position_with_a_worse_fix_is_news(worse):
     """Whoever learns of it with the next position only believes centimetres until then."""
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     fixed = position(0.0, 1.0)
     repeats.compared(fixed)
     fallen = replace(fixed, stamp_ns=20_000_000, status=worse)
@@ -140,7 +140,7 @@ def test_the_same_position_with_a_worse_fix_is_news(worse):
 
 
 def test_sources_are_apart():
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
     assert repeats.compared(position(0.01, 1.0, Source.GPS_POSITION)) is Same.NOTHING
     assert repeats.compared(position(0.02, 1.0)) is Same.MEASUREMENT
@@ -148,13 +148,13 @@ def test_sources_are_apart():
 
 def test_the_same_message_twice_is_the_time_line_s_concern():
     """Not another stamp: what has been held or refused may come again."""
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     repeats.compared(position(0.0, 1.0))
     assert repeats.compared(position(0.0, 1.0)) is Same.VALUE
 
 
 def test_headings_are_compared_as_they_are_sent():
-    repeats = Repeats()
+    repeats = DuplicateDetector()
     assert repeats.compared(heading(0.0, 20.0)) is Same.NOTHING
     assert repeats.compared(heading(0.02, 20.0 + 1e-9)) is Same.NOTHING
     assert repeats.compared(heading(0.04, 20.0 + 1e-9)) is Same.MEASUREMENT

@@ -9,8 +9,8 @@ import pytest
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.filter_status import Health, unused
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.filter_status import FilterHealth, unused
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
@@ -21,16 +21,16 @@ TIMEOUT_NS = SECOND_NS
 
 def health(**values):
     given = {key.replace("__", "."): value for key, value in values.items()}
-    return Health(config_from(EkfConfig, {"trust.aid_timeout_s": 1.0} | given))
+    return FilterHealth(config_from(EkfConfig, {"trust.aid_timeout_s": 1.0} | given))
 
 
 def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
     """These were used just now, or ``age_ns`` ago."""
-    control = Control(Receivers(NOW_NS))
+    control = AidStatus(Receivers(NOW_NS))
     if status is not None:
         control = control.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
     for source in sources:
-        control = control.with_track(source, Track(NOW_NS - age_ns))
+        control = control.with_track(source, AidTrack(NOW_NS - age_ns))
     return control
 
 

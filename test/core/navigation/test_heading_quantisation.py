@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Headings, interval_measurement
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import update
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 STEP_DEG = 1.0
@@ -116,7 +116,7 @@ def _aided(heading_deg: float, **values: float):
     config = config_from(EkfConfig, given | measured)
     covariance = np.eye(18) * math.radians(0.03) ** 2
     sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
-    aid = Headings(config).aid(sample, belief_of(state_of(0.0, 0.0, 0.0), 18, covariance))
+    aid = HeadingAid(config).aid(sample, belief_of(state_of(0.0, 0.0, 0.0), 18, covariance))
     assert aid is not None
     return covariance, aid.measurement
 
@@ -141,7 +141,7 @@ def test_a_reading_that_contradicts_the_state_is_taken_as_a_number(heading_deg):
     assert (update(covariance, measurement).error is None) == (heading_deg > 4 * 0.3)
 
 
-def _quiet_flight(shape: str) -> Flight:
+def _quiet_flight(shape: str) -> SimulatedFlight:
     """In turns the rounding flips by up to a degree; on legs it is 0.4 deg, all the time."""
     values = {"route.shape": shape, "route.heading_deg": 20.4, "heading.sigma_deg": 0.05}
     flight = fly(scenario_from({**values, "duration_s": 50.0}), 3)

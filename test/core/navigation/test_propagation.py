@@ -16,11 +16,11 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch
 from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
-from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.propagation import Propagation
 from tirgeo_ros.core.navigation.strapdown import NavState, propagate
 from tirgeo_ros.core.navigation.vibration_noise import VibrationMeter
 from tirgeo_ros.core.types.measurements import ImuSample
@@ -37,9 +37,9 @@ START = NavState(
 SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
 
 
-def belief(state=START, states=18) -> Belief:
+def belief(state=START, states=18) -> StateEstimate:
     sigmas = np.r_[SIGMAS, 0.02][:states]
-    return Belief(state, np.diag(sigmas**2), Control(Receivers(0)))
+    return StateEstimate(state, np.diag(sigmas**2), AidStatus(Receivers(0)))
 
 
 def turning(t_s):
@@ -61,7 +61,7 @@ def epochs_of(stamps_s, readings=turning, first=None):
 
 
 def carried_through(epochs, config=CONFIG):
-    mechanisation = Mechanisation(config)
+    mechanisation = Propagation(config)
     carried = epochs[0].carried
     for start, end in pairwise(epochs):
         start.carried = carried
@@ -90,7 +90,7 @@ def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
 
 def test_the_covariance_is_never_further_behind_than_its_step():
     epochs = epochs_of(np.arange(0, 1.0, 0.01))
-    mechanisation, carried, lags = Mechanisation(CONFIG), epochs[0].carried, []
+    mechanisation, carried, lags = Propagation(CONFIG), epochs[0].carried, []
     for start, end in pairwise(epochs):
         carried = mechanisation.whole(carried, start, end)
         lags.append(carried.lag_s)
@@ -101,7 +101,7 @@ def test_the_covariance_is_never_further_behind_than_its_step():
 def test_followed_twice_is_followed_once():
     carried, found = carried_through(epochs_of(np.arange(0, 0.035, 0.01)))
     assert carried.lag_s == pytest.approx(0.03)
-    again = Mechanisation(CONFIG).followed(found)
+    again = Propagation(CONFIG).followed(found)
     assert again is found
     assert found.lag_s == 0.0
 
@@ -110,7 +110,7 @@ def test_followed_twice_is_followed_once():
 def test_parts_of_an_interval_are_the_whole(cuts_s):
     """Readings are linear in between, so the way does not matter to second order."""
     epochs = epochs_of([0.0, 0.01])
-    mechanisation = Mechanisation(CONFIG)
+    mechanisation = Propagation(CONFIG)
     start, end = epochs
     whole = mechanisation.whole(start.carried, start, end)
     carried, now_ns = start.carried, 0
@@ -125,7 +125,7 @@ def test_parts_of_an_interval_are_the_whole(cuts_s):
 
 def test_an_empty_part_is_nothing():
     start, end = epochs_of([0.0, 0.01])
-    mechanisation = Mechanisation(CONFIG)
+    mechanisation = Propagation(CONFIG)
     assert mechanisation.part(start.carried, start, end, 4_000_000, 4_000_000) is start.carried
 
 
@@ -149,7 +149,7 @@ def test_with_and_without_an_error_of_the_headings():
 def test_lost_samples_make_less_certain(gap_s, bridged):
     """One sample of a 50 Hz IMU with jitter is not a loss, two are."""
     start, end = epochs_of([0.0, gap_s])
-    mechanisation = Mechanisation(CONFIG)
+    mechanisation = Propagation(CONFIG)
     found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
     no_gap, _ = epochs_of([0.0, 1e-6])
     plain = np.diag(no_gap.carried.covariance)[:3]
@@ -159,7 +159,7 @@ def test_lost_samples_make_less_certain(gap_s, bridged):
 
 def test_a_gap_is_widened_once_however_it_is_parted():
     start, end = epochs_of([0.0, 0.1])
-    mechanisation = Mechanisation(CONFIG)
+    mechanisation = Propagation(CONFIG)
     whole = mechanisation.followed(mechanisation.whole(start.carried, start, end))
     first = mechanisation.part(start.carried, start, end, 0, 50_000_000)
     second = mechanisation.part(first, start, end, 50_000_000, 100_000_000)
@@ -199,11 +199,11 @@ def test_monte_carlo_of_lost_samples(gap_s):
         for k in range(begin, begin + gap):
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
-        certain = Belief(state, np.zeros((18, 18)), Control(Receivers(0)))
+        certain = StateEstimate(state, np.zeros((18, 18)), AidStatus(Receivers(0)))
         ends = [ImuSample(round(times[k] * 1e9), force[k], rate[k]) for k in (begin, begin + gap)]
         start = Epoch.first(ends[0].stamp_ns, ends[0], certain)
         end = Epoch.after(start, ends[1], VibrationMeter())
-        mechanisation = Mechanisation(CONFIG)
+        mechanisation = Propagation(CONFIG)
         found = mechanisation.followed(mechanisation.whole(Carried(*certain), start, end))
         turned = quat_multiply(np.array(truth.q_nb), quat_conjugate(np.array(found.state.q_nb)))
         metres = 6.37e6
@@ -226,7 +226,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
 def test_a_gap_covers_a_clock_that_was_set_forward():
     """Nothing was lost, 0.15 s never were: the state is too far on, and says that it may be."""
     start, end = epochs_of([0.0, 0.15], lambda _: (np.array([0.5, 0, -9.8]), np.zeros(3)))
-    mechanisation = Mechanisation(CONFIG)
+    mechanisation = Propagation(CONFIG)
     found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
     moved_m = 0.15 * math.hypot(*START.velocity_n)
     sigma_m = math.sqrt(max(np.diag(found.covariance)[6:9]))

@@ -12,13 +12,13 @@ from flights import config_for, errors, flight, navigation_samples
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.reported_accuracy import Admitted
+from tirgeo_ros.core.navigation.reported_accuracy import ReportedAccuracy
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
@@ -135,7 +135,7 @@ def belief_of(heading_sigma_deg):
     state = NavState(q, ZERO, 0.7, 2.0, 20.0, ZERO, ZERO, ZERO)
     sigmas = np.full(18, 1e-3)
     sigmas[2] = math.radians(heading_sigma_deg)
-    return Belief(state, np.diag(sigmas**2), Control(Receivers(0)))
+    return StateEstimate(state, np.diag(sigmas**2), AidStatus(Receivers(0)))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_it_is_taken_where_it_tells_more_and_refused_where_it_contradicts(
 
 
 def test_it_is_offered_once_a_second():
-    headings = AutopilotHeadings(EkfConfig())
+    headings = AutopilotHeadingAid(EkfConfig())
     covariance = belief_of(6.0).covariance
     q_nb = quat_from_euler(0.1, -0.2, math.radians(-50.0))
 
@@ -184,7 +184,7 @@ def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE, t_s=10.0
 
 
 def test_bounds_and_words_of_what_is_admitted():
-    admitted = Admitted(EkfConfig())
+    admitted = ReportedAccuracy(EkfConfig())
     assert admitted.bounds_m2() == (100.0,) * 3
     admitted.hear(fix((0.0, 0.0, 0.0)))
     admitted.hear(fix((1e4,) * 3, status=FixStatus.NONE))
@@ -205,10 +205,10 @@ def test_bounds_and_words_of_what_is_admitted():
     ],
 )
 def test_what_lasts_is_not_averaged_away_without_rtk(rtk_s, gps_s, times):
-    control = Control(Receivers(0))
+    control = AidStatus(Receivers(0))
     for source, t_s in ((Source.RTK_POSITION, rtk_s), (Source.GPS_POSITION, gps_s)):
         if t_s is not None:
-            control = control.with_track(source, Track(round(t_s * 1e9)))
+            control = control.with_track(source, AidTrack(round(t_s * 1e9)))
     gps = EkfConfig().gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     belief = belief_of(1.0)._replace(control=control)

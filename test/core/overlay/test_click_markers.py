@@ -8,7 +8,7 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.line_renderer import Painter
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer
 from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
@@ -25,7 +25,7 @@ def painted(sigma_m, point_n=(0.0, 0.0, 0.0)):
     image = np.full((512, 640, 3), 128, np.uint8)
     marker = Marker(np.array(point_n), "x", np.diag([sigma_m**2, sigma_m**2, 0.0]))
     placed = PlacedMarkers(image, CAMERA, POSE, [marker])
-    placed.paint(image, Painter())
+    placed.paint(image, LineRenderer())
     for box in placed.boxes:
         image[box.top : box.bottom, box.left : box.right] = 128
     v, u = np.nonzero((image != 128).any(axis=2))

@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.map_renderer import MapDrawing, Verdict
+from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, MapRenderer
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -60,12 +60,12 @@ def clicked(rng):
 def test_nothing_that_is_written_meets_another(width):
     rng = np.random.default_rng(13)
     camera, labels = camera_of(width), 0
-    drawing = MapDrawing(OverlayConfig(ground_height_m=25.0), [MapLayer("t", town(rng))], None)
+    drawing = MapRenderer(OverlayConfig(ground_height_m=25.0), [MapLayer("t", town(rng))], None)
     drawing.set_plane(PLANE)
     drawing.set_camera(camera)
     for number in range(POSES):
         image = np.full((camera.height, width, 3), 90, np.uint8)
-        verdict = Verdict(Severity(number % 3), WORDS)
+        verdict = DrawingVerdict(Severity(number % 3), WORDS)
         drawn = drawing.draw(image, pose_of(rng), None, clicked(rng), verdict)
         for one, other in combinations(drawn.boxes, 2):
             assert not one.meets(other), (number, one, other)

@@ -7,7 +7,7 @@ from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.line_renderer import (
     FADES,
-    Painter,
+    LineRenderer,
     drawing_scale,
     mark_radius_px,
     marks_as_lines,
@@ -32,14 +32,14 @@ def polylines(*lines, owner=None):
 def drawn(lines, *styles, layer=None, opacity=None, image=None):
     image = picture() if image is None else image
     layer = np.zeros(len(lines), np.int64) if layer is None else np.array(layer)
-    Painter().strokes(image, lines, layer, styles or (YELLOW,), opacity)
+    LineRenderer().strokes(image, lines, layer, styles or (YELLOW,), opacity)
     return image
 
 
 def filled(rings, *styles, layer=None):
     image = picture()
     layer = np.zeros(len(rings), np.int64) if layer is None else np.array(layer)
-    Painter().areas(image, rings, layer, styles)
+    LineRenderer().areas(image, rings, layer, styles)
     return image
 
 
@@ -245,7 +245,7 @@ def test_areas_of_two_layers_mix_and_an_unfilled_layer_is_left():
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])
 def test_tiny_pictures(shape):
-    image, painter = picture(*shape), Painter()
+    image, painter = picture(*shape), LineRenderer()
     painter.areas(image, polylines(square(-50, -50, 900)), np.zeros(1, int), [GREEN])
     painter.strokes(image, polylines([[-9.0, 0.0], [400.0, 3.0]]), np.zeros(1, int), [YELLOW])
     assert image.shape == (*shape, 3)
@@ -254,7 +254,7 @@ def test_tiny_pictures(shape):
 
 def test_a_painter_draws_the_same_on_picture_after_picture():
     """And of another size between: no ink of one picture is on the next."""
-    painter, lines = Painter(), polylines([[20.0, 30.0], [200.0, 130.0]])
+    painter, lines = LineRenderer(), polylines([[20.0, 30.0], [200.0, 130.0]])
     images = [picture(), picture(), picture()]
     painter.strokes(images[0], lines, np.zeros(1, int), [YELLOW])
     painter.strokes(picture(90, 80), lines, np.zeros(1, int), [YELLOW])

@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.ground.dem import Terrain, graticule
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
-from tirgeo_ros.core.overlay.map_renderer import Verdict, lay_layers
+from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
@@ -113,7 +113,9 @@ def test_it_is_looked_for_again_once_the_camera_has_moved():
 def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
     overlay = ready([geo([[-210, 210, 0]])], ground_height_m=25.0)
     pictures = []
-    for k, verdict in enumerate((Verdict(), Verdict(Severity.STOP, "NO GO: gimbal"))):
+    for k, verdict in enumerate(
+        (DrawingVerdict(), DrawingVerdict(Severity.STOP, "NO GO: gimbal"))
+    ):
         overlay.set_verdict(verdict)
         overlay.add_pose(pose_at(START + k * MS))
         overlay.add_frame(START + LATENCY + k * MS, GREY, START)
@@ -131,7 +133,7 @@ def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
 @pytest.mark.parametrize("severity", [Severity.CAUTION, Severity.STOP])
 def test_a_verdict_hides_no_map_and_no_other_notice(severity):
     overlay = ready(ground_height_m=25.0)
-    overlay.set_verdict(Verdict(severity, "CAUTION: something"))
+    overlay.set_verdict(DrawingVerdict(severity, "CAUTION: something"))
     overlay.add_frame(START + LATENCY, GREY, START)
     result = overlay.take(START + 10_000 * MS)
     assert result.notice == "NO MAP: no pose at this frame"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config.overlay import PALETTES, PictureConfig
 from tirgeo_ros.core.overlay.palettes import palette_table
-from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.errors import ConfigError
 
 FRAME_NS = 33_333_333
@@ -22,7 +22,7 @@ def ramp(low=20000.0, high=24000.0):
 
 
 def toner(palette="white_hot", **config):
-    return Toner(PictureConfig(**config), palette)
+    return ToneMapper(PictureConfig(**config), palette)
 
 
 def grey(image):

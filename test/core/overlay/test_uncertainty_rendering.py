@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_sampling import STEP_PX, cut, sampled
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     FAINTEST,
@@ -55,7 +55,7 @@ def seen_from(pose, *lines):
     uv = np.concatenate([np.empty((0, 2)), *[np.array(line, float) for line in lines]])
     rays_n = CAMERA.rays(uv) @ matrix_from_quat(pose.q_nc).T
     points_n = pose.position_n - pose.position_n[2] / rays_n[:, 2:] * rays_n
-    return Seen(uv.T, starts, np.arange(len(lines)), rays_to(CAMERA, pose, points_n))
+    return VisibleLines(uv.T, starts, np.arange(len(lines)), rays_to(CAMERA, pose, points_n))
 
 
 def radius_px(sigma_m):

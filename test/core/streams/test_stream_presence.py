@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.stream_presence import Presence
+from tirgeo_ros.core.streams.stream_presence import StreamPresence
 
 MS = 1_000_000
 
 
 def steady(period_ms=20, from_ms=0):
-    presence = Presence()
+    presence = StreamPresence()
     t_ms = from_ms
     while not presence.heard(t_ms * MS):
         assert t_ms - from_ms < 20_000
@@ -30,7 +30,7 @@ def test_steady_after_two_seconds_and_five_samples(period_ms, after_ms):
 
 @pytest.mark.parametrize("stamps_ms", [[0], [0, 3000, 6000, 9000, 12000, 15000], [0, 0, 0, 0, 0]])
 def test_single_samples_and_repeats_are_not_steady(stamps_ms):
-    presence = Presence()
+    presence = StreamPresence()
     assert not any(presence.heard(t * MS) for t in stamps_ms)
 
 
@@ -53,7 +53,7 @@ def test_a_clock_that_goes_back_is_no_silence():
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(-3000, 3000)), max_size=60))
 def test_becoming_and_ending_take_turns(events):
-    presence, now_ms, told = Presence(), 0, []
+    presence, now_ms, told = StreamPresence(), 0, []
     for is_sample, elapsed_ms in events:
         now_ms += elapsed_ms
         if is_sample and presence.heard(now_ms * MS):

@@ -16,7 +16,7 @@ from dev.planted_faults.live_reading import Picture, Report, seen
 from dev.planted_faults.live_table import live_table
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import Field, paint_notice, paint_status, place_notice
@@ -100,7 +100,7 @@ def test_the_table_counts_what_is_named_and_what_was_green_and_wrong():
 
 def eye(shift_n: np.ndarray) -> Eye:
     """A camera that stands still, so far from its place, on level ground."""
-    poses: PoseHistory[CameraPose] = PoseHistory(1e9)
+    poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
     for step in range(21):
         pose = pose_at(STAMP_NS + step * 10**8)
         poses.add(dataclasses.replace(pose, position_n=pose.position_n + shift_n))

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from dev.planted_faults.faults import FAULTS
 from dev.planted_faults.live import CLEAN, Live
-from dev.planted_faults.planting import Flight
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.tools.presentation.progress import silent
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
@@ -27,7 +27,7 @@ PLAYED = (
 
 
 def outcome(fault, sample, folder):
-    return Live(Flight.in_folder(sample), folder).outcome(fault, silent)
+    return Live(FlightFiles.in_folder(sample), folder).outcome(fault, silent)
 
 
 def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(sample, tmp_path):

@@ -14,7 +14,7 @@ from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import Place
+from tirgeo_ros.dji.sources.readings import GeodeticPlace
 
 SIGMAS = {"horizontal_sigma_m": 0.8, "vertical_sigma_m": 1.6, "velocity_sigma_m_s": 0.09}
 
@@ -119,7 +119,7 @@ def test_at_rest_the_velocity_shows_what_is_new():
 
 def test_what_is_no_place_or_no_velocity_is_refused():
     meant = interpreter()
-    nowhere = {"place": Place(0.0, 0.0, 0.0), "velocity_n": (math.nan, 0.0, 0.0)}
+    nowhere = {"place": GeodeticPlace(0.0, 0.0, 0.0), "velocity_n": (math.nan, 0.0, 0.0)}
     assert meant.take(gps(0, **whole() | nowhere)) == []
     assert meant.counts == {"gps_position_refused": 1, "gps_velocity_refused": 1}
 

@@ -16,11 +16,11 @@ from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     RtkReading,
 )
 from tirgeo_ros.io.bags.cdr import Cdr
@@ -33,7 +33,7 @@ vectors = st.tuples(numbers, numbers, numbers)
 quaternions = st.tuples(numbers, numbers, numbers, numbers) | st.just((1.0, 0.0, 0.0, 0.0))
 stamps = st.integers(0, 2**31 * 10**9 - 1) | st.integers(10**18, 10**18 + 10**9)
 small = st.none() | st.integers(-(2**31), 2**31)
-places = st.none() | st.builds(Place, numbers, numbers, numbers)
+places = st.none() | st.builds(GeodeticPlace, numbers, numbers, numbers)
 readings = st.one_of(
     st.builds(
         ImuReading,
@@ -89,7 +89,7 @@ def flight(seconds):
         heading = 0.01 * k
         yaw_deg = round(math.degrees(0.1 * (k // 10))) + 90
         yield imu(t, unit=AccelerationUnit.UNKNOWN, q_nb=wxyz(0.05, -0.1, heading))
-        yield gps(t, place=Place(0.9, 0.07 + 1e-7 * (k // 10), 20.0), fix=3)
+        yield gps(t, place=GeodeticPlace(0.9, 0.07 + 1e-7 * (k // 10), 20.0), fix=3)
         yield rtk(t, **epoch(k // 10, yaw_deg=yaw_deg))
         yield gimbal(t + 7, yaw=heading + 0.0035 + 0.5)
 

@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import Place
+from tirgeo_ros.dji.sources.readings import GeodeticPlace
 
 
 def interpreter(**config):
@@ -162,7 +162,7 @@ def test_a_fix_that_is_lost_with_its_place_is_told():
     """Without a solution a receiver says 0, 0."""
     meant = interpreter()
     meant.take(rtk(0, **epoch(0)))
-    lost = {"place": Place(0.0, 0.0, 0.0), "position_flag": 0, "yaw_flag": 0}
+    lost = {"place": GeodeticPlace(0.0, 0.0, 0.0), "position_flag": 0, "yaw_flag": 0}
     (position,) = positions(meant.take(rtk(200, **epoch(1) | lost)))
     assert position.status is FixStatus.NONE
     assert position.covariance_n[0, 0] >= 1e10

@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import Place
+from tirgeo_ros.dji.sources.readings import GeodeticPlace
 
 NAN, INF = math.nan, math.inf
 UNDULATION_M = 43.25
@@ -119,19 +119,19 @@ def test_without_any_flag_there_is_no_fix():
 @pytest.mark.parametrize(
     "bad",
     [
-        Place(0.0, 0.0, 0.0),
-        Place(0.0, 0.0, 30.0),
-        Place(1e-9, -1e-9, 30.0),
-        Place(NAN, 0.07, 30.0),
-        Place(0.9, NAN, 30.0),
-        Place(0.9, 0.07, NAN),
-        Place(0.9, 0.07, INF),
-        Place(INF, 0.07, 30.0),
-        Place(1.6, 0.07, 30.0),
-        Place(-1.6, 0.07, 30.0),
-        Place(0.9, 3.2, 30.0),
-        Place(0.9, 0.07, 1e6),
-        Place(52.0, 4.0, 30.0),  # degrees
+        GeodeticPlace(0.0, 0.0, 0.0),
+        GeodeticPlace(0.0, 0.0, 30.0),
+        GeodeticPlace(1e-9, -1e-9, 30.0),
+        GeodeticPlace(NAN, 0.07, 30.0),
+        GeodeticPlace(0.9, NAN, 30.0),
+        GeodeticPlace(0.9, 0.07, NAN),
+        GeodeticPlace(0.9, 0.07, INF),
+        GeodeticPlace(INF, 0.07, 30.0),
+        GeodeticPlace(1.6, 0.07, 30.0),
+        GeodeticPlace(-1.6, 0.07, 30.0),
+        GeodeticPlace(0.9, 3.2, 30.0),
+        GeodeticPlace(0.9, 0.07, 1e6),
+        GeodeticPlace(52.0, 4.0, 30.0),  # degrees
     ],
 )
 def test_what_is_no_place_is_refused(bad):
@@ -143,7 +143,11 @@ def test_what_is_no_place_is_refused(bad):
 
 
 def test_on_the_equator_and_on_the_first_meridian_it_is_a_place():
-    for where in (Place(0.0, 1.0, 5.0), Place(1.0, 0.0, 5.0), Place(-1.0, -math.pi, -400.0)):
+    for where in (
+        GeodeticPlace(0.0, 1.0, 5.0),
+        GeodeticPlace(1.0, 0.0, 5.0),
+        GeodeticPlace(-1.0, -math.pi, -400.0),
+    ):
         assert len(positions(interpreter().take(rtk(0, place=where)))) == 1
 
 

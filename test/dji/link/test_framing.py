@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.crc import crc16, crc32
 
 KNOWN = bytes.fromhex("aa140000000000003800164e02000000d8afa076")
@@ -30,7 +30,7 @@ def raw_frame(head, data=b""):
 
 def test_a_known_frame_is_read():
     ((frame,), counts) = read_all(KNOWN)
-    assert frame == Frame(0, 20, 0, False, 0, 0, 56, b"\x02\x00\x00\x00", False)
+    assert frame == ProtocolFrame(0, 20, 0, False, 0, 0, 56, b"\x02\x00\x00\x00", False)
     assert (frame.cmd_set, frame.cmd_id, frame.value) == (2, 0, b"\x00\x00")
     assert counts["frames"] == 1
     assert counts["bytes"] == 20
@@ -69,7 +69,7 @@ def test_round_trip(data, session, sequence, is_ack):
     whole = encode_frame(data, session=session, sequence=sequence, is_ack=is_ack)
     ((frame,), _) = read_all(b"\xaa\x00" + whole)
     length = len(data) + 16 if data else 12
-    assert frame == Frame(2, length, session, is_ack, 0, 0, sequence, data, False)
+    assert frame == ProtocolFrame(2, length, session, is_ack, 0, 0, sequence, data, False)
     assert len(whole) == length
 
 

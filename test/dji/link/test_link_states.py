@@ -12,7 +12,7 @@ from tirgeo_ros.dji.link.link_watch import LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
-from tirgeo_ros.dji.sources.serial import SerialRoad
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 pytest.importorskip("serial")
 
@@ -84,7 +84,7 @@ def test_who_only_listens_writes_nothing(tmp_path):
     # What the node does with default parameters, through a pulled cable: seen at the other end.
     with PseudoTerminal(tmp_path / "aircraft") as cable:
         link = SerialLink(str(cable.path), BAUD)
-        road = SerialRoad(DjiConfig(), PackageTable())
+        road = SerialDecoder(DjiConfig(), PackageTable())
         written = b""
         for turn in range(60):
             if turn == 30:

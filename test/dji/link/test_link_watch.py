@@ -7,7 +7,7 @@ import re
 import pytest
 
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.link_watch import Level, LinkCondition, LinkWatch
+from tirgeo_ros.dji.link.link_watch import LinkCondition, LinkLevel, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState
 
 STEP_S = 0.05
@@ -46,7 +46,7 @@ def test_frames_make_it_receive_at_once():
     scene.pass_(STEP_S)
     report = scene.pass_(3.0, bytes_=750, frames=5)
     assert scene.conditions == ["waiting", "receiving"]
-    assert (report.condition, report.level) == (LinkCondition.RECEIVING, Level.OK)
+    assert (report.condition, report.level) == (LinkCondition.RECEIVING, LinkLevel.OK)
     assert report.message == "/dev/ttyUSB0: receiving at 921600 baud"
     # Counts over a window of whole steps are exact but for the rounding of times near 1000 s.
     assert report.bytes_per_s == pytest.approx(750 / STEP_S, rel=1e-9)
@@ -57,7 +57,7 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     scene = Scene()
     assert scene.pass_(1.9).condition is LinkCondition.WAITING
     report = scene.pass_(1.0)
-    assert (report.condition, report.level) == (LinkCondition.SILENT, Level.WARN)
+    assert (report.condition, report.level) == (LinkCondition.SILENT, LinkLevel.WARN)
     assert re.search(
         "ttyUSB0: open but no bytes for 2 s.*the cable.*'API control' is ticked", report.message
     )
@@ -75,7 +75,7 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
 def test_bytes_without_frames_are_a_wrong_rate(baud, words):
     scene = Scene(baud)
     report = scene.pass_(2.5, bytes_=100)
-    assert (report.condition, report.level) == (LinkCondition.WRONG_BAUD, Level.ERROR)
+    assert (report.condition, report.level) == (LinkCondition.WRONG_BAUD, LinkLevel.ERROR)
     assert re.search(f"bytes come but no valid frame for 2 s {words}", report.message)
     assert scene.conditions == ["waiting", "wrong_baud"]
 
@@ -109,7 +109,7 @@ def test_each_state_of_the_port_is_told_once_with_its_message():
         *("waiting", "receiving"),
     ]
     assert [report.message for report in scene.told][:2] == ["plug it in", "dialout"]
-    assert [report.level for report in scene.told][:2] == [Level.ERROR, Level.ERROR]
+    assert [report.level for report in scene.told][:2] == [LinkLevel.ERROR, LinkLevel.ERROR]
 
 
 @pytest.mark.parametrize("state", list(LinkState))
@@ -117,7 +117,7 @@ def test_every_state_of_the_port_has_its_condition(state):
     report = LinkWatch("p", 1).look(0.0, state, "why", 0, 0)
     expected = "waiting" if state is LinkState.OPEN else state.value
     assert report.condition.value == expected
-    assert report.level is not Level.OK
+    assert report.level is not LinkLevel.OK
 
 
 def test_what_came_before_the_cable_was_pulled_does_not_count_after_it():

@@ -25,7 +25,7 @@ from tirgeo_ros.dji.protocol.commands import (
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
-from tirgeo_ros.dji.sources.serial import SerialRoad
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 SECOND = 1_000_000_000
 
@@ -127,7 +127,7 @@ def test_a_request_of_wrong_length_is_told_so(host):
 def test_dji_nodes_own_host_gets_what_it_asks_for():
     """Activation, rates and packages, over a link that brings and takes at once."""
     host = DjiHostConfig(app_id=7, broadcast_rates=(4, 4, 4, 0, 4) + (0,) * 11, subscribe=True)
-    aircraft, road = Aircraft(), SerialRoad(DjiConfig(host=host), PackageTable())
+    aircraft, road = Aircraft(), SerialDecoder(DjiConfig(host=host), PackageTable())
     for time_ns, data in frames_of(aircraft, hovering(8.0)):
         now_s = time_ns * 1e-9
         road.take(data, time_ns, now_s)

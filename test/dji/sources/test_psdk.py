@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.psdk import PsdkRoad
+from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import AttitudeReading, GimbalReading, GpsReading, ImuReading
 from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS
 
@@ -26,7 +26,7 @@ IMU = (LEVEL_EAST, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8))
 
 @pytest.fixture
 def road():
-    return PsdkRoad()
+    return PsdkDecoder()
 
 
 def near(metres: float) -> tuple[float, float, float]:

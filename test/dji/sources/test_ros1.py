@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, GimbalReading, ImuReading, RtkReading
-from tirgeo_ros.dji.sources.ros1 import NEEDED, Ros1Road, Ros1Setup, Ros1Survey, types_of, used
+from tirgeo_ros.dji.sources.ros1 import NEEDED, Ros1Decoder, Ros1Setup, Ros1Survey, types_of, used
 from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags
 
 MS = 1_000_000
@@ -63,7 +63,7 @@ def attitude(stamp_ns: int, w: float) -> Message:
 
 def readings(name, typename, message, record_ns=START + LAG, setup=None):
     """What one message gives, epochs that are not over included."""
-    road = Ros1Road(setup or Ros1Setup())
+    road = Ros1Decoder(setup or Ros1Setup())
     found = road.take(name, typename, message, record_ns)
     return [arrived.reading for arrived in found + road.flush()]
 
@@ -172,7 +172,7 @@ def test_without_a_stamp_the_time_of_the_record_counts():
 
 
 def test_yaw_and_flags_have_the_stamp_of_their_position():
-    road = Ros1Road()
+    road = Ros1Decoder()
     number = "std_msgs/msg/UInt8"
     given = [
         ("rtk_info_position", number, Message(data=50)),
@@ -193,7 +193,7 @@ def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
     survey = Ros1Survey()
     for k in range(50):
         survey.add("imu", imu(START + k * 10 * MS), START + k * 10 * MS + LAG + later)
-    road = Ros1Road(survey.setup)
+    road = Ros1Decoder(survey.setup)
     assert survey.setup.shift_ns == later + LAG
     message = Message(data=10)
     assert road.take("rtk_yaw", "std_msgs/msg/Int16", message, START + later + LAG) == []
@@ -218,7 +218,7 @@ def test_a_gravity_that_is_multiplied_in_twice():
         survey.add("imu", message, START + k)
     (reading,) = readings("imu", IMU, message, setup=survey.setup)
     assert reading.acceleration_b[2] == pytest.approx(-9.8, abs=ROUNDING)
-    assert "gravity multiplied in twice" in Ros1Road(survey.setup).warnings[0]
+    assert "gravity multiplied in twice" in Ros1Decoder(survey.setup).warnings[0]
 
 
 def test_a_hard_landing_is_no_second_gravity():
@@ -245,7 +245,7 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
     survey = Ros1Survey()
     for stamp in stamped[:200]:
         survey.add("imu", imu(stamp), stamp + MS)
-    road = Ros1Road(survey.setup)
+    road = Ros1Decoder(survey.setup)
     made = [road.take("imu", IMU, imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
     errors_ms = (np.array(made) - np.array(true))[800:] * 1e-6
     assert np.std(errors_ms) < 0.1
@@ -260,7 +260,7 @@ def test_even_stamps_are_left_alone():
     for stamp in stamps:
         survey.add("imu", imu(stamp), stamp + LAG)
     assert survey.setup == Ros1Setup()
-    road = Ros1Road(survey.setup)
+    road = Ros1Decoder(survey.setup)
     assert [road.take("imu", IMU, imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tirgeo_ros.dji.sources.readings import Place, RtkReading
+from tirgeo_ros.dji.sources.readings import GeodeticPlace, RtkReading
 from tirgeo_ros.dji.sources.ros1_rtk_epochs import RtkEpochs
 
 MS = 1_000_000
@@ -16,7 +16,10 @@ PARTS = ("place", "velocity_n", "yaw_deg", "position_flag", "yaw_flag")
 
 def part(name: str, number: int, stamp_ns: int) -> RtkReading:
     """A part that tells of which epoch it is."""
-    values = {"place": Place(0.9, 0.1, float(number)), "velocity_n": (float(number), 0.0, 0.0)}
+    values = {
+        "place": GeodeticPlace(0.9, 0.1, float(number)),
+        "velocity_n": (float(number), 0.0, 0.0),
+    }
     return RtkReading(stamp_ns, **{name: values.get(name, number)})
 
 
@@ -34,7 +37,7 @@ def test_five_topics_make_one_reading():
     ((arrival_ns, reading),) = told(
         (k * MS, part(name, 7, stamp)) for k, (name, stamp) in enumerate(stamps.items())
     )
-    assert reading == RtkReading(1, Place(0.9, 0.1, 7.0), 7, (7.0, 0.0, 0.0), 7, 7)
+    assert reading == RtkReading(1, GeodeticPlace(0.9, 0.1, 7.0), 7, (7.0, 0.0, 0.0), 7, 7)
     assert arrival_ns == 4 * MS  # of the last part
 
 
@@ -61,7 +64,7 @@ def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delay
     for number, (_, reading) in enumerate(found):
         assert reading == RtkReading(
             number * PERIOD,
-            Place(0.9, 0.1, float(number)),
+            GeodeticPlace(0.9, 0.1, float(number)),
             number,
             (float(number), 0.0, 0.0),
             number,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.dji.sources.readings import Place, RtkReading
+from tirgeo_ros.dji.sources.readings import GeodeticPlace, RtkReading
 from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS, EpochFlags
 
 MS = 1_000_000
@@ -15,7 +15,7 @@ FIXED, FLOAT, NONE = 50, 34, 0
 
 
 def position(number: int) -> RtkReading:
-    return RtkReading(number, place=Place(0.9, 0.1, float(number)))
+    return RtkReading(number, place=GeodeticPlace(0.9, 0.1, float(number)))
 
 
 def test_it_waits_no_longer_than_is_promised():

@@ -7,13 +7,13 @@ import pytest
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import encode_frame
-from tirgeo_ros.dji.link.link_watch import Level, LinkWatch
+from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
 from tirgeo_ros.dji.protocol.broadcast_parts import Time
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.sources.readings import AttitudeReading
-from tirgeo_ros.dji.sources.serial import SerialRoad
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 Q = (0.5, 0.5, -0.5, 0.5)
 KEY = bytes(range(32))
@@ -27,7 +27,7 @@ def frame(time_ms, key=None):
 
 @pytest.fixture
 def road():
-    return SerialRoad(DjiConfig(), PackageTable())
+    return SerialDecoder(DjiConfig(), PackageTable())
 
 
 def test_bytes_become_readings_at_the_aircrafts_pace(road):
@@ -46,7 +46,7 @@ def test_bytes_become_readings_at_the_aircrafts_pace(road):
 
 
 def test_each_frame_of_a_batch_has_the_time_at_which_the_line_had_brought_it():
-    road = SerialRoad(DjiConfig(baud=921600), PackageTable())
+    road = SerialDecoder(DjiConfig(baud=921600), PackageTable())
     parts = encode_broadcast(Broadcast(quaternion_wxyz=Q))  # no time of its own: of its arrival
     untimed = encode_frame(b"\x02\x00" + parts)
     road.take(untimed[:7], NOW_NS - 10_000_000, 0.9)  # bytes that were there before count no more
@@ -78,17 +78,17 @@ def test_what_was_cut_is_given_up_when_the_port_is_opened_anew(road):
 
 def test_encrypted_frames_need_the_key():
     locked = frame(10, KEY)
-    assert SerialRoad(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []
-    road = SerialRoad(DjiConfig(key=KEY.hex()), PackageTable())
+    assert SerialDecoder(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []
+    road = SerialDecoder(DjiConfig(key=KEY.hex()), PackageTable())
     assert [reading.q_nb for reading in road.take(locked, NOW_NS, 1.0)] == [Q]
     assert road.diagnostics["frames encrypted"] == "1"
     with pytest.raises(DjiError, match=r"^key: "):
-        SerialRoad(DjiConfig(key="abc"), PackageTable())
+        SerialDecoder(DjiConfig(key="abc"), PackageTable())
 
 
 def conditions(key, sent_with):
     """What the watch says in ten seconds at 50 frames a second, the aircraft's acks among them."""
-    road = SerialRoad(DjiConfig(key=key), PackageTable())
+    road = SerialDecoder(DjiConfig(key=key), PackageTable())
     watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
     told = []
     for k in range(1, 500):
@@ -114,7 +114,7 @@ def test_a_wrong_key_is_named(key, words):
     """Frames whose data makes no sense are not received, whatever their check sums say."""
     told, report = conditions(key, KEY)
     assert told == ["waiting", "wrong_key"]
-    assert report.level is Level.ERROR
+    assert report.level is LinkLevel.ERROR
     assert words in report.message
     assert "/dev/ttyUSB0" in report.message
 

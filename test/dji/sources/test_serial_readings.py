@@ -34,11 +34,11 @@ from tirgeo_ros.dji.protocol.subscription import (
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     RtkReading,
 )
 from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
@@ -139,11 +139,11 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
         gimbal=Gimbal(1.0, -30.0, 170.0, 0),
     )
     got_gps, got_rtk, gimbal = read(telemetry, parts)
-    place = Place(*map(math.radians, BERN), 512.345)
+    place = GeodeticPlace(*map(math.radians, BERN), 512.345)
     quality = (3, 0.75, 1.5, 0.25) if modern else (None, None, None, None)
     assert got_gps.place == pytest.approx(place, rel=1e-15)
     assert got_gps == GpsReading(20_000_000, got_gps.place, (1.0, -0.5, 0.25), *quality)
-    place = Place(*map(math.radians, BERN), 512.5)
+    place = GeodeticPlace(*map(math.radians, BERN), 512.5)
     assert got_rtk == RtkReading(20_000_000, place, 50, (-2.0, 3.0, -0.5), -77, 49)
     assert gimbal == GimbalReading(20_000_000, *map(math.radians, (1.0, -30.0, 170.0)))
 
@@ -187,9 +187,9 @@ def test_subscribed_satellites_and_gimbal(telemetry):
         "RTK_YAW_INFO": 48,
     }
     rtk, gps = push(telemetry, 0, **values)
-    place = Place(*map(math.radians, BERN), 512.5)
+    place = GeodeticPlace(*map(math.radians, BERN), 512.5)
     assert rtk == RtkReading(5_000_000_000, place, 50, (-2.0, 3.0, -0.5), -77, 48)
-    assert gps.place == pytest.approx(Place(*map(math.radians, BERN), 512.345), rel=1e-15)
+    assert gps.place == pytest.approx(GeodeticPlace(*map(math.radians, BERN), 512.345), rel=1e-15)
     assert gps[2:] == ((1.0, -0.5, 0.25), 3, 0.75, 1.5, 0.25)
     (gimbal,) = push(telemetry, 1, GIMBAL_ANGLES=GimbalAngles(-30.0, 1.0, 170.0))
     assert gimbal == GimbalReading(5_000_000_000, *map(math.radians, (1.0, -30.0, 170.0)))

@@ -12,7 +12,7 @@ import pytest
 from dev.real_flights_judged import judge_all
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.maps.map_process import MapChild
+from tirgeo_ros.io.maps.map_process import MapProcess
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 #: What the children import: of this package's requirements, and of Python's own.
@@ -41,7 +41,7 @@ def marks(folder: Path) -> list[str]:
 def test_the_reader_of_maps_does_not(traps):
     path = traps / "map.geojson"
     path.write_text('{"type": "Point", "coordinates": [114.3, 30.5]}')
-    child = MapChild()
+    child = MapProcess()
     try:
         contents = child.read(OverlayConfig(map=str(path), ground_height_m=30.0))
     finally:

@@ -20,7 +20,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.maps.map_process import MapChild
+from tirgeo_ros.io.maps.map_process import MapProcess
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
 LINE = [[114.3, 30.5], [114.301, 30.5005], [114.302, 30.501]]
@@ -40,7 +40,7 @@ def feature(line) -> str:
 
 @pytest.fixture
 def child():
-    made = MapChild()
+    made = MapProcess()
     yield made
     made.stop()
 

@@ -9,7 +9,7 @@ from flights import NAVIGATION_SAMPLES
 
 from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
-from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
 RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
@@ -49,7 +49,7 @@ Deliveries = list[Delivery]
 Fault = Callable[[Deliveries, Interval], Deliveries]
 
 
-def deliveries(flown: Flight) -> Deliveries:
+def deliveries(flown: SimulatedFlight) -> Deliveries:
     """All that a flight sends the filter, as it should be."""
     return [
         Delivery(arrival_ns, sample, sample.stamp_ns)

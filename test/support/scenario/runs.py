@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.measurements import ImuSample, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.tools.simulate import flight as simulated
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.trajectory import Trajectory
 
@@ -46,7 +46,7 @@ class Run:
         return sum(self.status.resets.values())
 
 
-def run(flown: Flight, fed: Deliveries, **values: object) -> Run:
+def run(flown: SimulatedFlight, fed: Deliveries, **values: object) -> Run:
     """Feed the filter; its state is asked for with every fix and every tenth IMU sample."""
     navigation = Navigation(config_for(flown, **values))
     published: list[NavSolution] = []
@@ -84,7 +84,7 @@ def sizes(done: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def faulty(flown: Flight, fault: Fault, start_s: float, end_s: float) -> Deliveries:
+def faulty(flown: SimulatedFlight, fault: Fault, start_s: float, end_s: float) -> Deliveries:
     """A flight's deliveries with a fault from ``start_s`` to ``end_s`` after its start."""
     first_ns = flown.truth.stamp_ns[0]
     interval = Interval(first_ns + round(start_s * 1e9), first_ns + round(end_s * 1e9))
@@ -92,27 +92,27 @@ def faulty(flown: Flight, fault: Fault, start_s: float, end_s: float) -> Deliver
 
 
 @functools.cache
-def calm() -> Flight:
+def calm() -> SimulatedFlight:
     """The paper's flight, cut short."""
     return fly(replace(Scenario(), duration_s=DURATION_S))
 
 
 @functools.cache
-def hovering() -> Flight:
+def hovering() -> SimulatedFlight:
     """The same place and air, but the aircraft stands and turns."""
     base = Scenario()
     return fly(replace(base, duration_s=DURATION_S, route=replace(base.route, shape="hover")))
 
 
 @functools.cache
-def sheared() -> Flight:
+def sheared() -> SimulatedFlight:
     """The same flight, but the wind turns: the aircraft has to lean over to stay on its way."""
     with mock.patch.object(simulated, "Trajectory", _ShearedTrajectory):
         return calm.__wrapped__()
 
 
 #: The flights of the table.
-FLIGHTS: dict[str, Callable[[], Flight]] = {
+FLIGHTS: dict[str, Callable[[], SimulatedFlight]] = {
     "lawnmower": calm,
     "hover": hovering,
     "shear": sheared,

@@ -13,7 +13,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, save_observations, save_survey
@@ -44,7 +44,7 @@ def pose_at(t_s, shift_n=(0.0, 0.0)):
 
 
 def history(shift_n=(0.0, 0.0)):
-    poses: PoseHistory[CameraPose] = PoseHistory(1e6)
+    poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
     for k in range(101):
         poses.add(pose_at(0.1 * k, shift_n))
     return poses

@@ -18,13 +18,13 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
 )
 from tirgeo_ros.core.aircraft_calibration.whitened_innovations import (
     FollowedMechanisation,
-    Reading,
     White,
     WhiteningFusion,
+    WhiteningReading,
     squared,
 )
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.imu_axes import ImuAxes
@@ -62,7 +62,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Run:
+class FilterRun:
     """Hold the results of one run of the filter with one set of values."""
 
     values: Array  # (8,)
@@ -110,7 +110,7 @@ class FlightRuns:
         floors: Floors,
         weights: Array | None = None,
         without: Source | None = None,
-    ) -> Run:
+    ) -> FilterRun:
         """Run the filter from an alignment.
 
         ``weights`` (N,) are those of the flight's measurements, 1 if not given; ``without`` is a
@@ -128,7 +128,7 @@ class FlightRuns:
         mechanisation = FollowedMechanisation(config)
         fusion = WhiteningFusion(config, values, mechanisation, readings)
         ekf = Ekf(config, start, mechanisation, fusion)
-        beliefs: list[tuple[int, Belief]] = []
+        beliefs: list[tuple[int, StateEstimate]] = []
         imu = [sample for sample in self.recorded.imu if sample.stamp_ns > start.stamp_ns]
         for sample in _merged(imu, [sample for _, sample in chosen]):
             if not isinstance(sample, ImuSample):
@@ -143,11 +143,11 @@ class FlightRuns:
         return restamped(self.recorded.aids, values, reported_direction_rad(self.config))
 
 
-def _run(values: Array, white: list[White], beliefs: list[tuple[int, Belief]]) -> Run:
+def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstimate]]) -> FilterRun:
     if not white or not np.all(np.isfinite(white[-1].error)):
         raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' tells why")
     stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
-    return Run(
+    return FilterRun(
         values,
         white,
         np.concatenate([one.error for one in white]),
@@ -197,7 +197,7 @@ class _Averages:
 
     def readings(
         self, chosen: Sequence[tuple[int, Aiding]], weights: Array | None
-    ) -> dict[tuple[Source, int], Reading]:
+    ) -> dict[tuple[Source, int], WhiteningReading]:
         """Return the readings at the measurements, by source and stamp."""
         at_ns = [sample.stamp_ns for _, sample in chosen]
         values = np.array(
@@ -207,7 +207,7 @@ class _Averages:
             ]
         ).T.reshape(-1, 3, 3)
         return {
-            (source_of(sample), sample.stamp_ns): Reading(
+            (source_of(sample), sample.stamp_ns): WhiteningReading(
                 index, 1.0 if weights is None else float(weights[index]), *values[k]
             )
             for k, (index, sample) in enumerate(chosen)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, Run
+from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun, FlightRuns
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     AZIMUTH,
     DELAYS,
@@ -24,7 +24,9 @@ _DIRECTIONS_RAD = np.arange(8) * math.tau / 8
 
 
 class _Runner(Protocol):
-    def __call__(self, values: Array, floors: Floors, *, without: Source | None = None) -> Run: ...
+    def __call__(
+        self, values: Array, floors: Floors, *, without: Source | None = None
+    ) -> FilterRun: ...
 
 
 def started(run: _Runner, runs: FlightRuns, values: Array, held: bool) -> Array:
@@ -43,7 +45,7 @@ def started(run: _Runner, runs: FlightRuns, values: Array, held: bool) -> Array:
     return values
 
 
-def _matched(run: Run, times_s: Array, azimuths_rad: Array) -> tuple[float, float]:
+def _matched(run: FilterRun, times_s: Array, azimuths_rad: Array) -> tuple[float, float]:
     """Return delay and azimuth for which the headings scatter least about the filter's own yaw."""
     yaw_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, Run
+from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun, FlightRuns
 from tirgeo_ros.core.aircraft_calibration.first_guess import started
 from tirgeo_ros.core.aircraft_calibration.observability import ADVICE, not_flown
 from tirgeo_ros.core.aircraft_calibration.parameters import (
@@ -55,8 +55,8 @@ class AircraftFit:
     told: tuple[str, ...]
     untold: dict[str, str]  # parameter -> why, and what to fly
     first: Array  # (8,) as given
-    before: Run
-    after: Run
+    before: FilterRun
+    after: FilterRun
 
 
 @dataclass
@@ -72,7 +72,7 @@ class _Search:
     def __post_init__(self) -> None:
         self.weights = np.ones(len(self.runs.recorded.aids))
 
-    def run(self, values: Array, floors: Floors, *, without: Source | None = None) -> Run:
+    def run(self, values: Array, floors: Floors, *, without: Source | None = None) -> FilterRun:
         recorded = self.runs.recorded
         by_antennas = not recorded.has_attitude and recorded.has(Source.RTK_HEADING)
         start = self.runs.aligned(values, by_antennas=by_antennas)
@@ -81,7 +81,7 @@ class _Search:
         self.told(self.done)
         return found
 
-    def weigh(self, run: Run) -> None:
+    def weigh(self, run: FilterRun) -> None:
         """Set the weights for the next run."""
         before = self.weights[[one.number for one in run.white]]
         plain = np.sqrt([squared(one) for one in run.white] / before)
@@ -89,7 +89,7 @@ class _Search:
         for one, off in zip(run.white, plain, strict=True):
             self.weights[one.number] = huber_weight(float(off), scale)
 
-    def step(self, run: Run, free: list[int], keep: Array | None = None) -> Array:
+    def step(self, run: FilterRun, free: list[int], keep: Array | None = None) -> Array:
         """Return the change (8,) that a run asks for; ``keep`` (M,) selects the rows to use."""
         rows = slice(None) if keep is None else keep
         slope, error = run.slope[rows][:, free], run.error[rows]
@@ -100,13 +100,13 @@ class _Search:
         change[free] = -np.linalg.solve(information, slope.T @ error + prior * off)
         return change
 
-    def scale(self, run: Run, free: list[int]) -> Array:
+    def scale(self, run: FilterRun, free: list[int]) -> Array:
         """Return the changes (8,) that matter: LIMITS, or the sigma of what is less certain."""
         found = LIMITS.copy()
         found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
         return found
 
-    def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> Run:
+    def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> FilterRun:
         """Return the run at the values that no step changes any more, or after ``most`` steps."""
         for _ in range(most):
             run = self.run(values, floors)
@@ -171,7 +171,7 @@ def _with_advice(k: int, why: str) -> str:
     return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
 
 
-def _unobserved(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
+def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]:
     """Return the parameters that the flight does not observe, and why.
 
     They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
@@ -183,7 +183,7 @@ def _unobserved(run: Run, free: list[int], sigma: Array) -> dict[int, str]:
     return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
 
 
-def _check_settled(search: _Search, run: Run, free: list[int]) -> None:
+def _check_settled(search: _Search, run: FilterRun, free: list[int]) -> None:
     change, scale = search.step(run, free), search.scale(run, free)
     if free and np.max(np.abs(change / scale)) > 1.0:
         raise CalibrationError(
@@ -198,7 +198,7 @@ def _sigma_text(k: int, sigma: float) -> str:
     return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
 
 
-def _elevation_is_observed(search: _Search, run: Run, free: list[int]) -> bool:
+def _elevation_is_observed(search: _Search, run: FilterRun, free: list[int]) -> bool:
     """Return whether the elevation is observed, and costs the others little or is held wrong."""
     others = [k for k in free if k != ELEVATION]
     alone, _ = _sigma(search, run, others)
@@ -210,13 +210,13 @@ def _elevation_is_observed(search: _Search, run: Run, free: list[int]) -> bool:
     return bool(abs(search.step(run, free)[ELEVATION]) > _SURE_SIGMAS * beside[ELEVATION])
 
 
-def _covariance(run: Run, free: list[int]) -> Array:
+def _covariance(run: FilterRun, free: list[int]) -> Array:
     """Return the covariance (p, p) of the free parameters, if the filter's noise is right."""
     slope = run.slope[:, free]
     return np.asarray(np.linalg.inv(slope.T @ slope + np.diag(PRIOR_SIGMA[free] ** -2)))
 
 
-def _sigma(search: _Search, run: Run, free: list[int]) -> tuple[Array, Array]:
+def _sigma(search: _Search, run: FilterRun, free: list[int]) -> tuple[Array, Array]:
     """Return sigmas, and rms changes without a part of the flight, each (8,); nan if held.
 
     A sigma is the larger of two: that of the information matrix, enlarged where the innovations

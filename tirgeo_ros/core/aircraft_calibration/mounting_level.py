@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import Run
+from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -28,7 +28,7 @@ _LEAST_PART = 20  # attitudes
 _NEAR_NS = 30_000_000
 
 
-class Level(NamedTuple):
+class MountingLevel(NamedTuple):
     """Hold roll and pitch of the IMU's axes against the body's, FRD, rad."""
 
     angles_rad: Array  # (2,)
@@ -36,7 +36,7 @@ class Level(NamedTuple):
     left_out_rad: Array  # (2,) rms change where a part of the flight is left out
 
 
-def mounting_level(run: Run, imu: Sequence[ImuSample], parts: int) -> Level | None:
+def mounting_level(run: FilterRun, imu: Sequence[ImuSample], parts: int) -> MountingLevel | None:
     """Return roll and pitch of the mounting; None where there are too few autopilot attitudes.
 
     The flight is divided in ``parts`` to find the standard deviations.
@@ -63,7 +63,7 @@ def mounting_level(run: Run, imu: Sequence[ImuSample], parts: int) -> Level | No
     )
     sigma = each.std(axis=0, ddof=1) / math.sqrt(parts)
     sigma = np.hypot(sigma, run.tilt_sigma_rad)
-    return Level(whole, sigma, np.sqrt(np.mean(others**2, axis=0)))
+    return MountingLevel(whole, sigma, np.sqrt(np.mean(others**2, axis=0)))
 
 
 def _turn(body_down: Array, imu_down: Array) -> Array:

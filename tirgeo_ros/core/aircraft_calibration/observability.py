@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import Run
+from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun
 from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
 from tirgeo_ros.core.types.arrays import Array
@@ -37,7 +37,7 @@ _LEAST_SPEED_M_S = 1.0  # rms about the mean
 _LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
 
 
-def not_flown(run: Run) -> dict[str, str]:
+def not_flown(run: FilterRun) -> dict[str, str]:
     """Return the parameters that the motion of a flight cannot observe, with what was missing."""
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
     turned_rad = float(np.ptp(yaw))

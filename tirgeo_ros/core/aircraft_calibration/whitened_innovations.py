@@ -31,11 +31,11 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, Fused
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, Fused, StateEstimate
 from tirgeo_ros.core.navigation.delayed_measurements import Carried
 from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
 from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.propagation import Propagation
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
@@ -46,7 +46,7 @@ _STEP_RAD = 1e-5  # for numerical partials of closed forms
 _STEP_S = 1e-4
 
 
-class Reading(NamedTuple):
+class WhiteningReading(NamedTuple):
     """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
 
     number: int
@@ -67,7 +67,7 @@ class White(NamedTuple):
     slope: Array  # (m, 8) partials of ``error`` by PARAMETERS
 
 
-class FollowedMechanisation(Mechanisation):
+class FollowedMechanisation(Propagation):
     """Propagate as the base class does, and accumulate the transition of the error states."""
 
     def __init__(self, config: EkfConfig) -> None:
@@ -95,7 +95,7 @@ class WhiteningFusion(Fusion):
         config: EkfConfig,
         values: Array,
         mechanisation: FollowedMechanisation,
-        readings: Mapping[tuple[Source, int], Reading],
+        readings: Mapping[tuple[Source, int], WhiteningReading],
     ) -> None:
         super().__init__(config)
         self._values = values
@@ -104,7 +104,12 @@ class WhiteningFusion(Fusion):
         self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
-    def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:  # noqa: ARG002
+    def _judged(
+        self,
+        aid: AidMeasurement,
+        belief: StateEstimate,
+        autopilot_q_nb: Array | None,  # noqa: ARG002
+    ) -> Fused:
         """Return the belief with a measurement in it, whatever its innovation."""
         state, covariance, control = belief
         reading = self._readings[aid.source, aid.stamp_ns]
@@ -135,9 +140,11 @@ class WhiteningFusion(Fusion):
         track = control.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
         control = control.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
-        return Fused(verdict, Belief(feedback(state, error), updated, control))
+        return Fused(verdict, StateEstimate(feedback(state, error), updated, control))
 
-    def _direct_partials(self, source: Source, state: NavState, reading: Reading) -> Array:
+    def _direct_partials(
+        self, source: Source, state: NavState, reading: WhiteningReading
+    ) -> Array:
         """Return the direct partials (m, 8) of an innovation by each parameter."""
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
@@ -156,7 +163,7 @@ class WhiteningFusion(Fusion):
 
     @staticmethod
     def _acceleration_n(
-        rotation: Array, state: NavState, reading: Reading, rate_b: Array, lever_b: Array
+        rotation: Array, state: NavState, reading: WhiteningReading, rate_b: Array, lever_b: Array
     ) -> Array:
         """Return the antenna's acceleration (3,), m/s2, without terms of the earth's rotation."""
         swing_b = np.cross(rate_b, np.cross(rate_b, lever_b)) + np.cross(

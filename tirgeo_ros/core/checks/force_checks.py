@@ -11,7 +11,7 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
@@ -43,12 +43,12 @@ class ForceChecks:
 
     def __init__(self, aircraft: AircraftConfig) -> None:
         self._rotation_bi = aircraft.rotation_bi
-        self._blocks: list[ImuBlock] = []
+        self._blocks: list[ImuMean] = []
         # for each second: mean force (3,), its expected direction (3,), mean size of the rate
         self._seconds: deque[tuple[Array, Array, float]] = deque(maxlen=_SECONDS)
         self._quiet: deque[float] = deque(maxlen=_SECONDS)
 
-    def block(self, block: ImuBlock) -> None:
+    def block(self, block: ImuMean) -> None:
         """Take the next block."""
         self._blocks.append(block)
         if len(self._blocks) == _BLOCKS:
@@ -66,7 +66,7 @@ class ForceChecks:
         found = found or _wrong_axes(mean_b, upwards.mean(axis=0)) or self._wrong_scale()
         return [one for one in (found, _wrong_rate(float(rates.mean()))) if one]
 
-    def _second(self, blocks: list[ImuBlock]) -> None:
+    def _second(self, blocks: list[ImuMean]) -> None:
         forces, rates = (np.array([b[k] for b in blocks]) for k in (2, 3))
         force_b, last = forces.mean(axis=0), blocks[-1].autopilot_q_nb
         if self._rotation_bi is not None:

@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.rotations import (
     slerp,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -54,9 +54,9 @@ class GimbalChecks:
         self._used = config.composition != "paper"
         self._yaw_zero_rad = config.yaw_zero_rad
         self._order = config.joint_order
-        self._joints: StampedHistory[Array] = StampedHistory(_HISTORY_S)
-        self._autopilot: StampedHistory[Array] = StampedHistory(_HISTORY_S)
-        self._bodies: StampedHistory[Array] = StampedHistory(_HISTORY_S)
+        self._joints: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
+        self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
+        self._bodies: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._waiting: dict[str, tuple[int, Array]] = {}  # by topic: the next sample to check
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported R_bg
         self._looks: dict[str, deque[tuple[float, float]]] = {}  # elevation, tilt, rad
@@ -163,7 +163,7 @@ class GimbalChecks:
         return found
 
 
-def _due(history: StampedHistory[Array], stamp_ns: int) -> bool:
+def _due(history: StampedBuffer[Array], stamp_ns: int) -> bool:
     newest_ns = history.newest_ns
     return newest_ns is None or not 0 <= stamp_ns - newest_ns < _ATTITUDES_NS
 

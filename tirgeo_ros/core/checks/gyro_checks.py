@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
@@ -45,7 +45,7 @@ class GyroChecks:
         self._other = np.zeros(3)  # sums of squares, attitude
         self._both = np.zeros((3, 3))  # sums of products [gyroscope, attitude]
 
-    def block(self, block: ImuBlock) -> None:
+    def block(self, block: ImuMean) -> None:
         """Take the next block."""
         if not block.joined:
             self._begin(None)

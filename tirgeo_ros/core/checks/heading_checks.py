@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
@@ -87,7 +87,7 @@ class HeadingChecks:
         self._sum = dict.fromkeys(("turned", "gyro", "own", "both", "left"), 0.0)
         self._pairs = self._still = 0
 
-    def block(self, block: ImuBlock) -> None:
+    def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU."""
         rate_b = block.rate_b
         if self._rotation_bi is not None:

@@ -15,7 +15,7 @@ _LONGEST_STEP_NS = 40_000_000
 NO_NUMBER = 1e7
 
 
-class ImuBlock(NamedTuple):
+class ImuMean(NamedTuple):
     """Hold means over an interval that ends at ``stamp_ns``, in the IMU's own axes, FRD."""
 
     stamp_ns: int
@@ -36,7 +36,7 @@ class ImuBlocks:
         self._count = 0
         self._joined = False
 
-    def add(self, sample: ImuSample) -> ImuBlock | None:
+    def add(self, sample: ImuSample) -> ImuMean | None:
         """Take the next sample; return the block that it completes, or None.
 
         A sample represents the interval before its stamp. An invalid sample is ignored.
@@ -59,11 +59,11 @@ class ImuBlocks:
             return None
         return self._ended(stamp_ns, sample.autopilot_q_nb)
 
-    def _ended(self, stamp_ns: int, autopilot_q_nb: Array | None) -> ImuBlock:
+    def _ended(self, stamp_ns: int, autopilot_q_nb: Array | None) -> ImuMean:
         share = 1.0 / self._count
         a, b, c = self._force
         p, q, r = self._rate
-        block = ImuBlock(
+        block = ImuMean(
             stamp_ns,
             (stamp_ns - self._begin_ns) * 1e-9,
             (a * share, b * share, c * share),

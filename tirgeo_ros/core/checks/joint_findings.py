@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.checks.joint_hypotheses import (
     NAMES,
-    Reading,
+    JointHypothesis,
     mean_differences,
     mistaken_reading,
     other_order,
@@ -49,7 +49,7 @@ def joint_findings(joints: Array, rotations_bg: Array, order: str, *, used: bool
     return found
 
 
-def _mistaken(reading: Reading, joints: Array, reported: Array, *, used: bool) -> Finding:
+def _mistaken(reading: JointHypothesis, joints: Array, reported: Array, *, used: bool) -> Finding:
     before, after = _sizes(joints, reported), _sizes(reading.angles(joints), reported)
     return Finding(
         "joint_angles", _severity(used), _evidence(reading.words, before, after), _TOPIC, _CHAIN

@@ -34,7 +34,7 @@ _ALIKE = 1.5  # readings within this factor of the least are equal: the simplest
 
 
 @dataclass(frozen=True)
-class Reading:
+class JointHypothesis:
     """Hold one reading of the three numbers: which is which angle, their signs, and the unit."""
 
     order: tuple[int, ...] = (0, 1, 2)
@@ -69,7 +69,7 @@ class Reading:
 
 _READINGS = sorted(
     (
-        Reading(order, signs, degrees)
+        JointHypothesis(order, signs, degrees)
         for order in itertools.permutations(range(3))
         for signs in itertools.product((1.0, -1.0), repeat=3)
         for degrees in (False, True)
@@ -85,7 +85,7 @@ def mean_differences(joints: Array, reported: Array) -> tuple[Array, Array]:
     return mean, np.asarray(wrap_pi(joints - reported - mean).std(axis=0))
 
 
-def mistaken_reading(joints: Array, reported: Array) -> Reading | None:
+def mistaken_reading(joints: Array, reported: Array) -> JointHypothesis | None:
     """Return the reading that explains joints (N, 3) by reported angles (N, 3), or None."""
     if math.sqrt(_squares(joints, reported).max()) < _LEAST_RAD:
         return None

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_equations import (
-    Path,
+    ImuPath,
     by_positions,
     by_velocities,
     integrated,
 )
-from tirgeo_ros.core.checks.lever_arm_solution import Lever, Window, solved
+from tirgeo_ros.core.checks.lever_arm_solution import LeverArmEstimate, LeverArmWindow, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays
@@ -51,7 +51,7 @@ class _Stretch(NamedTuple):
 
     start_ns: int
     end_ns: int
-    path: Path
+    path: ImuPath
     overlaps: bool  # whether it overlaps the previous one by half
 
 
@@ -68,13 +68,13 @@ class LeverChecks:
             delays.aid_ns[source] - delays.imu_ns
             for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)
         ]
-        self._blocks: list[ImuBlock] = []
+        self._blocks: list[ImuMean] = []
         self._aids: tuple[deque[tuple[int, Array]], ...] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
         self._stretches: deque[_Stretch] = deque(maxlen=_PATHS)
-        self._windows: deque[Window] = deque(maxlen=_KEPT)
+        self._windows: deque[LeverArmWindow] = deque(maxlen=_KEPT)
         self._delay_s = 0.0  # the delay for which the windows' equations are made
         self._solution: NavSolution | None = None
-        self._found: Lever | None = None
+        self._found: LeverArmEstimate | None = None
         self._fresh = True
         self._overlaps = False  # whether the next window overlaps the previous one
 
@@ -90,7 +90,7 @@ class LeverChecks:
         """Take a velocity (3,), NED, m/s."""
         self._aids[1].append((stamp_ns - self._late_ns[1], velocity_n))
 
-    def block(self, block: ImuBlock) -> None:
+    def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU."""
         block = block._replace(autopilot_q_nb=self._attitude(block))
         if not block.joined or (not self._blocks and block.autopilot_q_nb is None):
@@ -101,14 +101,14 @@ class LeverChecks:
             self._fit(self._blocks[: 1 + _BLOCKS])
             self._blocks = self._blocks[_STEP:]
 
-    def _attitude(self, block: ImuBlock) -> Array | None:
+    def _attitude(self, block: ImuMean) -> Array | None:
         """Return the attitude (4,) at a new block's end: the autopilot's, else the filter's."""
         if usable_attitude(block.autopilot_q_nb):
             return block.autopilot_q_nb
         own = self._solution
         return own.q_nb if own and abs(own.stamp_ns - block.stamp_ns) < _NEAR_NS else None
 
-    def _fit(self, blocks: list[ImuBlock]) -> None:
+    def _fit(self, blocks: list[ImuMean]) -> None:
         """Add a window; it starts at the end of the first block."""
         start = blocks[0]
         overlaps, self._overlaps = self._overlaps, start.autopilot_q_nb is not None
@@ -127,7 +127,7 @@ class LeverChecks:
             while aids and aids[0][0] < before_ns:
                 aids.popleft()
 
-    def _window(self, stretch: _Stretch, delay_s: float) -> Window:
+    def _window(self, stretch: _Stretch, delay_s: float) -> LeverArmWindow:
         """Return a window's equations, made for stamps that are late by ``delay_s``."""
         begin_ns = stretch.start_ns + round(delay_s * 1e9)
         end_ns = stretch.end_ns + round(delay_s * 1e9)
@@ -138,16 +138,16 @@ class LeverChecks:
             rising = len(inside) > 1 and bool((np.diff(times_s) > 0).all())
             values = np.array([value for _, value in inside])
             normals.append(fit(stretch.path, times_s, values) if rising else None)
-        return Window(normals[0], normals[1], stretch.overlaps)
+        return LeverArmWindow(normals[0], normals[1], stretch.overlaps)
 
     @property
-    def found(self) -> Lever | None:
+    def found(self) -> LeverArmEstimate | None:
         """Return the present estimate; None while the flight is too short."""
         if not self._fresh:
             self._found, self._fresh = self._solved(), True
         return self._found
 
-    def _solved(self) -> Lever | None:
+    def _solved(self) -> LeverArmEstimate | None:
         """Solve the windows; make them anew for the delay found while that fits better."""
         found = solved(self._windows)
         for _ in range(_STEPS):
@@ -184,7 +184,7 @@ class LeverChecks:
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
 
-    def _lever(self, found: Lever) -> list[Finding]:
+    def _lever(self, found: LeverArmEstimate) -> list[Finding]:
         off = found.lever_b - self._lever_b
         sigma = np.hypot(found.lever_sigma_b, self._sigma_b)
         if not (np.abs(off) > np.maximum(_sigmas(found) * sigma, _LEAST_M)).any():
@@ -211,7 +211,7 @@ class LeverChecks:
             severity = Severity.CAUTION
         return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
 
-    def _delays(self, found: Lever) -> list[Finding]:
+    def _delays(self, found: LeverArmEstimate) -> list[Finding]:
         delays = [
             _delay("rtk/fix", "rtk.delay_s", found, 0),
             _delay("rtk/vel", "rtk.velocity_delay_s", found, 1),
@@ -219,12 +219,12 @@ class LeverChecks:
         return [one for one in delays if one]
 
 
-def _sigmas(found: Lever) -> float:
+def _sigmas(found: LeverArmEstimate) -> float:
     """Return the number of sigmas at which a difference is significant."""
     return _SIGMAS if found.windows >= _MANY else _SIGMAS_OF_FEW
 
 
-def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
+def _delay(topic: str, name: str, found: LeverArmEstimate, kind: int) -> Finding | None:
     """Return a finding if stamps are later, or earlier, than the parameters say."""
     delay_s, sigma_s = float(found.delays_s[kind]), float(found.delay_sigmas_s[kind])
     if abs(delay_s) < max(_LEAST_S, _sigmas(found) * sigma_s):
@@ -240,7 +240,7 @@ def _delay(topic: str, name: str, found: Lever, kind: int) -> Finding | None:
     return Finding(check, severity, evidence, f"ekf_node {name}", mend)
 
 
-def _place_text(found: Lever) -> str:
+def _place_text(found: LeverArmEstimate) -> str:
     place = ", ".join(f"{value:+.2f}" for value in flu_from_frd(found.lever_b))
     sigma = ", ".join(f"{value:.2f}" for value in found.lever_sigma_b)
     return f"({place}) m forward, left, up (sigma {sigma})"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlock
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec, skew
 from tirgeo_ros.core.types.arrays import Array
 
@@ -33,7 +33,7 @@ class Normal(NamedTuple):
     degrees: int
 
 
-class Path(NamedTuple):
+class ImuPath(NamedTuple):
     """Hold the IMU's readings of a window, integrated from zero, at N instants.
 
     Attitude, rate and the antenna's motion are those in the middle of each block; the IMU's
@@ -55,8 +55,8 @@ class Path(NamedTuple):
 
 
 def integrated(
-    blocks: Sequence[ImuBlock], q_nb: Array, rotation_bi: Array | None, lever_b: Array
-) -> Path:
+    blocks: Sequence[ImuMean], q_nb: Array, rotation_bi: Array | None, lever_b: Array
+) -> ImuPath:
     """Return the path over consecutive blocks; ``q_nb`` (4,) is the attitude before the first.
 
     ``lever_b`` (3,) is an estimate of the lever arm; its motion is small compared with the path.
@@ -81,10 +81,10 @@ def integrated(
     swing = np.einsum("nij,nj->ni", middle_nb, np.cross(rates, lever_b))
     antenna = velocity - 0.5 * change + swing
     pull = acceleration + np.gradient(swing, times_s - 0.5 * steps_s, axis=0)
-    return Path(times_s, middle_nb, rates, velocity, position, antenna, pull)
+    return ImuPath(times_s, middle_nb, rates, velocity, position, antenna, pull)
 
 
-def by_positions(path: Path, times_s: Array, positions_n: Array) -> Normal | None:
+def by_positions(path: ImuPath, times_s: Array, positions_n: Array) -> Normal | None:
     """Return the equations for positions (N, 3), in any NED plane, at times (N,) of the path."""
     middles_s = path.middles_s
     rotation = _between(middles_s, path.rotation_nb, times_s)
@@ -94,7 +94,7 @@ def by_positions(path: Path, times_s: Array, positions_n: Array) -> Normal | Non
     return _reduced(times_s, positions_n - position, design, position, _CUBIC)
 
 
-def by_velocities(path: Path, times_s: Array, velocities_n: Array) -> Normal | None:
+def by_velocities(path: ImuPath, times_s: Array, velocities_n: Array) -> Normal | None:
     """Return the equations for velocities (N, 3), NED, at times (N,) of the path."""
     middles_s = path.middles_s
     rotation = _between(middles_s, path.rotation_nb, times_s)

@@ -24,7 +24,7 @@ _PRIOR = 1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2
 _PARTS = np.eye(4, 5), np.eye(4, 5) + np.outer(np.eye(4)[3], np.eye(5)[4])
 
 
-class Window(NamedTuple):
+class LeverArmWindow(NamedTuple):
     """Hold a window's equations, None where there are none."""
 
     positions: Normal | None
@@ -32,7 +32,7 @@ class Window(NamedTuple):
     overlaps: bool  # whether it begins in the middle of the previous one
 
 
-class Lever(NamedTuple):
+class LeverArmEstimate(NamedTuple):
     """Hold the estimate from a flight."""
 
     lever_b: Array  # (3,) m, FRD
@@ -43,7 +43,7 @@ class Lever(NamedTuple):
     misfit: float  # product of the residual variances of positions and of velocities
 
 
-def solved(windows: Sequence[Window]) -> Lever | None:
+def solved(windows: Sequence[LeverArmWindow]) -> LeverArmEstimate | None:
     """Return the solution of consecutive windows, or None if there are too few.
 
     Each sigma is the larger of the one from the residuals and the one from the scatter between
@@ -70,10 +70,10 @@ def solved(windows: Sequence[Window]) -> Lever | None:
     scatter *= len(left) / (len(left) - 4)
     sigma = np.sqrt(np.maximum(inverse.diagonal(), scatter.diagonal()))
     misfit = float(np.prod([one for one in variances if one is not None]))
-    return Lever(found[:3], sigma[:3], -found[3:], sigma[3:], len(left), misfit)
+    return LeverArmEstimate(found[:3], sigma[:3], -found[3:], sigma[3:], len(left), misfit)
 
 
-def _joined(window: Window, variances: Sequence[float | None]) -> tuple[Array, Array]:
+def _joined(window: LeverArmWindow, variances: Sequence[float | None]) -> tuple[Array, Array]:
     """Return the joint equations (5, 5), (5,) of positions and velocities."""
     matrix, right = np.zeros((5, 5)), np.zeros(5)
     for normal, variance, part in zip(window[:2], variances, _PARTS, strict=True):

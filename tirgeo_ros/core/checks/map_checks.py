@@ -11,13 +11,13 @@ from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
-    Whereabouts,
+    NearestFeature,
     distance_words,
     likely_mistake,
     way_words,
 )
 from tirgeo_ros.core.map.draping import Ground
-from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 
 #: Farther than a multirotor flies, and than a map is drawn.
@@ -41,7 +41,7 @@ class MapChecks:
         """Take the plane of the flight; a map comes after it."""
         self._found = dem_findings(self._ground, plane)
 
-    def map(self, laid: LaidMap) -> None:
+    def map(self, laid: DrapedMap) -> None:
         """Take a map that is draped in the plane."""
         self._found, self._unread, self._laid = map_findings(laid, self._ground), [], True
 
@@ -56,7 +56,7 @@ class MapChecks:
         return sorted_findings([*self._found, *self._unread])
 
 
-def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
+def map_findings(laid: DrapedMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
     """Return the faults of a map that was draped in the flight's plane, the most severe first.
 
     The plane's origin is taken as the place of take-off. ``ground`` is what the map was draped on.
@@ -66,7 +66,7 @@ def map_findings(laid: LaidMap, ground: Ground, scale_m_px: float = math.nan) ->
     if not laid.features:
         return [_nothing("the map has no features")]
     found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
-    nearest = Whereabouts(laid.map, laid.first_n).nearest(np.zeros(3))
+    nearest = NearestFeature(laid.map, laid.first_n).nearest(np.zeros(3))
     if nearest is not None and nearest.distance_m > _FAR_M:
         found.append(_elsewhere(laid, nearest.distance_m, nearest.azimuth_rad, nearest.point_n))
     return sorted_findings([*found, *_system_findings(laid)])
@@ -93,7 +93,7 @@ def _nothing(evidence: str, parameter: str = _MAP) -> Finding:
     return Finding("map_empty", Severity.STOP, evidence, parameter, mend)
 
 
-def _elsewhere(laid: LaidMap, distance_m: float, azimuth_rad: float, point_n: object) -> Finding:
+def _elsewhere(laid: DrapedMap, distance_m: float, azimuth_rad: float, point_n: object) -> Finding:
     severity = Severity.STOP if distance_m > ELSEWHERE_M else Severity.CAUTION
     question = likely_mistake(laid.plane, np.asarray(point_n))
     evidence = f"map is {way_words(distance_m, azimuth_rad)}"
@@ -102,7 +102,7 @@ def _elsewhere(laid: LaidMap, distance_m: float, azimuth_rad: float, point_n: ob
     return Finding("map_elsewhere", severity, evidence, _MAP, mend)
 
 
-def _ground_findings(laid: LaidMap, ground: Ground) -> list[Finding]:
+def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     found = dem_findings(ground, laid.plane)
     lost, whole = laid.map.without_ground, len(laid.map.labels)
     if lost and lost == whole:
@@ -114,7 +114,7 @@ def _ground_findings(laid: LaidMap, ground: Ground) -> list[Finding]:
     return found
 
 
-def _scale_findings(laid: LaidMap, scale_m_px: float) -> list[Finding]:
+def _scale_findings(laid: DrapedMap, scale_m_px: float) -> list[Finding]:
     used = set(laid.map.layer.tolist())
     ranges = [laid.map.layers[number].style.scale_m_px for number in used]
     if math.isnan(scale_m_px) or any(scale_m_px <= most for _, most in ranges):
@@ -132,7 +132,7 @@ def _nothing_shown(evidence: str) -> Finding:
     return Finding("style_hides_all", Severity.STOP, evidence, _STYLE, mend)
 
 
-def _system_findings(laid: LaidMap) -> list[Finding]:
+def _system_findings(laid: DrapedMap) -> list[Finding]:
     remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
     if not remarks:
         return []

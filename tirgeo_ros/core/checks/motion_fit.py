@@ -51,7 +51,7 @@ _LEAST_PX = 0.25  # least sigma of a residual: no tracking is better
 _HUBER = 2.0
 
 
-class Pair(NamedTuple):
+class PicturePair(NamedTuple):
     """Hold points seen in two pictures, and the camera's poses around both exposures."""
 
     first: Array  # (N, 2) on the camera's plane z = 1
@@ -80,7 +80,7 @@ class MotionFit:
 class _Scene:
     """Hold all pairs in arrays."""
 
-    def __init__(self, pairs: Sequence[Pair], focal_px: float) -> None:
+    def __init__(self, pairs: Sequence[PicturePair], focal_px: float) -> None:
         self.focal_px = focal_px
         self.pair = np.repeat(np.arange(len(pairs)), [len(one.first) for one in pairs])
         self.counts = np.bincount(self.pair, minlength=len(pairs)).astype(float)
@@ -128,7 +128,7 @@ class _Scene:
 
 
 def fit_motion(
-    pairs: Sequence[Pair], focal_px: float, before: MotionFit | None = None
+    pairs: Sequence[PicturePair], focal_px: float, before: MotionFit | None = None
 ) -> MotionFit:
     """Fit the errors to ten or more pairs; start from zero or from the previous fit ``before``."""
     scene = _Scene(pairs, focal_px)

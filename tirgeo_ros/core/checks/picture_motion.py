@@ -11,7 +11,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.motion_fit import (
     OFFSETS_S,
     MotionFit,
-    Pair,
+    PicturePair,
     fit_motion,
 )
 from tirgeo_ros.core.checks.picture_tracks import Tracks
@@ -55,8 +55,8 @@ class PictureMotion:
         self._newest_ns: int | None = None
         self._height_sigma_m = 0.0
         self._waiting: deque[Tracks] = deque(maxlen=_WAITING)
-        self._turning: deque[Pair] = deque(maxlen=_KEPT)
-        self._straight: deque[Pair] = deque(maxlen=_KEPT)
+        self._turning: deque[PicturePair] = deque(maxlen=_KEPT)
+        self._straight: deque[PicturePair] = deque(maxlen=_KEPT)
         self._new = 0
         self._fit: MotionFit | None = None
 
@@ -106,7 +106,7 @@ class PictureMotion:
         above_m = self._above_m(plane, poses[0, len(OFFSETS_S) // 2], first)
         if not (above_m > _LEAST_ABOVE_M).all():
             return
-        pair = Pair(first, second, above_m, poses, self._height_sigma_m)
+        pair = PicturePair(first, second, above_m, poses, self._height_sigma_m)
         turns = np.linalg.norm(np.median(second - first, axis=0)) * camera.fx > _TURNS_PX
         (self._turning if turns else self._straight).append(pair)
         self._new += 1

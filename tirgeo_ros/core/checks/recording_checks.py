@@ -19,7 +19,7 @@ _UNREADABLE_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedTopics:
     """Hold the topics of a bag or a graph, and those that it should have."""
 
     topics: Mapping[str, str]  # name to type, of the bag or the graph
@@ -53,7 +53,7 @@ class Recording:
         return found
 
 
-def recording_findings(recording: Recording) -> list[Finding]:
+def recording_findings(recording: RecordedTopics) -> list[Finding]:
     """Return what is wrong with a recording's or a graph's topics."""
     namespace = _namespace(recording)
     if namespace is not None:
@@ -62,7 +62,7 @@ def recording_findings(recording: Recording) -> list[Finding]:
     return [*found, *_no_pictures(recording, {finding.parameter for finding in found})]
 
 
-def needed_findings(recording: Recording, needed: Sequence[Sequence[str]]) -> list[Finding]:
+def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:
     """Return topics of wrong type, and groups of ``needed`` topics of which none is there."""
     missed = [topics for topics in needed if not recording.there.intersection(topics)]
     types = _wrong_types(recording, {topic for topics in missed for topic in topics})
@@ -79,7 +79,7 @@ def damage_findings(damage: str | None) -> list[Finding]:
     return [Finding("damaged_bag", Severity.CAUTION, damage, "IN.mcap", mend)]
 
 
-def _namespace(recording: Recording) -> Finding | None:
+def _namespace(recording: RecordedTopics) -> Finding | None:
     """Return a finding if the topics are in another namespace only, else None."""
     if any(recording.name(topic) in recording.topics for topic in recording.contract):
         return None
@@ -93,7 +93,7 @@ def _namespace(recording: Recording) -> Finding | None:
     return Finding("namespace", Severity.STOP, f"{here}; {where}", "--namespace", mend)
 
 
-def _needed(recording: Recording) -> list[tuple[str, ...]]:
+def _needed(recording: RecordedTopics) -> list[tuple[str, ...]]:
     """Return the groups of topics of which at least one must be present."""
     needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
     if recording.there.intersection(_PICTURES):
@@ -102,7 +102,7 @@ def _needed(recording: Recording) -> list[tuple[str, ...]]:
     return needed
 
 
-def _wrong_types(recording: Recording, missed: Collection[str]) -> list[Finding]:
+def _wrong_types(recording: RecordedTopics, missed: Collection[str]) -> list[Finding]:
     found = []
     for topic, wanted in recording.contract.items():
         name = recording.name(topic)
@@ -115,7 +115,7 @@ def _wrong_types(recording: Recording, missed: Collection[str]) -> list[Finding]
     return found
 
 
-def _absent(recording: Recording, topics: Sequence[str]) -> Finding:
+def _absent(recording: RecordedTopics, topics: Sequence[str]) -> Finding:
     names = " nor ".join(map(recording.name, topics))
     near = [
         f"/{space}/{topic}".replace("//", "/")
@@ -136,7 +136,7 @@ def _absent(recording: Recording, topics: Sequence[str]) -> Finding:
     return Finding(check, Severity.STOP, evidence, " or ".join(topics), mend)
 
 
-def _no_pictures(recording: Recording, wrong: set[str]) -> list[Finding]:
+def _no_pictures(recording: RecordedTopics, wrong: set[str]) -> list[Finding]:
     """Return a finding if there are no pictures: a fault with a map, odd with a camera."""
     seen = recording.there.intersection(_PICTURES) or wrong.intersection(_PICTURES)
     if seen or not recording.wants_pictures:

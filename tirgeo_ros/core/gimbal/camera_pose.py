@@ -92,16 +92,14 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
 
 
 @dataclass(frozen=True, slots=True)
-class NorthBias:
+class YawBias:
     """Hold the reported camera heading's bias relative to the autopilot's heading."""
 
     bias_rad: float = 0.0
     variance: float = 0.0  # rad2
 
 
-def from_computed(
-    mount: Mount, body: BodyPose, joints: JointSample, north: NorthBias
-) -> CameraPose:
+def from_computed(mount: Mount, body: BodyPose, joints: JointSample, north: YawBias) -> CameraPose:
     """Return the camera's pose from the body's attitude and the computed joint angles.
 
     The bias is subtracted by a rotation about the vertical, because the error is a heading
@@ -127,7 +125,7 @@ def from_reported(
     body: BodyPose,
     autopilot_q_nb: Array,
     reported: CameraAttitudeSample,
-    north: NorthBias,
+    north: YawBias,
 ) -> CameraPose | None:
     """Return the camera's pose by Equation 12, or None where a heading is not defined.
 

@@ -24,17 +24,17 @@ from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
 from tirgeo_ros.core.gimbal.camera_pose import (
     Mount,
-    NorthBias,
+    YawBias,
     from_computed,
     from_joints,
     from_reported,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory, StampedHistory
-from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
-from tirgeo_ros.core.gimbal.yaw_bias_measurements import NorthReadings
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer, StampedBuffer
+from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
+from tirgeo_ros.core.gimbal.yaw_bias_measurements import YawBiasMeasurements
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
-from tirgeo_ros.core.streams.stream_presence import Presence
+from tirgeo_ros.core.streams.stream_presence import StreamPresence
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
@@ -73,16 +73,18 @@ class GimbalComposer:
         self._computed = False  # of the newest joints
         self._max_wait_ns = round(config.max_wait_s * 1e9)
         span_s = _HISTORY_S + config.max_wait_s
-        self._bodies: PoseHistory[BodyPose] = PoseHistory(span_s, config.max_gap_s)
-        self._autopilot: StampedHistory[Array] = StampedHistory(span_s)
-        self._joints: StampedHistory[Array] = StampedHistory(span_s)  # q_bg
-        self._presence = Presence()
+        self._bodies: PoseBuffer[BodyPose] = PoseBuffer(span_s, config.max_gap_s)
+        self._autopilot: StampedBuffer[Array] = StampedBuffer(span_s)
+        self._joints: StampedBuffer[Array] = StampedBuffer(span_s)  # q_bg
+        self._presence = StreamPresence()
         self._waiting: deque[JointSample | CameraAttitudeSample] = deque()
         self._newest_ns: int | None = None
         self._handover_ns: int | None = None
         self._counts: Counter[str] = Counter()
-        self._north = GimbalNorth(config.north)
-        self._readings = NorthReadings(config.north, math.radians(config.reported_sigma_deg[0]))
+        self._north = YawBiasFilter(config.north)
+        self._readings = YawBiasMeasurements(
+            config.north, math.radians(config.reported_sigma_deg[0])
+        )
         self._centred = config.north.centred
 
     @property
@@ -117,12 +119,12 @@ class GimbalComposer:
         return {name: number for name, number in sorted(found.items()) if number}
 
     @property
-    def north(self) -> NorthBias:
+    def north(self) -> YawBias:
         """Return the bias of the gimbal's north at the newest sample.
 
         It is subtracted from reported attitudes (``paper``) and from joints computed from them.
         """
-        return NorthBias(self._north.bias_rad, self._north.variance)
+        return YawBias(self._north.bias_rad, self._north.variance)
 
     @property
     def diagnostics(self) -> dict[str, str]:

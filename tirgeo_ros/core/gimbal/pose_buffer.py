@@ -29,7 +29,7 @@ class Miss(Enum):
     GAP = "gap"  # the entries on both sides are too far apart
 
 
-class StampedHistory(Generic[T]):
+class StampedBuffer(Generic[T]):
     """Hold entries in order of their stamps, those of the newest ``span_s`` seconds.
 
     A stamp that goes back (a new bag, a clock that was set) clears the history and is counted in
@@ -104,7 +104,7 @@ class StampedHistory(Generic[T]):
         return self._entries[after - 1], self._entries[after], fraction
 
 
-class PoseHistory(Generic[P]):
+class PoseBuffer(Generic[P]):
     """Hold body or camera poses of the newest ``span_s`` seconds.
 
     ``max_gap_s`` is the longest time between two poses that is interpolated across. ``invalid``
@@ -116,7 +116,7 @@ class PoseHistory(Generic[P]):
         self.invalid = 0
         self.fault = ""
         self.max_gap_s = max_gap_s
-        self._history: StampedHistory[P] = StampedHistory(span_s, max_gap_s)
+        self._history: StampedBuffer[P] = StampedBuffer(span_s, max_gap_s)
 
     def __len__(self) -> int:
         """Return the number of poses."""

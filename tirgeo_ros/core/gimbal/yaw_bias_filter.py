@@ -32,7 +32,7 @@ _LONGEST_STEP_S = 3600.0
 _LEAST_REFUSED = 3
 
 
-class GimbalNorth:
+class YawBiasFilter:
     """Estimate the bias with a Kalman filter; angle differences are taken modulo a full turn."""
 
     def __init__(self, config: NorthConfig) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_conjugate, quat_multiply
-from tirgeo_ros.core.gimbal.yaw_bias_filter import GimbalNorth
+from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.types.arrays import Array
 
 #: The nose is still while its heading stays within this range. A steady turn by this angle during
@@ -27,7 +27,7 @@ _LONGEST_GAP_S = 1.5
 _LEAST_HORIZONTAL = 0.5
 
 
-class NorthReadings:
+class YawBiasMeasurements:
     """Convert pairs of reported camera attitude and autopilot attitude into measurements."""
 
     def __init__(self, config: NorthConfig, reported_roll_sigma_rad: float) -> None:
@@ -37,7 +37,7 @@ class NorthReadings:
         self._roll_rad2 = reported_roll_sigma_rad**2
 
     def read(
-        self, north: GimbalNorth, stamp_ns: int, q_ng: Array, q_nb: Array, q_bg: Array | None
+        self, north: YawBiasFilter, stamp_ns: int, q_ng: Array, q_nb: Array, q_bg: Array | None
     ) -> None:
         """Update ``north`` with what the attitudes (4,) of one instant show.
 
@@ -57,7 +57,7 @@ class NorthReadings:
                 north.take(stamp_ns, mean, self._noise_rad2, centred=True)
 
     def _read_joints(
-        self, north: GimbalNorth, stamp_ns: int, nose: float, q_ng: Array, q_joints: Array
+        self, north: YawBiasFilter, stamp_ns: int, nose: float, q_ng: Array, q_joints: Array
     ) -> None:
         turn = vertical_turn(q_joints, q_ng)
         mean = None if turn is None else self._joints.add(stamp_ns, nose, turn)

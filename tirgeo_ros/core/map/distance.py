@@ -40,7 +40,7 @@ class Nearest(NamedTuple):
     point_n: Array  # (3,) in the map's plane, m
 
 
-class Whereabouts:
+class NearestFeature:
     """Find the nearest point of one map, with the help of boxes around its parts."""
 
     def __init__(self, vector_map: VectorMap, first_n: Array | None = None) -> None:

@@ -46,7 +46,7 @@ _RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
-class Seen(Polylines):
+class VisibleLines(Polylines):
     """Hold lines as they are drawn: ``points`` (2, V) in pixels, owned by features of the map.
 
     ``rays`` (3, V) has x and y on the plane z = 1 of the optical frame, and 1/z (1/m).
@@ -65,7 +65,9 @@ class Seen(Polylines):
         return np.asarray(turned + pose.position_n[:, None])
 
 
-_NOTHING = Seen(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty((3, 0)))
+_NOTHING = VisibleLines(
+    np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty((3, 0))
+)
 
 
 class View:
@@ -111,7 +113,7 @@ class View:
         rows_m = height_m * self.camera.fy / HORIZON_ROWS
         return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
 
-    def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
+    def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
 
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
@@ -165,7 +167,7 @@ class View:
         uv = self.camera.pixels(*spans.points[:2])
         return merged(spans, uv, _sheet(vector_map, spans.owner))
 
-    def areas(self, vector_map: VectorMap, pose: CameraPose) -> Seen:
+    def areas(self, vector_map: VectorMap, pose: CameraPose) -> VisibleLines:
         """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
 
         The caller fills all rings of one owner together by the even-odd rule. The rings reach a
@@ -248,12 +250,12 @@ class View:
         keep[small[first]] = True
         return keep
 
-    def _seen(self, flat: Polylines) -> Seen:
+    def _seen(self, flat: Polylines) -> VisibleLines:
         flat = self._bent(flat)
         uv = self.camera.pixels(*flat.points[:2])
-        return Seen(uv, flat.starts, flat.owner, flat.points)
+        return VisibleLines(uv, flat.starts, flat.owner, flat.points)
 
-    def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> Seen:
+    def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
         marks = vector_map.marks
         if not len(marks):
@@ -265,7 +267,7 @@ class View:
         owner = marks.owner[valid]
         x, y, z = points_c[valid].T
         rays = np.stack([x / z, y / z, 1 / z])
-        return Seen(uv[valid].T, np.arange(len(owner) + 1), owner, rays)
+        return VisibleLines(uv[valid].T, np.arange(len(owner) + 1), owner, rays)
 
     def inside(self, uv: Array) -> BoolArray:
         """Return (N,) whether pixels (2, N) lie in the image."""

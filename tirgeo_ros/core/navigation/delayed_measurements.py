@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aidlike, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
 from tirgeo_ros.core.navigation.strapdown import NavState, Rates, Vector
 from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array
@@ -19,16 +19,16 @@ class Carried(NamedTuple):
 
     state: NavState
     covariance: Array
-    control: Control
+    control: AidStatus
     lag_s: float = 0.0
     start: NavState | None = None  # the state at the covariance's time
     rates: Rates | None = None  # near the middle of the lag
     vibration: Powers = STILL  # IMU noise of the last seconds
 
     @property
-    def belief(self) -> Belief:
+    def belief(self) -> StateEstimate:
         """Return state, covariance and aid records; the covariance is not propagated."""
-        return Belief(self.state, self.covariance, self.control)
+        return StateEstimate(self.state, self.covariance, self.control)
 
 
 @dataclass(slots=True, eq=False)
@@ -38,7 +38,7 @@ class Record:
     stamp_ns: int
     order: tuple[int, int]  # sort key: stamp, then a fixed order of the sources
     source: Source
-    sample: Aidlike
+    sample: AidSample
     stale: bool = False  # it repeats the value of the one before
     held: bool = False  # it arrived before the IMU sample that reaches its stamp
     verdict: Verdict | None = None
@@ -49,7 +49,7 @@ class Record:
         return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
     @classmethod
-    def of(cls, sample: Aidlike, *, stale: bool = False) -> Record:
+    def of(cls, sample: AidSample, *, stale: bool = False) -> Record:
         """Return the record of a sample."""
         source = source_of(sample)
         return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
@@ -71,7 +71,7 @@ class Epoch:
     records: list[Record] = field(default_factory=list)  # of the interval, in order
 
     @classmethod
-    def first(cls, stamp_ns: int, sample: ImuSample, belief: Belief) -> Epoch:
+    def first(cls, stamp_ns: int, sample: ImuSample, belief: StateEstimate) -> Epoch:
         """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), Carried(*belief))

@@ -30,7 +30,7 @@ class Same(Enum):
     MEASUREMENT = 2  # the same measurement, sent again
 
 
-class Repeats:
+class DuplicateDetector:
     """Compare each measurement with the one before of its source.
 
     Two measured positions or velocities never agree in all digits. A position that repeats with a

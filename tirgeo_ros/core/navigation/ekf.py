@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, Control
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aidlike, Belief, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
 from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch, Record, between, put
 from tirgeo_ros.core.navigation.delays import longest_hold_s
@@ -30,7 +30,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     has_antenna,
     states_of,
 )
-from tirgeo_ros.core.navigation.propagation import Mechanisation
+from tirgeo_ros.core.navigation.propagation import Propagation
 from tirgeo_ros.core.navigation.solution_at_antenna import at_antenna
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.navigation.vibration_noise import Powers, VibrationMeter, clipped_powers
@@ -70,10 +70,10 @@ class Ekf:
         self,
         config: EkfConfig,
         alignment: Alignment,
-        mechanisation: Mechanisation | None = None,
+        mechanisation: Propagation | None = None,
         fusion: Fusion | None = None,
     ) -> None:
-        self._mechanisation = mechanisation or Mechanisation(config)
+        self._mechanisation = mechanisation or Propagation(config)
         self._fusion = fusion or Fusion(config)
         self._noise_powers = NoisePowers(config.imu)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
@@ -117,7 +117,7 @@ class Ekf:
         found, self._resolved = self._resolved, []
         return found
 
-    def add_aiding(self, sample: Aidlike, *, stale: bool = False) -> Verdict:
+    def add_aiding(self, sample: AidSample, *, stale: bool = False) -> Verdict:
         """Insert a measurement in its place; one that the IMU has not reached yet is held.
 
         ``stale``: it repeats the value of the one before, so a refusal of it proves nothing.
@@ -159,7 +159,7 @@ class Ekf:
         assert record.verdict is not None
         return record.verdict
 
-    def _control_before(self, index: int, record: Record) -> Control | None:
+    def _control_before(self, index: int, record: Record) -> AidStatus | None:
         """Return the aid records just before ``record``, or None where they are not at hand."""
         end, progress = self._epochs[index], self._progress
         before = [r for r in end.records if r.order < record.order and r.applied]
@@ -212,13 +212,13 @@ class Ekf:
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
         return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
 
-    def belief(self) -> Belief:
+    def belief(self) -> StateEstimate:
         """Return the belief at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.belief
 
     @property
-    def control(self) -> Control:
+    def control(self) -> AidStatus:
         """Return the records of the aids at the newest IMU sample."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].carried.control

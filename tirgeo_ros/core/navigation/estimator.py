@@ -14,15 +14,15 @@ from typing import NamedTuple
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
-from tirgeo_ros.core.navigation.autopilot_baseline import Passthrough
+from tirgeo_ros.core.navigation.autopilot_baseline import AutopilotBaseline
 from tirgeo_ros.core.navigation.clock_offsets import ClockOffsets
 from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
-from tirgeo_ros.core.navigation.duplicates import Repeats, Same
+from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.filter_status import Health
+from tirgeo_ros.core.navigation.filter_status import FilterHealth
 from tirgeo_ros.core.navigation.imu_axes import ImuAxes
 from tirgeo_ros.core.navigation.imu_checks import ImuClock
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
@@ -83,7 +83,7 @@ class Navigation:
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
         self._delays = Delays.from_config(config)
         self._imu_axes = ImuAxes(config.aircraft)
-        self._health = Health(config)
+        self._health = FilterHealth(config)
         self._clipping = Clipping()
         self._resets: Counter[Source] = Counter()  # of all filters before the current one
         self._last_reset = ""
@@ -112,8 +112,8 @@ class Navigation:
         self._order = StampOrder(
             self._config.max_delay_s, longest_hold_s(self._config), self._aligner.keep_s
         )
-        self._passthrough = Passthrough(self._config, self._position_source)
-        self._repeats = Repeats()
+        self._passthrough = AutopilotBaseline(self._config, self._position_source)
+        self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()
         self._newest: NavSolution | None = None
@@ -122,7 +122,7 @@ class Navigation:
         self._newest_aid_ns = 0
         self._silence = ImuSilence()
         self._clocks = ClockOffsets(self._config)
-        self._autopilot = AutopilotHeadings(self._config)
+        self._autopilot = AutopilotHeadingAid(self._config)
         self._watched_ns = 0
 
     @property

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, Control
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
-from tirgeo_ros.core.navigation.reported_accuracy import Admitted
+from tirgeo_ros.core.navigation.reported_accuracy import ReportedAccuracy
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
@@ -44,13 +44,13 @@ def unused(verdict: Verdict, now_ns: int) -> Unused | None:
     return None if lead is None else Unused(now_ns, lead + verdict.reason)
 
 
-class Health:
+class FilterHealth:
     """Judge the filter by the records of its aids and by its covariance."""
 
     def __init__(self, config: EkfConfig) -> None:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._reported = Admitted(config)
+        self._reported = ReportedAccuracy(config)
         known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
         self._patience_s = config.rtk.reset_after_s
@@ -63,7 +63,7 @@ class Health:
         self._reported.hear(sample)
 
     def state(
-        self, control: Control, now_ns: int, unused: Mapping[Source, Unused] | None = None
+        self, control: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None
     ) -> tuple[FilterState, str]:
         """Return RUNNING, DEGRADED or DEAD_RECKONING, and the aids that are missing.
 
@@ -100,7 +100,7 @@ class Health:
                 absent.append(topic_of(source))
         return ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
 
-    def lost(self, control: Control, covariance: Array) -> str:
+    def lost(self, control: AidStatus, covariance: Array) -> str:
         """Return why the state is not to be trusted any more, or an empty string.
 
         ``covariance`` (n, n) is that of the error states.
@@ -118,7 +118,7 @@ class Health:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
         return control.hopeless(self._patience_s)
 
-    def spoiled(self, control: Control, covariance: Array) -> bool:
+    def spoiled(self, control: AidStatus, covariance: Array) -> bool:
         """Return whether the bias estimates of a lost state are not to be trusted either."""
         finite = math.isfinite(float(covariance.trace()))
         return not finite or bool(control.hopeless(self._patience_s))

@@ -8,8 +8,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 
 
-def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
+def first_belief(config: EkfConfig, alignment: Alignment) -> StateEstimate:
     """Return the filter's first belief, in which the aids of the alignment count as used.
 
     The receivers' slow errors begin at zero with their configured standard deviations. Where the
@@ -39,9 +39,9 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
         _add_antenna(config, alignment, covariance)
     if heading_error(states) is not None:
         _add_heading_error(config, alignment, covariance)
-    control = Control(Receivers(alignment.stamp_ns))
+    control = AidStatus(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
-        control = control.with_track(source, Track(alignment.stamp_ns))
+        control = control.with_track(source, AidTrack(alignment.stamp_ns))
     if alignment.rtk_status is not None:
         control = control.heard(alignment.rtk_status, alignment.stamp_ns, 0)
     if Source.GPS_POSITION in alignment.sources:
@@ -52,7 +52,7 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> Belief:
         least = np.diag(known) + noise_m2
         position = covariance[POSITION, POSITION]
         np.fill_diagonal(position, np.maximum(np.diag(position), least))
-    return Belief(alignment.state, covariance, control)
+    return StateEstimate(alignment.state, covariance, control)
 
 
 def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:

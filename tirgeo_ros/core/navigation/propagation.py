@@ -33,7 +33,7 @@ _UNSEEN_FORCE_M_S2 = 0.2
 _UNIFORM_RMS = 0.58
 
 
-class Mechanisation:
+class Propagation:
     """Propagate the filter's state between IMU samples."""
 
     def __init__(self, config: EkfConfig) -> None:

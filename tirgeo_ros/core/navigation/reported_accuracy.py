@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 _DRIFT_RATIO = 1.5
 
 
-class Admitted:
+class ReportedAccuracy:
     """Hold the receivers' reported variances; give the state's bounds and a message."""
 
     def __init__(self, config: EkfConfig) -> None:

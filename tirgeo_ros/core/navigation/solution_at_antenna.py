@@ -10,12 +10,12 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, GYRO_BIAS
 from tirgeo_ros.core.types.poses import NavSolution
 
 
-def at_antenna(imu: NavSolution, belief: Belief) -> NavSolution:
+def at_antenna(imu: NavSolution, belief: StateEstimate) -> NavSolution:
     """Return the solution of the antenna from that of the IMU.
 
     ``belief`` is the filter's state and covariance; the lever arm must be among its error states.

@@ -15,10 +15,10 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotvec_from_quat
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
-    DoubtError,
-    LackingError,
+    InconsistentError,
+    InsufficientError,
     checked,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
@@ -131,7 +131,7 @@ class TurnOnBiases:
         checked(found.fit, found.seen)
         self._taken = found.fit.biases
         if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
-            raise LackingError(self._motion_reason, MOTION_STAGE)
+            raise InsufficientError(self._motion_reason, MOTION_STAGE)
         return found
 
     def contradicted(self, found: Fitted) -> bool:
@@ -149,7 +149,7 @@ class TurnOnBiases:
         try:
             found = fitted(measured, self._config, any_imu, self._taken, gyros_unknown=True)
             checked(found.fit, found.seen)
-        except (DoubtError, LackingError):
+        except (InconsistentError, InsufficientError):
             return None
         return found
 
@@ -185,7 +185,7 @@ class TurnOnBiases:
         return lean_rad(found, max(self._config.autopilot.attitude_sigma_deg[:2]))
 
 
-def _tilt_sigma_rad(found: Fit) -> float:
+def _tilt_sigma_rad(found: WindowFit) -> float:
     """Return the larger sigma of the two tilt angles, with the uncertainty of the biases in it."""
     return float(np.sqrt(max(found.covariance[0, 0], found.covariance[1, 1])))
 

@@ -12,9 +12,9 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.label_placement import Room, wish_beside
-from tirgeo_ros.core.overlay.line_renderer import Painter, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.text_rendering import Box, Colour, Stamp, stamp, text_px
+from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.text_rendering import Box, Colour, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 from tirgeo_ros.core.types.arrays import Array, BoolArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
@@ -47,8 +47,8 @@ class PlacedMarkers:
         _, by_point = pixel_jacobian(camera, pose, points_n[seen])
         covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
         self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
-        room, mark_px = Room(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
-        self._labels: list[tuple[Stamp, Box]] = []
+        room, mark_px = FreeSpace(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
+        self._labels: list[tuple[TextBitmap, Box]] = []
         for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
             text = stamp(marker.label, text_px(image), _MARKER_BGR)
             found = room.find(wish_beside(u, v, text.size, mark_px))
@@ -56,7 +56,7 @@ class PlacedMarkers:
                 self._labels.append((text, found[1]))
         self.boxes = [box for _, box in self._labels]
 
-    def paint(self, image: Pixels, painter: Painter) -> None:
+    def paint(self, image: Pixels, painter: LineRenderer) -> None:
         """Draw marks, ellipses and labels on the picture, in place."""
         if not len(self._uv):
             return

@@ -26,7 +26,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array
@@ -46,7 +46,7 @@ class Marker(NamedTuple):
     covariance_n: Array  # (3, 3) m2
 
 
-class Shown(NamedTuple):
+class ShownFrame(NamedTuple):
     """Hold the camera, pose and rates of a picture that was shown."""
 
     camera: Camera
@@ -65,7 +65,7 @@ class Clicks:
         self._config = config
         self._plane: TangentPlane | None = None
         self._ground: Ground | None = None
-        self._shown: StampedHistory[Shown] = StampedHistory(REMEMBERED_S)
+        self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
 
     def set_plane(self, plane: TangentPlane) -> None:
@@ -89,7 +89,7 @@ class Clicks:
         rates: CameraRates | None = None,
     ) -> None:
         """Remember a published picture; ``stamp_ns`` is the stamp of its header."""
-        self._shown.put(stamp_ns, Shown(camera, pose, rates))
+        self._shown.put(stamp_ns, ShownFrame(camera, pose, rates))
 
     def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Located | Refusal:
         """Return the ground point at a pixel (column, row) of a shown picture; 0 is the newest."""
@@ -122,7 +122,7 @@ class Clicks:
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
         return self._on(stamp_ns, uv, found[0])
 
-    def _on(self, stamp_ns: int, uv: tuple[float, float], shown: Shown) -> Located | Refusal:
+    def _on(self, stamp_ns: int, uv: tuple[float, float], shown: ShownFrame) -> Located | Refusal:
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
@@ -35,7 +35,9 @@ class AnchorFinder:
         self._labelled = vector_map.labelled & with_labels[vector_map.layer]
         self._outline = _outlines(vector_map.lines, len(vector_map.labels))
 
-    def find(self, lines: Seen, marks: Seen, shown: IntArray, most: int) -> Features:
+    def find(
+        self, lines: VisibleLines, marks: VisibleLines, shown: IntArray, most: int
+    ) -> Features:
         """Return the anchors of at most ``most`` of the visible features; points are in pixels.
 
         Upper layers come first. Within a layer marks come first, then the features in ``shown``
@@ -79,7 +81,7 @@ class AnchorFinder:
         return np.asarray(ordered[first[ordered] == place][:most])
 
 
-def _columns(seen: Seen, vertex: IntArray) -> Array:
+def _columns(seen: VisibleLines, vertex: IntArray) -> Array:
     """Return pixels and rays (5, N) of the given vertices."""
     return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
 
@@ -104,7 +106,7 @@ class _Parts:
     begins: IntArray  # (F,) index of each feature's first vertex
 
     @classmethod
-    def of(cls, lines: Seen, which: IntArray, number: IntArray) -> _Parts:
+    def of(cls, lines: VisibleLines, which: IntArray, number: IntArray) -> _Parts:
         """Return the parts of the lines ``which``; ``number`` is the feature of each line."""
         order = np.argsort(number, kind="stable")
         which, number = which[order], number[order]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.label_anchors import AnchorFinder, Features
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp, text_px
@@ -27,7 +27,7 @@ _STAYS_WITHIN = 0.8
 _ROOM_PX = 4
 
 #: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
-#: and down, in units of ``Wish.half_u`` and ``half_v``.
+#: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
 _BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
 _ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
 _UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
@@ -47,10 +47,12 @@ class Labels:
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
-        self._places: dict[int, Place] = {}  # by feature, of the labels shown in the last frame
+        self._places: dict[
+            int, LabelPlace
+        ] = {}  # by feature, of the labels shown in the last frame
 
     def place(
-        self, image: Pixels, lines: Seen, marks: Seen, taken: Sequence[Box] = ()
+        self, image: Pixels, lines: VisibleLines, marks: VisibleLines, taken: Sequence[Box] = ()
     ) -> tuple[list[Label], Anchors]:
         """Return the placed labels and the anchor points of their features.
 
@@ -58,7 +60,7 @@ class Labels:
         """
         shown = np.array([*self._places], np.int64)
         features = self._anchors.find(lines, marks, shown, _CONSIDERED)
-        room = Room(image, marks.points[:2], taken)
+        room = FreeSpace(image, marks.points[:2], taken)
         places, self._places = self._places, {}
         labels, rows = [], []
         for row, seen in enumerate(_Feature.all_of(features)):
@@ -68,7 +70,7 @@ class Labels:
             found = room.find(wish, last)
             if found is None:
                 continue
-            self._places[seen.number] = Place(wish.places, found[0])
+            self._places[seen.number] = LabelPlace(wish.places, found[0])
             labels.append(Label(seen.number, found[1]))
             rows.append(row)
             if len(labels) == MOST:
@@ -78,7 +80,7 @@ class Labels:
         return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
 
 
-class Place(NamedTuple):
+class LabelPlace(NamedTuple):
     """Hold which of a tuple of candidate places a label had."""
 
     places: tuple[tuple[int, int], ...]
@@ -102,7 +104,7 @@ class _Feature(NamedTuple):
         return map(cls, *numbers, *seen.uv.tolist(), *seen.half.tolist())
 
 
-class Wish(NamedTuple):
+class PlacementRequest(NamedTuple):
     """Hold a label's size and anchor, px, and its candidate places."""
 
     u: float
@@ -115,27 +117,29 @@ class Wish(NamedTuple):
     places: tuple[tuple[int, int], ...]
 
 
-def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Wish:
+def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
     """Return the wish of a label of this size for a place beside a mark."""
     half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
-    return Wish(u, v, *size, half_u, half_v, True, _BESIDE)
+    return PlacementRequest(u, v, *size, half_u, half_v, True, _BESIDE)
 
 
-def _wish(seen: _Feature, size: tuple[int, int], mark_px: float, last: Place | None) -> Wish:
+def _wish(
+    seen: _Feature, size: tuple[int, int], mark_px: float, last: LabelPlace | None
+) -> PlacementRequest:
     width, height = size
     u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
     if seen.mark:
         return wish_beside(u, v, size, mark_px)
     if not seen.inside:
-        return Wish(u, v, width, height, half_u, half_v, False, _ALONG)
+        return PlacementRequest(u, v, width, height, half_u, half_v, False, _ALONG)
     fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
     if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
         half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
-        return Wish(u, v, width, height, half_u, half_v, False, _UNDER)
-    return Wish(u, v, width, height, half_u, half_v, False, _WITHIN)
+        return PlacementRequest(u, v, width, height, half_u, half_v, False, _UNDER)
+    return PlacementRequest(u, v, width, height, half_u, half_v, False, _WITHIN)
 
 
-class Room:
+class FreeSpace:
     """Track the free room of a picture: ``marks`` (2, V) to avoid if possible, and taken boxes."""
 
     def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
@@ -145,7 +149,9 @@ class Room:
         self._marks = marks
         self._taken = list(taken)
 
-    def find(self, wish: Wish, last: Place | None = None) -> tuple[int, Box] | None:
+    def find(
+        self, wish: PlacementRequest, last: LabelPlace | None = None
+    ) -> tuple[int, Box] | None:
         """Return a place (``last`` if free) and its box, and take the box; None without room."""
         if wish.width > self._width or wish.height > self._height:
             return None
@@ -154,19 +160,19 @@ class Room:
             self._taken.append(found[1])
         return found
 
-    def _same(self, wish: Wish, last: Place | None) -> tuple[int, Box] | None:
+    def _same(self, wish: PlacementRequest, last: LabelPlace | None) -> tuple[int, Box] | None:
         if last is None or last.places is not wish.places:
             return None
         box = self._box(wish, last.number)
         return (last.number, box) if self._is_free(box, wish, 0) else None
 
-    def _free(self, wish: Wish) -> Iterator[tuple[int, Box]]:
+    def _free(self, wish: PlacementRequest) -> Iterator[tuple[int, Box]]:
         boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
         free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
         yield from ((number, box) for number, box in free if not self._covers_mark(box))
         yield from free
 
-    def _box(self, wish: Wish, place: int) -> Box:
+    def _box(self, wish: PlacementRequest, place: int) -> Box:
         """Return the box of a place, shifted into the picture."""
         u, v, width, height, half_u, half_v, _, places = wish
         to_right, down = places[place]
@@ -178,7 +184,7 @@ class Room:
             top = 0 if top < 0 else self._height - height
         return Box(left, top, left + width, top + height)
 
-    def _is_free(self, box: Box, wish: Wish, room: int) -> bool:
+    def _is_free(self, box: Box, wish: PlacementRequest, room: int) -> bool:
         if wish.mark and box.meets(_around(wish.u, wish.v)):
             return False
         # Box.meets written out, because this runs thousands of times per frame.

@@ -13,9 +13,9 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import Seen, View
+from tirgeo_ros.core.map.visibility import View, VisibleLines
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Label, Labels
-from tirgeo_ros.core.overlay.line_renderer import Painter, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.line_sampling import each, picked
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
@@ -32,9 +32,9 @@ from tirgeo_ros.core.types.poses import CameraPose
 class SeenMap(NamedTuple):
     """Hold the visible part of a map."""
 
-    areas: Seen
-    lines: Seen
-    marks: Seen
+    areas: VisibleLines
+    lines: VisibleLines
+    marks: VisibleLines
     hidden: bool  # whether features in view were left out because of their layers' scale range
 
     @property
@@ -43,11 +43,11 @@ class SeenMap(NamedTuple):
         return not (len(self.areas) or len(self.lines) or len(self.marks))
 
 
-class MapPainter:
+class LayerPainter:
     """Paint one map, frame after frame."""
 
     def __init__(
-        self, config: ConfidenceConfig, vector_map: VectorMap, painter: Painter | None = None
+        self, config: ConfidenceConfig, vector_map: VectorMap, painter: LineRenderer | None = None
     ) -> None:
         self._map = vector_map
         self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
@@ -55,7 +55,7 @@ class MapPainter:
         self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
         sigmas = layer_sigmas(vector_map)
         self._sigmas = None if np.isnan(sigmas).all() else sigmas
-        self._painter = painter or Painter()
+        self._painter = painter or LineRenderer()
         self._confidence = Confidence(config)
         self._labels = Labels(vector_map)
         #: Whether some layers have a limited scale range.
@@ -103,7 +103,7 @@ class MapPainter:
         self._write(image, labels, set(anchors.owner[marked.ellipses.uncertain].tolist()))
         return [label.box for label in labels]
 
-    def _shown(self, seen: Seen, scale_m_px: float) -> Seen:
+    def _shown(self, seen: VisibleLines, scale_m_px: float) -> VisibleLines:
         """Return the features whose layers are shown at this scale."""
         if not self.minds_scale or not len(seen):
             return seen
@@ -113,7 +113,7 @@ class MapPainter:
         shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
         return seen if shown.all() else picked(seen, np.flatnonzero(shown))
 
-    def _stroke(self, image: Pixels, marked: Marked, marks: Seen) -> None:
+    def _stroke(self, image: Pixels, marked: Marked, marks: VisibleLines) -> None:
         lines, opacity, ellipses = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         # Ellipses first, so that the marks, which are the true places, are drawn over them.

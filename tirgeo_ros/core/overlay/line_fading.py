@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.map.polylines import Polylines, joined
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_sampling import STEP_PX, Samples, cut, picked, sampled, short
 from tirgeo_ros.core.types.arrays import Array, IntArray
 
@@ -18,7 +18,7 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 class _Along(NamedTuple):
     """Hold the longer lines and their intervals from sample to sample."""
 
-    lines: Seen
+    lines: VisibleLines
     samples: Samples
     ways: IntArray  # (W,) index of the sample at which each interval begins
 
@@ -28,11 +28,11 @@ class Fading(NamedTuple):
 
     rays: Array  # (3, N) as in Seen: of the short lines, then of the longer lines' intervals
     owner: IntArray  # (N,) features
-    few: Seen  # the short lines
+    few: VisibleLines  # the short lines
     along: _Along | None
 
     @classmethod
-    def of(cls, lines: Seen) -> Fading:
+    def of(cls, lines: VisibleLines) -> Fading:
         """Choose the points: a middle vertex of a short line, else the middles of intervals."""
         whole = short(lines)
         if whole.all():
@@ -58,5 +58,5 @@ class Fading(NamedTuple):
         return joined(parts, self.few), np.concatenate([along[way], of_short])
 
 
-def _half_way(lines: Seen) -> Array:
+def _half_way(lines: VisibleLines) -> Array:
     return lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)

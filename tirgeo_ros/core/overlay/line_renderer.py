@@ -62,7 +62,7 @@ def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
     return Polylines(corners.reshape(2, -1), starts, marks.owner)
 
 
-class Painter:
+class LineRenderer:
     """Draw on one picture after another, reusing the masks: new memory costs as much as drawing.
 
     Not thread-safe.

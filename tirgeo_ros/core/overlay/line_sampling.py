@@ -11,7 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence
 from tirgeo_ros.core.map.polylines import Polylines, runs
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: The uncertainty changes little over this length of a line.
@@ -33,7 +33,7 @@ class Samples(NamedTuple):
         return np.asarray(self.line[1:] == self.line[:-1])
 
 
-def short(lines: Seen) -> BoolArray:
+def short(lines: VisibleLines) -> BoolArray:
     """Return (lines,): whether the uncertainty changes little along the whole line."""
     way = np.empty(lines.points.shape[1])
     way[:-1] = _lengths(lines)
@@ -41,15 +41,15 @@ def short(lines: Seen) -> BoolArray:
     return np.asarray(np.add.reduceat(way, lines.starts[:-1]) <= 2 * STEP_PX)
 
 
-def picked(lines: Seen, which: IntArray) -> Seen:
+def picked(lines: VisibleLines, which: IntArray) -> VisibleLines:
     """Return the lines with these indices."""
     first = lines.starts[which]
     index, starts = runs(first, lines.starts[which + 1] - first)
     points, rays = (rows.take(index, axis=1) for rows in (lines.points, lines.rays))
-    return Seen(points, starts, lines.owner[which], rays)
+    return VisibleLines(points, starts, lines.owner[which], rays)
 
 
-def sampled(lines: Seen, step_px: float) -> tuple[Seen, Samples]:
+def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]:
     """Return the lines and the vertices at which each further step along a line begins.
 
     Lengths are measured along the larger axis. Segments much longer than STEP_PX get more
@@ -71,15 +71,15 @@ def sampled(lines: Seen, step_px: float) -> tuple[Seen, Samples]:
     return lines, Samples(vertex, np.searchsorted(lines.starts, vertex, side="right") - 1)
 
 
-def _lengths(lines: Seen) -> Array:
+def _lengths(lines: VisibleLines) -> Array:
     step = lines.points[:, 1:] - lines.points[:, :-1]
     return np.asarray(np.maximum(*np.abs(step, out=step)))
 
 
-def _subdivided(lines: Seen, pieces: IntArray) -> Seen:
+def _subdivided(lines: VisibleLines, pieces: IntArray) -> VisibleLines:
     both = np.concatenate([lines.points, lines.rays])
     finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
-    return Seen(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
+    return VisibleLines(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
 
 
 def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
@@ -109,7 +109,11 @@ def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntAr
 
 
 def ribbons(
-    frame: FrameConfidence, lines: Seen, some: Samples, sigma_m: Array | None, most_px: float
+    frame: FrameConfidence,
+    lines: VisibleLines,
+    some: Samples,
+    sigma_m: Array | None,
+    most_px: float,
 ) -> Array:
     """Return the corners (S - 1, 4, 2) of the band between each sample and the next, pixels.
 

@@ -11,7 +11,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
-    Whereabouts,
+    NearestFeature,
     compass_word,
     distance_words,
     likely_mistake,
@@ -35,7 +35,7 @@ class MapAbsence:
         self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
     ) -> None:
         """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
-        self._whereabouts = Whereabouts(vector_map, first_n)
+        self._whereabouts = NearestFeature(vector_map, first_n)
         self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
         self._plane = plane
         self._last_answer: tuple[Camera, Array, Array, float, str] | None = None

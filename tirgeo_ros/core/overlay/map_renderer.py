@@ -20,8 +20,8 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.layer_painter import MapPainter, SeenMap
-from tirgeo_ros.core.overlay.line_renderer import Painter
+from tirgeo_ros.core.overlay.layer_painter import LayerPainter, SeenMap
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     PlacedBar,
@@ -41,7 +41,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 
 @dataclass(frozen=True, slots=True)
-class LaidMap:
+class DrapedMap:
     """Hold a map draped in a plane, without the layers that it was made from."""
 
     plane: TangentPlane
@@ -51,7 +51,7 @@ class LaidMap:
     first_n: Array | None = None  # (3,) the first of the layers' points, on the ellipsoid
 
 
-class Verdict(NamedTuple):
+class DrawingVerdict(NamedTuple):
     """Hold the checks' verdict; ``GO`` has no words in the picture."""
 
     severity: Severity = Severity.NOTE
@@ -68,20 +68,20 @@ class Drawn(NamedTuple):
     boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
 
 
-_GO = Verdict()
+_GO = DrawingVerdict()
 _Written = PlacedBar | PlacedRose | PlacedNotice
 
 
-def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> LaidMap:
+def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> DrapedMap:
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
     laid = VectorMap.from_layers(layers, plane, ground)
     level_m = math.nan if _is_given(ground) else _middle_m(layers)
-    return LaidMap(plane, laid, features, level_m, _first_n(layers, plane))
+    return DrapedMap(plane, laid, features, level_m, _first_n(layers, plane))
 
 
-class MapDrawing:
+class MapRenderer:
     """Draw the layers of a map, draped in a plane, as a camera sees them.
 
     The map lies at ``ground_height_m`` if that is given, else on the terrain if there is one,
@@ -95,10 +95,10 @@ class MapDrawing:
         self.ground = _ground(config.ground_height_m, terrain)
         check_heights(layers, self.ground)
         self._layers = layers
-        self._laid: LaidMap | None = None
+        self._laid: DrapedMap | None = None
         self._confidence = config.confidence
-        self._painter = Painter()
-        self._map_painting: MapPainter | None = None  # made when the map is first drawn
+        self._painter = LineRenderer()
+        self._map_painting: LayerPainter | None = None  # made when the map is first drawn
         self._absence: MapAbsence | None = None  # made when the map is first out of view
 
     @property
@@ -107,7 +107,7 @@ class MapDrawing:
         return self._laid.map if self._laid else None
 
     @property
-    def laid(self) -> LaidMap | None:
+    def laid(self) -> DrapedMap | None:
         """Return the map with its plane and counts; None while no plane is known."""
         return self._laid
 
@@ -123,7 +123,7 @@ class MapDrawing:
         """Return the camera of the picture that is drawn into."""
         return self.view.camera if self.view else None
 
-    def set_map(self, new: LaidMap) -> None:
+    def set_map(self, new: DrapedMap) -> None:
         """Set a map that was draped elsewhere, in the present plane."""
         self._layers = ()
         self._set(new)
@@ -137,7 +137,7 @@ class MapDrawing:
         if self.view is None or camera != self.view.camera:
             self.view = View(camera)
 
-    def _set(self, laid: LaidMap) -> None:
+    def _set(self, laid: DrapedMap) -> None:
         self._laid, self._map_painting, self._absence = laid, None, None
 
     def draw(
@@ -146,7 +146,7 @@ class MapDrawing:
         pose: CameraPose,
         rates: CameraRates | None = None,
         markers: Sequence[Marker] = (),
-        verdict: Verdict = _GO,
+        verdict: DrawingVerdict = _GO,
     ) -> Drawn:
         """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
 
@@ -203,15 +203,15 @@ class MapDrawing:
     def _rose_box(written: Sequence[_Written]) -> Box | None:
         return next((each.box for each in written if isinstance(each, PlacedRose)), None)
 
-    def _map_painter(self) -> MapPainter:
+    def _map_painter(self) -> LayerPainter:
         assert self.map is not None
         if self._map_painting is None:
-            self._map_painting = MapPainter(self._confidence, self.map, self._painter)
+            self._map_painting = LayerPainter(self._confidence, self.map, self._painter)
         return self._map_painting
 
 
 def _notices(
-    image: Pixels, verdict: Verdict, absence: str, beside: Box | None
+    image: Pixels, verdict: DrawingVerdict, absence: str, beside: Box | None
 ) -> list[PlacedNotice]:
     """Place the notices one below the other, at the top of the picture, left of the rose."""
     notices = []

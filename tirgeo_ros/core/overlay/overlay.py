@@ -16,16 +16,16 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.gimbal.pose_extrapolation import FIT_S, TRIAL_S, predicted
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
-from tirgeo_ros.core.overlay.map_renderer import LaidMap, MapDrawing, Verdict
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line, words_of
 from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
-from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
@@ -64,7 +64,7 @@ class Overlay:
         self._latency_ns = round(config.video_latency_s * 1e9)
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
-        self._drawing = MapDrawing(config, layers or (), terrain)
+        self._drawing = MapRenderer(config, layers or (), terrain)
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
@@ -72,16 +72,16 @@ class Overlay:
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
-        self._toner = Toner(config.picture, config.palette)
+        self._toner = ToneMapper(config.picture, config.palette)
         self._frames = FrameQueue()
         kept_s = max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S
-        self._poses: PoseHistory[CameraPose] = PoseHistory(span_s=kept_s)
+        self._poses: PoseBuffer[CameraPose] = PoseBuffer(span_s=kept_s)
         self._plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectify = config.rectify
         self._rectifier: Rectifier | None = None
         self._status: NavigationStatus | None = None
-        self._verdict = Verdict()
+        self._verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
 
     @property
@@ -150,11 +150,11 @@ class Overlay:
         return self._plane
 
     @property
-    def laid(self) -> LaidMap | None:
+    def laid(self) -> DrapedMap | None:
         """Return the map as draped in the plane, once both are known."""
         return self._drawing.laid
 
-    def set_map(self, new: LaidMap) -> None:
+    def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self._plane:
             self._laid_elsewhere, self._map_not_ready = True, ""
@@ -168,7 +168,7 @@ class Overlay:
         """Set the estimator's status, for the status line and the notices."""
         self._status = status
 
-    def set_verdict(self, verdict: Verdict) -> None:
+    def set_verdict(self, verdict: DrawingVerdict) -> None:
         """Set the checks' verdict on the set-up, for the notice at the top and the status line."""
         self._verdict = verdict
 

@@ -19,7 +19,7 @@ from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,
-    Stamp,
+    TextBitmap,
     composed,
     passing_stamp,
     stamp,
@@ -205,7 +205,7 @@ def place_scale_bar(
 class PlacedRose:
     """Hold a north needle with the camera's heading, in the upper right corner."""
 
-    rose: Stamp
+    rose: TextBitmap
     box: Box
 
     def paint(self, image: Pixels) -> None:
@@ -227,7 +227,7 @@ def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
 
 
 @lru_cache(maxsize=16)  # 40 kB each: 360 of them would take 15 MB
-def _rose(heading_deg: int, size_px: int) -> Stamp:
+def _rose(heading_deg: int, size_px: int) -> TextBitmap:
     heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
     to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
     to_right = np.array([-to_north[1], to_north[0]])
@@ -244,13 +244,13 @@ def _rose(heading_deg: int, size_px: int) -> Stamp:
     return composed(2 * reach, 2 * reach + written.size[1], parts)
 
 
-def _filled(uv: Array, side_px: int, size_px: int) -> Stamp:
+def _filled(uv: Array, side_px: int, size_px: int) -> TextBitmap:
     """Return a polygon (N, 2), in the text's colour, with a dark halo, in a square."""
     mask = np.zeros((side_px, side_px), np.uint8)
     points = np.rint(uv * (1 << _SHIFT)).astype(np.int32)
     cv2.fillPoly(mask, [points], (_FULL,), cv2.LINE_AA, _SHIFT)
     side = 2 * _halo_px(size_px) + 1
-    return Stamp.of(mask, cv2.dilate(mask, np.ones((side, side), np.uint8)), TEXT_BGR)
+    return TextBitmap.of(mask, cv2.dilate(mask, np.ones((side, side), np.uint8)), TEXT_BGR)
 
 
 def _halo_px(size_px: int) -> int:

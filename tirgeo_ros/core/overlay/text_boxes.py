@@ -14,7 +14,7 @@ from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,
     Colour,
-    Stamp,
+    TextBitmap,
     line_px,
     passing_stamp,
     text_px,
@@ -102,7 +102,7 @@ def _cut(field: Field, width_px: int, size_px: int) -> Field:
     return cut_at(lengths[fits - 1]) if fits else replace(field, detail="")
 
 
-def _written(field: Field, size_px: int) -> Stamp:
+def _written(field: Field, size_px: int) -> TextBitmap:
     return passing_stamp(field.text + field.detail, size_px, field.colour)
 
 
@@ -110,7 +110,7 @@ def _written(field: Field, size_px: int) -> Stamp:
 class PlacedNotice:
     """Hold a notice and its place."""
 
-    lines: tuple[Stamp, ...]
+    lines: tuple[TextBitmap, ...]
     box: Box
     strip: bool  # whether the picture is darkened behind it
 
@@ -155,7 +155,7 @@ def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
 @lru_cache(maxsize=4)  # a notice stays for seconds, and measuring text is slow
 def _notice_lines(
     text: str, size_px: int, colour: Colour, width_px: int, most: int
-) -> tuple[Stamp, ...]:
+) -> tuple[TextBitmap, ...]:
     lines = _wrapped(text, size_px, width_px)
     if len(lines) > most:
         rest = " ".join(lines[most - 1 :])

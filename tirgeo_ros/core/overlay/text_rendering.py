@@ -74,14 +74,14 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Stamp:
+class TextBitmap:
     """Hold a text ready to be drawn on a picture: ``picture * keep / 255 + ink``."""
 
     keep: Pixels  # (h, w, 3)
     ink: Pixels  # (h, w, 3)
 
     @classmethod
-    def of(cls, alpha: cv2.typing.MatLike, halo: cv2.typing.MatLike, colour: Colour) -> Stamp:
+    def of(cls, alpha: cv2.typing.MatLike, halo: cv2.typing.MatLike, colour: Colour) -> TextBitmap:
         """Return the stamp of the coverage by ink and by halo, both (h, w), 0 to 255."""
         ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
         keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
@@ -109,19 +109,19 @@ class Stamp:
         cv2.add(below, ink, dst=below)
 
 
-def stamp(text: str, size_px: int, colour: Colour) -> Stamp:
+def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
     """Return a text in a BGR colour with a dark halo, cut at ``LONGEST``, controls as spaces."""
     return _stamp(cut(text, LONGEST), size_px, colour)
 
 
-def passing_stamp(text: str, size_px: int, colour: Colour) -> Stamp:
+def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
     """Return the stamp of a text that will not come again, from a small cache of its own."""
     return _kept_briefly(cut(text, LONGEST), size_px, colour)
 
 
-def _rendered(text: str, size_px: int, colour: Colour) -> Stamp:
+def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
     alpha = coverage("".join(c if c.isprintable() else " " for c in text), size_px)
-    return Stamp.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
+    return TextBitmap.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
 
 
 _stamp = lru_cache(maxsize=_CACHED)(_rendered)
@@ -130,14 +130,14 @@ _stamp = lru_cache(maxsize=_CACHED)(_rendered)
 _kept_briefly = lru_cache(maxsize=_PASSING)(_rendered)
 
 
-def composed(width: int, height: int, parts: Sequence[tuple[Stamp, int, int]]) -> Stamp:
+def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int]]) -> TextBitmap:
     """Combine stamps into one; each has its upper left corner at (left, top) in the whole."""
     keep = np.full((height, width, 3), 255, np.uint8)
     ink = np.zeros_like(keep)
     for part, left, top in parts:
         part.lay(ink, left, top)
-        Stamp(part.keep, np.zeros_like(part.ink)).lay(keep, left, top)
-    return Stamp(keep, ink)
+        TextBitmap(part.keep, np.zeros_like(part.ink)).lay(keep, left, top)
+    return TextBitmap(keep, ink)
 
 
 def coverage(text: str, size_px: int) -> Pixels:

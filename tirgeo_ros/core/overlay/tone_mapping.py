@@ -33,7 +33,7 @@ _FEW = 1 << 14  # pictures of up to this many pixels are used whole
 _TILES = (8, 8)
 
 
-class Toner:
+class ToneMapper:
     """Convert raw thermal frames to BGR. Raises ConfigError for an unknown palette."""
 
     def __init__(self, config: PictureConfig, palette: str) -> None:

@@ -32,7 +32,7 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import Seen
+from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_fading import Fading
 from tirgeo_ros.core.overlay.line_sampling import each, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
@@ -97,7 +97,7 @@ class Confidence:
     def marked(
         self,
         frame: FrameConfidence,
-        lines: Seen,
+        lines: VisibleLines,
         anchors: Anchors,
         mark_radius_px: float,
         sigma_m: Array | None = None,
@@ -131,7 +131,7 @@ class Confidence:
         self,
         image: Pixels,
         frame: FrameConfidence,
-        lines: Seen,
+        lines: VisibleLines,
         layer: IntArray,
         styles: Sequence[LayerStyle],
         sigma_m: Array | None = None,
@@ -176,7 +176,7 @@ def layer_sigmas(vector_map: VectorMap) -> Array:
     return np.array(sigmas, float)[vector_map.layer]
 
 
-def with_marks(labelled: Anchors, marks: Seen, camera: Camera) -> Anchors:
+def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
     """Return the anchors of labels and those of other marks: all marks, if they are not too many.
 
     Else one in each part of the picture that has none yet, up to MOST_ELLIPSES in total.

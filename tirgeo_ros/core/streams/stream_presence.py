@@ -10,7 +10,7 @@ _STEADY_NS = 2_000_000_000
 _SILENT_NS = 2_000_000_000
 
 
-class Presence:
+class StreamPresence:
     """Track whether one stream is steady, from its stamps and those of another stream."""
 
     def __init__(self) -> None:

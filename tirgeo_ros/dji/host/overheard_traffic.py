@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import NamedTuple
 
-from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.commands import (
     AddPackage,
     RemovePackage,
@@ -39,7 +39,7 @@ class HostTraffic:
         self._packages = packages
         self._open: OrderedDict[tuple[int, int], _Open] = OrderedDict()  # by session and sequence
 
-    def take(self, frame: Frame) -> Request | None:
+    def take(self, frame: ProtocolFrame) -> Request | None:
         """Return the request that a frame is or answers; None for pushes and unknown frames.
 
         A request for packages changes the table as it is sent, since the answer may be missing in
@@ -49,7 +49,7 @@ class HostTraffic:
             return None
         return self._answered(frame) if frame.is_ack else self._asked(frame)
 
-    def _asked(self, frame: Frame) -> Request | None:
+    def _asked(self, frame: ProtocolFrame) -> Request | None:
         request = decode_request(frame.data)
         if request is None:
             return None
@@ -67,7 +67,7 @@ class HostTraffic:
         if len(self._open) > _MAX_OPEN:
             self._open.popitem(last=False)
 
-    def _answered(self, frame: Frame) -> Request | None:
+    def _answered(self, frame: ProtocolFrame) -> Request | None:
         asked = self._open.pop((frame.session, frame.sequence), None)
         if asked is None:
             return None

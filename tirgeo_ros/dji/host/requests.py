@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import NamedTuple, TypeVar
 
-from tirgeo_ros.dji.link.framing import Frame, encode_frame
+from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.commands import Request, encode_request
 
 #: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
@@ -70,7 +70,7 @@ class Exchange:
         """Run this dialogue from the next ``due`` on, and drop any other."""
         self._dialogue, self._step = dialogue, None
 
-    def take(self, frame: Frame, now_s: float) -> None:
+    def take(self, frame: ProtocolFrame, now_s: float) -> None:
         """Take a received frame; count acks other than the expected one."""
         self.now_s = now_s
         if not frame.is_ack:
@@ -83,7 +83,7 @@ class Exchange:
             self.counts["acks"] += 1
             self._go_on(frame.value)
 
-    def _answers(self, frame: Frame) -> bool:
+    def _answers(self, frame: ProtocolFrame) -> bool:
         return self._tries > 0 and (frame.session, frame.sequence) == (SESSION, self._sequence)
 
     def due(self, now_s: float) -> bytes:

@@ -14,7 +14,7 @@ from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.activation import Activation
 from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, Pause, ask
 from tirgeo_ros.dji.host.subscriber import Subscriber
-from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.commands import SetRates, decode_code, encode_request, explain
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 
@@ -107,7 +107,7 @@ class HostSession:
         values |= {name: str(count) for name, count in self._exchange.counts.items()}
         return {f"host {name}": value for name, value in values.items()}
 
-    def take(self, frame: Frame, now_s: float) -> None:
+    def take(self, frame: ProtocolFrame, now_s: float) -> None:
         """Take a received frame of any kind."""
         if self._listens:
             return

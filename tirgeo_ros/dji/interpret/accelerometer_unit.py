@@ -40,7 +40,7 @@ def factor_of(unit: AccelerationUnit) -> float | None:
     return 1.0 if unit is AccelerationUnit.M_S2 else None
 
 
-class Looks:
+class ApparentAcceleration:
     """Average vectors over a time each: first over 0.4 s, then over 2 s."""
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class UnitBySize:
         self.changes = 0
         self.factor: float | None = None  # to m/s2; 0: no specific force; None: not known yet
         self.size: float | None = None  # of the newest mean
-        self._looks = Looks()
+        self._looks = ApparentAcceleration()
         self._against: list[float] = []
         if not self.told:
             self.factor = G_M_S2 if configured == "g" else 1.0
@@ -163,7 +163,7 @@ class ForceCheck:
     """Check the size and the direction of the specific force that is published."""
 
     def __init__(self) -> None:
-        self._looks = Looks()
+        self._looks = ApparentAcceleration()
         self._off = 0
         self._mean: Vector | None = None
 

@@ -12,7 +12,7 @@ import math
 from collections import deque
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, heading_of
 
 #: DJI's kits: the first antenna left, the second right.
 KIT_DEG = 90.0
@@ -44,7 +44,7 @@ def baseline_deg(aircraft: AircraftConfig) -> float:
 class BaselineCheck:
     """Average RTK yaw minus the aircraft's own heading over the newest 20 s."""
 
-    def __init__(self, offset_deg: float, attitudes: Attitudes) -> None:
+    def __init__(self, offset_deg: float, attitudes: AutopilotAttitudes) -> None:
         """Take ``offset_deg``, the baseline's direction by the antennas' positions.
 
         It counts clockwise from the nose.

@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 
 from tirgeo_ros.core.frames.rotations import hamilton, slerp
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.navigation.strapdown import quaternion_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.dji.sources.readings import Quaternion, Vector
@@ -44,13 +44,13 @@ def heading_of(q_nb: Array) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-class Attitudes:
+class AutopilotAttitudes:
     """Buffer the newest attitudes: of the IMU stream in use, else of all other streams."""
 
     def __init__(self, counts: Counter[str]) -> None:
         """Take ``counts``, where ``attitude_unused`` counts attitudes beside a better stream."""
         self._counts = counts
-        self._history: StampedHistory[Array] = StampedHistory(_SPAN_S, _LONGEST_GAP_S)
+        self._history: StampedBuffer[Array] = StampedBuffer(_SPAN_S, _LONGEST_GAP_S)
         self._best_ns: int | None = None
 
     @property

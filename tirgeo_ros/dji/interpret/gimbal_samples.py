@@ -21,7 +21,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
-from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, heading_of
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, heading_of
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
@@ -39,7 +39,7 @@ _SINGULAR_COSINE = 0.1
 GimbalSample = CameraAttitudeSample | JointSample
 
 
-class GimbalMeaning:
+class GimbalInterpreter:
     """Convert gimbal readings to samples, each with the body's attitude at its own instant.
 
     A reading waits at most 0.25 s for that attitude, then it is published without joints. If yaw
@@ -48,7 +48,9 @@ class GimbalMeaning:
     ``gimbal_without_heading`` (dropped) and ``joints_near_singularity``.
     """
 
-    def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
+    def __init__(
+        self, config: DjiConfig, attitudes: AutopilotAttitudes, counts: Counter[str]
+    ) -> None:
         self._from_nose = config.gimbal_reference == "body"
         self._delay_ns = round(config.delay.gimbal_s * 1e9)
         self._attitude_delay_ns = round(config.delay.imu_s * 1e9)

@@ -34,7 +34,7 @@ _Sigmas = tuple[float | None, float | None, float | None]  # horizontal, down (m
 _NOT_TOLD: _Sigmas = (None, None, None)
 
 
-class GpsMeaning:
+class GpsInterpreter:
     """Convert the ordinary GPS's readings to samples.
 
     3D fixes (with dead reckoning or without) are single. So are 2D fixes, with a sigma that makes

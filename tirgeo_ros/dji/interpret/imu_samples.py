@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
-from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes, unit_quaternion
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, unit_quaternion
 from tirgeo_ros.dji.interpret.driving_stream import DrivingStream
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
@@ -32,7 +32,7 @@ _MOST_HELD = 500
 _Held = tuple[int, Vector, Vector, "Array | None"]  # stamp, acceleration, rate, attitude
 
 
-class ImuMeaning:
+class ImuInterpreter:
     """Convert IMU readings to samples, and put every attitude into the buffer.
 
     While the unit of acceleration is not known, samples are held back (0.4 s, at least twenty) and
@@ -45,7 +45,9 @@ class ImuMeaning:
     ``acceleration_unit_changes``.
     """
 
-    def __init__(self, config: DjiConfig, attitudes: Attitudes, counts: Counter[str]) -> None:
+    def __init__(
+        self, config: DjiConfig, attitudes: AutopilotAttitudes, counts: Counter[str]
+    ) -> None:
         self._delay_ns = round(config.delay.imu_s * 1e9)
         self._attitudes = attitudes
         self._counts = counts

@@ -10,11 +10,11 @@ from typing import Any
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.interpret.antenna_baseline import NOT_SET, BaselineCheck, baseline_deg
-from tirgeo_ros.dji.interpret.autopilot_attitude import Attitudes
-from tirgeo_ros.dji.interpret.gimbal_samples import GimbalMeaning
-from tirgeo_ros.dji.interpret.gps_samples import GpsMeaning
-from tirgeo_ros.dji.interpret.imu_samples import ImuMeaning
-from tirgeo_ros.dji.interpret.rtk_samples import RtkMeaning
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
+from tirgeo_ros.dji.interpret.gimbal_samples import GimbalInterpreter
+from tirgeo_ros.dji.interpret.gps_samples import GpsInterpreter
+from tirgeo_ros.dji.interpret.imu_samples import ImuInterpreter
+from tirgeo_ros.dji.interpret.rtk_samples import RtkInterpreter
 from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,
@@ -39,12 +39,12 @@ class Interpreter:
         self._undulation_m = config.geoid_undulation_m
         self._one_antenna = not config.aircraft.second_antenna_m
         undulation_m = 0.0 if math.isnan(self._undulation_m) else self._undulation_m
-        attitudes = Attitudes(self._counts)
+        attitudes = AutopilotAttitudes(self._counts)
         self._baseline = BaselineCheck(baseline_deg(config.aircraft), attitudes)
-        self._imu = ImuMeaning(config, attitudes, self._counts)
-        self._rtk = RtkMeaning(config, undulation_m, self._baseline, self._counts)
-        self._gps = GpsMeaning(config, undulation_m, self._counts)
-        self._gimbal = GimbalMeaning(config, attitudes, self._counts)
+        self._imu = ImuInterpreter(config, attitudes, self._counts)
+        self._rtk = RtkInterpreter(config, undulation_m, self._baseline, self._counts)
+        self._gps = GpsInterpreter(config, undulation_m, self._counts)
+        self._gimbal = GimbalInterpreter(config, attitudes, self._counts)
         self._newest_ns = 0
         self._takers: dict[type, Callable[[Any], list[Any]]] = {
             ImuReading: self._imu.take,

@@ -11,10 +11,10 @@ import numpy as np
 
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
-from tirgeo_ros.dji.interpret.receiver_epochs import Epochs, Value
+from tirgeo_ros.dji.interpret.receiver_epochs import ReceiverEpochs, Value
 from tirgeo_ros.dji.interpret.rtk_status import Quality
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
-from tirgeo_ros.dji.sources.readings import Place, Vector
+from tirgeo_ros.dji.sources.readings import GeodeticPlace, Vector
 
 #: A flag that came in a message of its own is valid this long: seven epochs of the receiver, and
 #: one and a half messages of a source that passes one in a second.
@@ -64,9 +64,9 @@ class Receiver:
         self._velocity_source = Source(f"{name}_velocity")
         self._undulation_m = undulation_m
         self._counts = counts
-        self._epochs = Epochs()
+        self._epochs = ReceiverEpochs()
         self._positions, self._velocities = Sequence(), Sequence()
-        self._place: Place | None = None  # the newest one that was published
+        self._place: GeodeticPlace | None = None  # the newest one that was published
         self._place_ns = 0  # when it was new
         self._seen_ns = 0  # when it was last received
         self._status = FixStatus.NONE  # with which it was published
@@ -83,7 +83,7 @@ class Receiver:
         """Return whether it has repeated the same for over a second, where it sends anything."""
         return self._frozen
 
-    def usable_place(self, place: Place | None) -> Place | None:
+    def usable_place(self, place: GeodeticPlace | None) -> GeodeticPlace | None:
         """Return the place; None if it is invalid, which is counted."""
         if place is None or _is_place(place):
             return place
@@ -97,7 +97,7 @@ class Receiver:
         self._counts[f"{self._name}_velocity_refused"] += 1
         return None
 
-    def is_late(self, stamp_ns: int, place: Place | None) -> bool:
+    def is_late(self, stamp_ns: int, place: GeodeticPlace | None) -> bool:
         """Return whether a reading is of the epoch before the newest; count it if so."""
         late = self._epochs.is_late(stamp_ns, place)
         self._counts[f"{self._name}_late"] += late
@@ -128,7 +128,7 @@ class Receiver:
         self,
         stamp_ns: int,
         fresh: Iterable[str],
-        place: Place | None,
+        place: GeodeticPlace | None,
         velocity_n: Vector | None,
         quality: Quality,
     ) -> list[PositionSample | VelocitySample]:
@@ -162,7 +162,7 @@ class Receiver:
         north, east, down = (value + moved_m**2 for value in quality.position_variance)
         return quality._replace(position_variance=(north, east, down))
 
-    def _position(self, stamp_ns: int, place: Place, quality: Quality) -> PositionSample:
+    def _position(self, stamp_ns: int, place: GeodeticPlace, quality: Quality) -> PositionSample:
         self._status = quality.status
         return PositionSample(
             self._positions.after(stamp_ns),
@@ -186,7 +186,7 @@ class Receiver:
         return [VelocitySample(stamp_ns, self._velocity_source, velocity, covariance)]
 
 
-def _is_place(place: Place) -> bool:
+def _is_place(place: GeodeticPlace) -> bool:
     """Return whether the place is on the earth; false for a NaN."""
     latitude, longitude, height = abs(place[0]), abs(place[1]), abs(place[2])
     within = latitude <= math.pi / 2 and longitude <= math.pi and height < LARGEST_HEIGHT_M

@@ -21,7 +21,7 @@ _ROUNDING = 1e-12
 Value = tuple[float, ...]
 
 
-class Epochs:
+class ReceiverEpochs:
     """Compare the parts of each reading with those before; ``place`` is the leading part."""
 
     def __init__(self) -> None:

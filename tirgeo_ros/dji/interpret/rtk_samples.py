@@ -17,7 +17,7 @@ from tirgeo_ros.dji.sources.readings import RtkReading
 RtkSample = PositionSample | VelocitySample | HeadingSample
 
 
-class RtkMeaning:
+class RtkInterpreter:
     """Convert the RTK receiver's readings to samples.
 
     If a reading lacks a flag, the newest one is used for up to 1.5 s; after that there is no fix.

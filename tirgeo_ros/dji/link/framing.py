@@ -34,7 +34,7 @@ _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
 PLAIN, _AES_256 = 0, 1
 
 
-class Frame(NamedTuple):
+class ProtocolFrame(NamedTuple):
     """Hold a frame whose check sums are right."""
 
     offset: int  # of its first byte in the stream
@@ -120,14 +120,14 @@ class FrameReader:
         """Return the number of bytes that wait for those that follow; 1022 at the most."""
         return len(self._held)
 
-    def feed(self, data: bytes | bytearray | memoryview) -> list[Frame]:
+    def feed(self, data: bytes | bytearray | memoryview) -> list[ProtocolFrame]:
         """Return the frames that are complete with these bytes, in the order of the stream."""
         self._held += data
         if len(self._held) < self._needed:
             return []
         return self._search(at_end=False)
 
-    def rescan(self) -> list[Frame]:
+    def rescan(self) -> list[ProtocolFrame]:
         """Stop waiting for the rest of a frame; return the frames within it. Nothing stays held.
 
         Use this at the end of a file, for a link that was opened again, and for one that has been
@@ -137,9 +137,9 @@ class FrameReader:
         """
         return self._search(at_end=True)
 
-    def _search(self, *, at_end: bool) -> list[Frame]:
+    def _search(self, *, at_end: bool) -> list[ProtocolFrame]:
         held, at = self._held, 0
-        frames: list[Frame] = []
+        frames: list[ProtocolFrame] = []
         while header := _HEADER.search(held, at):
             at = header.start()
             length = self._length(header.group())
@@ -161,7 +161,7 @@ class FrameReader:
             return 0
         return length
 
-    def _frame(self, at: int, length: int) -> Frame | None:
+    def _frame(self, at: int, length: int) -> ProtocolFrame | None:
         """Return the frame of a valid header if it is whole and its CRC-32 is right."""
         whole = self._held[at : at + length]
         if len(whole) < length:
@@ -174,9 +174,9 @@ class FrameReader:
         self._framed_bytes += length
         return self._opened(self._offset + at, whole)
 
-    def _opened(self, offset: int, whole: bytes) -> Frame:
+    def _opened(self, offset: int, whole: bytes) -> ProtocolFrame:
         length, session, encryption, sequence = _FIELDS.unpack_from(whole)
-        frame = Frame(
+        frame = ProtocolFrame(
             offset,
             length,
             session & _SESSIONS,
@@ -189,7 +189,7 @@ class FrameReader:
         )
         return self._decrypted(frame) if frame.encryption != PLAIN else frame
 
-    def _decrypted(self, frame: Frame) -> Frame:
+    def _decrypted(self, frame: ProtocolFrame) -> ProtocolFrame:
         """Return the frame decrypted, if it can be; count it."""
         known = frame.encryption == _AES_256
         self._counts["encrypted" if known else "unknown_encryption"] += 1

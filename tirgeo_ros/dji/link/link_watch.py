@@ -26,7 +26,7 @@ _LOCKED_PERCENT = 90
 USUAL_BAUDS = (921600, 230400, 115200, 1000000)
 
 
-class Level(IntEnum):
+class LinkLevel(IntEnum):
     """List the severities; the numbers are those of a DiagnosticStatus."""
 
     OK = 0
@@ -51,9 +51,9 @@ class LinkCondition(Enum):
 
 
 _LEVELS = {
-    LinkCondition.WAITING: Level.WARN,
-    LinkCondition.SILENT: Level.WARN,
-    LinkCondition.RECEIVING: Level.OK,
+    LinkCondition.WAITING: LinkLevel.WARN,
+    LinkCondition.SILENT: LinkLevel.WARN,
+    LinkCondition.RECEIVING: LinkLevel.OK,
 }
 
 
@@ -61,7 +61,7 @@ class LinkReport(NamedTuple):
     """Hold the condition of the link."""
 
     condition: LinkCondition
-    level: Level
+    level: LinkLevel
     message: str  # one line: the port and what to do
     since_s: float  # when it began, by the clock of ``look``
     bytes_per_s: float  # over the last two seconds
@@ -178,7 +178,7 @@ class LinkWatch:
         before = self._report
         same = before is not None and before.condition is condition
         since_s = before.since_s if before is not None and same else now_s
-        level = _LEVELS.get(condition, Level.ERROR)
+        level = _LEVELS.get(condition, LinkLevel.ERROR)
         return LinkReport(condition, level, message, since_s, *self._rates())
 
     def _rates(self) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tirgeo_ros.dji.link.framing import Frame, FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout
 from tirgeo_ros.dji.protocol.commands import (
     NOT_ACTIVATED,
@@ -67,7 +67,7 @@ class CommandDesk:
         """Return the acks to the host's bytes, cut in any way."""
         return b"".join(map(self._answer, self._reader.feed(data)))
 
-    def _answer(self, frame: Frame) -> bytes:
+    def _answer(self, frame: ProtocolFrame) -> bytes:
         if frame.is_ack or frame.is_encrypted or len(frame.data) < 2:
             return b""
         asked = (frame.session, frame.sequence, frame.data)
@@ -75,7 +75,7 @@ class CommandDesk:
             self._answered = (asked, self._ack(frame))
         return self._answered[1]  # a repeated request, whose ack was lost, gets the same ack
 
-    def _ack(self, frame: Frame) -> bytes:
+    def _ack(self, frame: ProtocolFrame) -> bytes:
         value = self._done(frame.data)
         if not value or not frame.session:
             return b""

@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_multiply, slerp
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
-from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedHistory
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
@@ -25,8 +25,8 @@ class GimbalAngles:
 
     def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
         self._by_joints, self._order = joints, order
-        self._joints: StampedHistory[Array] = StampedHistory(max_gap_s=max_gap_s)  # q_bg
-        self._reported: StampedHistory[Array] = StampedHistory(max_gap_s=max_gap_s)  # q_ng
+        self._joints: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_bg
+        self._reported: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_ng
 
     def take(self, sample: JointSample | CameraAttitudeSample) -> bool:
         """Take a sample, which may be of the future; return whether it is valid."""

@@ -28,7 +28,7 @@ _SLOW_GIMBAL = (
 )
 
 
-class PsdkRoad:
+class PsdkDecoder:
     """Provide a method for each topic: its values, its header's stamp (0: none), its arrival.
 
     Each returns the readings that are complete; ``due`` must be called for those that wait. Stamps

@@ -15,11 +15,11 @@ from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     Quaternion,
     Vector,
 )
@@ -61,17 +61,17 @@ def gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
     return GimbalReading(stamp_ns, x, -y, yaw)
 
 
-def place(degrees_and_height: Vector) -> Place:
+def place(degrees_and_height: Vector) -> GeodeticPlace:
     """Convert ``gps_position``, ``rtk_position``: latitude, longitude (deg), height MSL (m)."""
     latitude, longitude, height_msl_m = degrees_and_height
-    return Place(math.radians(latitude), math.radians(longitude), height_msl_m)
+    return GeodeticPlace(math.radians(latitude), math.radians(longitude), height_msl_m)
 
 
 def fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
     """Convert ``gps_position_fused``: degrees made with another pi, and an uncertain height."""
     latitude, longitude, height = degrees_and_height
     to_rad = _PSDK_PI / 180
-    where = Place(latitude * to_rad, longitude * to_rad, height)
+    where = GeodeticPlace(latitude * to_rad, longitude * to_rad, height)
     return GpsReading(stamp_ns, where, vertical_sigma_m=_FUSED_HEIGHT_SIGMA_M)
 
 

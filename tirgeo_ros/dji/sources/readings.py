@@ -50,7 +50,7 @@ class AttitudeReading(NamedTuple):
     q_nb: Quaternion  # FRD to NED
 
 
-class Place(NamedTuple):
+class GeodeticPlace(NamedTuple):
     """Hold the position of an antenna."""
 
     latitude_rad: float
@@ -62,7 +62,7 @@ class GpsReading(NamedTuple):
     """Hold data of the ordinary GPS; the parts that a message has."""
 
     stamp_ns: int
-    place: Place | None = None
+    place: GeodeticPlace | None = None
     velocity_n: Vector | None = None  # NED, m/s
     fix: int | None = None  # 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GPS and DR, 5 time only
     horizontal_sigma_m: float | None = None
@@ -74,7 +74,7 @@ class RtkReading(NamedTuple):
     """Hold data of the RTK receiver of one epoch; the parts that a message has."""
 
     stamp_ns: int
-    place: Place | None = None
+    place: GeodeticPlace | None = None
     position_flag: int | None = None  # NovAtel's numbers; 50 = narrow-lane integer
     velocity_n: Vector | None = None  # NED, m/s
     yaw_deg: int | None = None  # deg, azimuth of the antennas' baseline, in any turn

@@ -160,7 +160,7 @@ class Ros1Survey:
         return far > _BURST_SHARE * len(steps_ns)
 
 
-class Ros1Road:
+class Ros1Decoder:
     """Convert the wrapper's messages to readings, in the order in which they were recorded."""
 
     def __init__(self, setup: Ros1Setup = Ros1Setup()) -> None:  # noqa: B008  immutable

@@ -22,11 +22,11 @@ from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     Quaternion,
     Reading,
     RtkReading,
@@ -84,7 +84,7 @@ def gps_position(message: Any, stamp_ns: int) -> GpsReading:
     return fused_position(where, stamp_ns)
 
 
-def fused_position(where: Place, stamp_ns: int) -> GpsReading:
+def fused_position(where: GeodeticPlace, stamp_ns: int) -> GpsReading:
     """Return a reading of a position whose height is very uncertain."""
     return GpsReading(stamp_ns, where, vertical_sigma_m=FUSED_HEIGHT_SIGMA_M)
 
@@ -154,14 +154,14 @@ def gimbal_deg(stamp_ns: int, *, roll: float, pitch: float, yaw: float) -> Gimba
     return GimbalReading(stamp_ns, *map(math.radians, angles))
 
 
-def place_deg(latitude_deg: float, longitude_deg: float, height_m: float) -> Place:
+def place_deg(latitude_deg: float, longitude_deg: float, height_m: float) -> GeodeticPlace:
     """Return a place on the earth."""
     latitude, longitude, height = finite(latitude_deg, longitude_deg, height_m)
     if abs(latitude) > 90 or abs(longitude) > 180:
         raise MessageError(f"no place on the earth: {latitude:g}, {longitude:g} deg")
     if max(abs(latitude), abs(longitude)) < _NO_PLACE_DEG:
         raise MessageError("no position yet: 0, 0 deg")
-    return Place(math.radians(latitude), math.radians(longitude), height)
+    return GeodeticPlace(math.radians(latitude), math.radians(longitude), height)
 
 
 def vector(xyz: Any) -> Vector:

@@ -14,7 +14,7 @@ from tirgeo_ros.dji.sources.readings import RtkReading
 _HALF_EPOCH_NS = 100_000_000
 
 
-class Epoch(NamedTuple):
+class RtkEpoch(NamedTuple):
     """Hold an epoch and the time when the last of its messages came."""
 
     arrival_ns: int
@@ -36,7 +36,7 @@ class RtkEpochs:
         self._stamp_ns: int | None = None
         self._stamped_by = ""
 
-    def take(self, part: RtkReading, arrival_ns: int) -> list[Epoch]:
+    def take(self, part: RtkReading, arrival_ns: int) -> list[RtkEpoch]:
         """Take the content of one message; return the epoch that it ends."""
         given = {name: value for name, value in part._asdict().items() if value is not None}
         stamp_ns = given.pop("stamp_ns")
@@ -51,15 +51,15 @@ class RtkEpochs:
         self._arrival_ns = arrival_ns
         return done
 
-    def due(self, now_ns: int) -> list[Epoch]:
+    def due(self, now_ns: int) -> list[RtkEpoch]:
         """Return the epoch, if nothing more of it can come."""
         over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
         return self.flush() if over else []
 
-    def flush(self) -> list[Epoch]:
+    def flush(self) -> list[RtkEpoch]:
         """Return the epoch as far as it has come."""
         parts, self._parts = self._parts, {}
         if not parts or self._stamp_ns is None:
             return []
         reading = RtkReading(self._stamp_ns)._replace(**parts)
-        return [Epoch(self._arrival_ns, reading)]
+        return [RtkEpoch(self._arrival_ns, reading)]

@@ -11,7 +11,7 @@ from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, TickClock
 from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import PLAIN, Frame, FrameReader
+from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial_readings import PUSH_SET, Clocks, Telemetry
@@ -21,7 +21,7 @@ _PAUSE_S = 0.05
 _BITS_A_BYTE = 10  # with start and stop
 
 
-class SerialRoad:
+class SerialDecoder:
     """Convert the link's bytes to readings; ``due`` returns what the host has to send."""
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
@@ -72,7 +72,9 @@ class SerialRoad:
         self._host.restart()
         return readings
 
-    def _read(self, frames: list[Frame], arrivals: list[int], now_s: float) -> list[Reading]:
+    def _read(
+        self, frames: list[ProtocolFrame], arrivals: list[int], now_s: float
+    ) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
             self._locked += _is_locked(frame)
@@ -119,7 +121,7 @@ class SerialRoad:
         return found | self._host.diagnostics
 
 
-def _is_locked(frame: Frame) -> bool:
+def _is_locked(frame: ProtocolFrame) -> bool:
     """Return whether a frame's data is encrypted, or makes no sense after decryption.
 
     Decrypted data makes sense if it is a push: that is what an aircraft sends.

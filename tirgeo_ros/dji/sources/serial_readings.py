@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
-from tirgeo_ros.dji.link.framing import Frame
+from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, GpsPosition, HardSync, Rtk
 from tirgeo_ros.dji.protocol.plausibility import doubtful
@@ -21,11 +21,11 @@ from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
+    GeodeticPlace,
     GimbalReading,
     GpsReading,
     ImuOrigin,
     ImuReading,
-    Place,
     Reading,
     RtkReading,
     Vector,
@@ -61,7 +61,7 @@ class Telemetry:
         self._traffic = HostTraffic(packages)
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
         # the aircraft's position, from fields whose order is certain
-        self._known: Place | None = None
+        self._known: GeodeticPlace | None = None
         self._counts: Counter[str] = Counter()
 
     @property
@@ -76,7 +76,7 @@ class Telemetry:
         """
         return dict(self._counts)
 
-    def read(self, frame: Frame, arrival_ns: int) -> list[Reading]:
+    def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
         """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
             return self._read_broadcast(frame.value, arrival_ns)
@@ -104,7 +104,7 @@ class Telemetry:
             (parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz),
         )
         if parts.position is not None:
-            self._known = Place(parts.position.lat_rad, parts.position.lon_rad, 0.0)
+            self._known = GeodeticPlace(parts.position.lat_rad, parts.position.lon_rad, 0.0)
         if parts.gps is not None:
             readings.append(_gps(stamp_ns, parts.gps))
         if parts.rtk is not None:
@@ -130,7 +130,7 @@ class Telemetry:
             tuple(map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))),
         )
         if (fused := values.get("GPS_FUSED")) is not None:
-            self._known = Place(fused.lat_rad, fused.lon_rad, 0.0)
+            self._known = GeodeticPlace(fused.lat_rad, fused.lon_rad, 0.0)
         readings += self._satellites(stamp_ns, values)
         if (angles := values.get("GIMBAL_ANGLES")) is not None:
             readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
@@ -179,7 +179,7 @@ class Telemetry:
             readings.append(GpsReading(stamp_ns, place, velocity, *quality))
         return readings
 
-    def _gps_place(self, raw: GpsPosition) -> Place:
+    def _gps_place(self, raw: GpsPosition) -> GeodeticPlace:
         """Return GPS_POSITION, longitude first unless other positions show the reverse order.
 
         The documents disagree on the order.
@@ -188,7 +188,7 @@ class Telemetry:
         if self._is_swapped(latitude, longitude):
             self._counts["axes_swapped"] += 1
             latitude, longitude = longitude, latitude
-        return Place(latitude, longitude, raw.z_raw * 1e-3)
+        return GeodeticPlace(latitude, longitude, raw.z_raw * 1e-3)
 
     def _is_swapped(self, latitude: float, longitude: float) -> bool:
         if self._known is None:
@@ -214,7 +214,7 @@ def _gimbal(stamp_ns: int, roll_deg: float, pitch_deg: float, yaw_deg: float) ->
 
 
 def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
-    place = Place(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
+    place = GeodeticPlace(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
     return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
 
 
@@ -234,8 +234,8 @@ def _rtk(stamp_ns: int, rtk: Rtk) -> RtkReading:
     return RtkReading(stamp_ns, place, rtk.pos_flag, velocity, rtk.yaw_deg, rtk.yaw_flag)
 
 
-def _place_deg(latitude_deg: float, longitude_deg: float, height_msl_m: float) -> Place:
-    return Place(math.radians(latitude_deg), math.radians(longitude_deg), height_msl_m)
+def _place_deg(latitude_deg: float, longitude_deg: float, height_msl_m: float) -> GeodeticPlace:
+    return GeodeticPlace(math.radians(latitude_deg), math.radians(longitude_deg), height_msl_m)
 
 
 def _metres(cm_s: Vector | None) -> Vector | None:

@@ -59,7 +59,7 @@ class Segment:
 
 
 @dataclass(slots=True)
-class Contents:
+class McapContents:
     """Hold segments, channels and schemas of a file, and its faults."""
 
     segments: list[Segment] = field(default_factory=list)
@@ -91,7 +91,7 @@ def header_of(data: mmap) -> Header | None:
     return header
 
 
-def contents_of(data: mmap) -> Contents:
+def contents_of(data: mmap) -> McapContents:
     """Return the contents of a file that begins with the magic."""
     try:
         found = _summary(data)
@@ -102,7 +102,7 @@ def contents_of(data: mmap) -> Contents:
     return found or _walked(data)
 
 
-def _summary(data: mmap) -> Contents | None:
+def _summary(data: mmap) -> McapContents | None:
     """Return the contents by the summary; None if an intact file has no index."""
     footer = _footer(data)
     if not footer.summary_start:
@@ -111,7 +111,7 @@ def _summary(data: mmap) -> Contents | None:
     covered = len(summary) - len(MAGIC) - 4
     if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
         raise McapError("checksum of the index is wrong")
-    found, numbers = Contents(), {}
+    found, numbers = McapContents(), {}
     for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
         if isinstance(record, Schema):
             found.schemas[record.id] = record
@@ -147,9 +147,9 @@ def _indexed(index: ChunkIndex) -> Segment:
     )
 
 
-def _walked(data: mmap) -> Contents:
+def _walked(data: mmap) -> McapContents:
     """Return the contents by walking all records from the first one on."""
-    found = Contents(count=0)
+    found = McapContents(count=0)
     for offset, length in _ranges(data, found):
         number, first_ns, last_ns = 0, sys.maxsize, 0
         for _, log_time_ns, _, _ in read_segment(data, offset, length, found):
@@ -161,7 +161,7 @@ def _walked(data: mmap) -> Contents:
     return found
 
 
-def _ranges(data: mmap, found: Contents) -> Iterator[tuple[int, int]]:
+def _ranges(data: mmap, found: McapContents) -> Iterator[tuple[int, int]]:
     """Yield ranges of whole records, one with each chunk.
 
     Broken places are added to ``found.losses``.
@@ -217,7 +217,9 @@ def _is_chunk(data: mmap, at: int, marker_size: int) -> bool:
     return bool(length == size + size_at + 8 - at - _RECORD.size)
 
 
-def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Iterator[RawMessage]:
+def read_segment(
+    data: mmap, offset: int, length: int, found: McapContents
+) -> Iterator[RawMessage]:
     """Yield the messages in a range of records; add broken places to ``found.losses``."""
     part = part_of_file(data, offset, length)
     at = 0
@@ -235,7 +237,7 @@ def read_segment(data: mmap, offset: int, length: int, found: Contents) -> Itera
         at = end
 
 
-def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
+def _unpacked(body: bytes, size: int, offset: int, found: McapContents) -> bytes:
     """Return the records in a chunk; of one cut off those up to the cut, of a broken one none."""
     cut = len(body) < size
     try:
@@ -251,7 +253,7 @@ def _unpacked(body: bytes, size: int, offset: int, found: Contents) -> bytes:
     return inside if cut or not fault else b""
 
 
-def _messages(records: bytes, offset: int, found: Contents) -> Iterator[RawMessage]:
+def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawMessage]:
     """Yield the messages among records; add schemas and channels on the way."""
     at, end = 0, len(records)
     while at + _RECORD.size <= end:

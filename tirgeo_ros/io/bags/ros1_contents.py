@@ -65,7 +65,7 @@ class Chunk:
 
 
 @dataclass(slots=True)
-class Contents:
+class Ros1Contents:
     """Hold a file's chunks in the order of their times, its connections, and its faults."""
 
     chunks: list[Chunk] = field(default_factory=list)
@@ -115,12 +115,12 @@ class Contents:
         self.losses.setdefault(chunk.offset, f"the chunk at byte {chunk.offset} {what}")
 
 
-def contents_of(data: mmap, name: str) -> Contents:
+def contents_of(data: mmap, name: str) -> Ros1Contents:
     """Return the contents of a file that begins with the magic.
 
     Raises BagError naming ``name`` if it is encrypted.
     """
-    found, indexed = Contents(), False
+    found, indexed = Ros1Contents(), False
     for record in records(data, len(MAGIC), len(data)):
         if isinstance(record, Lost):
             found.losses[record.start] = (
@@ -147,7 +147,7 @@ def _is_indexed(data: mmap, record: Record, name: str) -> bool:
     return at == len(data) or (0 < at < len(data) and record_at(data, at, len(data)) is not None)
 
 
-def _add_chunk(found: Contents, data: mmap, record: Record) -> None:
+def _add_chunk(found: Ros1Contents, data: mmap, record: Record) -> None:
     compression, size = record.text(b"compression"), record.number(b"size")
     chunk = Chunk(record.offset, record.end - record.offset, compression, size)
     if not chunk.length and not size and compression != "none":
@@ -157,7 +157,7 @@ def _add_chunk(found: Contents, data: mmap, record: Record) -> None:
     found.chunks.append(chunk)
 
 
-def _add_times(found: Contents, data: mmap, record: Record) -> None:
+def _add_times(found: Ros1Contents, data: mmap, record: Record) -> None:
     """Add the index of the chunk before it: seconds, nanoseconds, offset of each message."""
     whole = (record.end - record.offset) // 12 * 12
     entries = np.frombuffer(data[record.offset : record.offset + whole], "<u4").reshape(-1, 3)
@@ -168,17 +168,17 @@ def _add_times(found: Contents, data: mmap, record: Record) -> None:
         found.chunks[-1].indexed += len(entries)
 
 
-def _add_loose(found: Contents, _data: mmap, record: Record) -> None:
+def _add_loose(found: Ros1Contents, _data: mmap, record: Record) -> None:
     """Add a message outside chunks: it is in one that was not closed when the recording ended."""
     length = record.end - record.start
     found.chunks.append(Chunk(record.start, length, "none", length))
 
 
-def _connect(found: Contents, data: mmap, record: Record) -> None:
+def _connect(found: Ros1Contents, data: mmap, record: Record) -> None:
     found.connect(data, record)
 
 
-def _nothing(_found: Contents, _data: mmap, _record: Record) -> None:
+def _nothing(_found: Ros1Contents, _data: mmap, _record: Record) -> None:
     """Ignore a record that the walk does not need."""
 
 
@@ -190,7 +190,7 @@ _TAKE = {
 }
 
 
-def _complete(found: Contents, data: mmap) -> None:
+def _complete(found: Ros1Contents, data: mmap) -> None:
     """Read the chunks without an index, and sort all by time."""
     for chunk in found.chunks:
         if chunk.start_ns is None or not chunk.connections <= found.connections.keys():

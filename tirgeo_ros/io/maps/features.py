@@ -23,7 +23,7 @@ _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 
 
 @dataclass(frozen=True, slots=True)
-class Laid:
+class MapFeatures:
     """Hold the features of a table that are drawn, and notes on the others."""
 
     features: list[GeoFeature]
@@ -31,7 +31,7 @@ class Laid:
     refusal: str | None  # why nothing of the table can be drawn; None if something can
 
 
-def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
+def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     """Convert the features of a table to WGS84.
 
     ``crs`` takes precedence over the table's own system. A feature with a vertex that is not
@@ -52,7 +52,7 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> Laid:
     features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
     notes = (*table.left_out, *bad, *_bare(table), *remarks, *unmet)
     refusal = table.faults.refusal(table.where, name) or table.empty
-    return Laid(features, tuple(map(shown, notes)), None if texts else refusal)
+    return MapFeatures(features, tuple(map(shown, notes)), None if texts else refusal)
 
 
 def _name(row: Mapping[str, Any], label: str) -> str:

@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.files.file_list import named_files
 from tirgeo_ros.io.files.memory_bound import MOST_BYTES, bounded_memory
 from tirgeo_ros.io.files.offline_reading import read_map
-from tirgeo_ros.io.maps.features import Laid, laid
+from tirgeo_ros.io.maps.features import MapFeatures, laid
 from tirgeo_ros.io.maps.formats import companions, read_tables
 from tirgeo_ros.io.maps.label_rule import LabelRule
 from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
@@ -116,7 +116,7 @@ def _read(source: _Source, label_field: str) -> list[MapLayer]:
     ]
 
 
-def _layer(name: str, found: Laid, entry: SheetLayer | None) -> MapLayer:
+def _layer(name: str, found: MapFeatures, entry: SheetLayer | None) -> MapLayer:
     if entry is None:
         return MapLayer(name, found.features, left_out=found.notes)
     return MapLayer(name, found.features, entry.style, entry.sigma_m, found.notes)

@@ -26,7 +26,7 @@ from typing import Any
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import check_heights
-from tirgeo_ros.core.overlay.map_renderer import LaidMap, lay_layers
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_python import python_command
@@ -46,7 +46,7 @@ class MapContents:
     left_out: tuple[str, ...]  # what of the files is not among them: a line each
 
 
-class MapChild:
+class MapProcess:
     """Read one map at a time, then lay it out; ``stop``, from another thread, ends either.
 
     The process lives no longer than the thread that called ``read``.
@@ -88,10 +88,10 @@ class MapChild:
         assert isinstance(contents, MapContents)
         return contents
 
-    def lay(self, plane: TangentPlane) -> LaidMap:
+    def lay(self, plane: TangentPlane) -> DrapedMap:
         """Return the map that was read, laid out in a plane; once. Raises as ``read``."""
         laid = self._answer(plane)
-        assert isinstance(laid, LaidMap)
+        assert isinstance(laid, DrapedMap)
         self._end()
         return laid
 
@@ -199,6 +199,6 @@ def _work(config: OverlayConfig) -> None:
         _say(lay_layers(layers, pickle.load(sys.stdin.buffer), ground))  # noqa: S301  as above
 
 
-def _say(answer: MapContents | LaidMap | TirgeoError) -> None:
+def _say(answer: MapContents | DrapedMap | TirgeoError) -> None:
     pickle.dump(answer, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
     sys.stdout.buffer.flush()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded, longest_piece
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
-from tirgeo_ros.core.navigation.duplicates import Repeats, Same
+from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, MessageError
@@ -39,7 +39,7 @@ def read_aircraft(
     imu: list[ImuSample] = []
     aids: dict[tuple[Source, int], Aiding] = {}
     left_out: Counter[str] = Counter()
-    repeats, newest_ns = Repeats(), 0
+    repeats, newest_ns = DuplicateDetector(), 0
     for source, sample in _samples(reader, topics, left_out, progress):
         if fault_of(sample):
             left_out[f"invalid {topics_name(source)}"] += 1

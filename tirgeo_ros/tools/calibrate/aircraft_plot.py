@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import Run
+from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun
 from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.measurements import Source
@@ -77,5 +77,5 @@ def _over_azimuth(panel: Any, found: AircraftFit) -> None:
     panel.set(xlim=(0, 360), xlabel="heading of the nose, deg", ylabel="innovation, deg")
 
 
-def _runs(found: AircraftFit) -> tuple[tuple[Run, str, str], ...]:
+def _runs(found: AircraftFit) -> tuple[tuple[FilterRun, str, str], ...]:
     return (found.before, COLOURS[1], "before"), (found.after, COLOURS[0], "after")

@@ -15,7 +15,7 @@ from tirgeo_ros.core.aircraft_calibration.mounting_level import (
     LEVEL,
     LEVEL_ADVICE,
     LEVEL_LIMIT_RAD,
-    Level,
+    MountingLevel,
 )
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     ANTENNA,
@@ -47,7 +47,7 @@ _KEYS = {
 _LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
-class Estimate(NamedTuple):
+class AircraftEstimate(NamedTuple):
     """Hold one parameter, in its unit."""
 
     unit: str
@@ -58,10 +58,10 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Result:
+class AircraftResult:
     """Hold the full result of a calibration."""
 
-    estimates: dict[str, Estimate]
+    estimates: dict[str, AircraftEstimate]
     untold: dict[str, str]
     nis: dict[str, dict[str, float]]
     nodes: dict[str, dict[str, Value]]
@@ -77,8 +77,8 @@ class Result:
 
 
 def summary(
-    config: EkfConfig, found: AircraftFit, level: Level | None, hold: Collection[str]
-) -> Result:
+    config: EkfConfig, found: AircraftFit, level: MountingLevel | None, hold: Collection[str]
+) -> AircraftResult:
     """Return the result of a fit.
 
     ``level`` is None if the bag has no attitude of the autopilot.
@@ -93,17 +93,17 @@ def summary(
         source.value: {"before": value, "after": found.after.nis()[source]}
         for source, value in found.before.nis().items()
     }
-    return Result(estimates, untold, nis, nodes, _notes(config, found))
+    return AircraftResult(estimates, untold, nis, nodes, _notes(config, found))
 
 
-def _estimate(found: AircraftFit, k: int) -> Estimate:
+def _estimate(found: AircraftFit, k: int) -> AircraftEstimate:
     unit = _UNITS[k]
     numbers = found.first[k], found.values[k], found.sigma[k], found.left_out[k]
-    return Estimate(unit, *(float(x) * _PER_UNIT[unit] for x in numbers))
+    return AircraftEstimate(unit, *(float(x) * _PER_UNIT[unit] for x in numbers))
 
 
 def _add_level(
-    level: Level | None, estimates: dict[str, Estimate], untold: dict[str, str]
+    level: MountingLevel | None, estimates: dict[str, AircraftEstimate], untold: dict[str, str]
 ) -> Array:
     """Return the IMU's turn about x and y (2,), FRD, rad.
 
@@ -121,7 +121,7 @@ def _add_level(
             continue
         turn[k] = level.angles_rad[k]
         numbers = sign * turn[k], sigma, float(level.left_out_rad[k])
-        estimates[name] = Estimate("deg", 0.0, *(math.degrees(x) for x in numbers))
+        estimates[name] = AircraftEstimate("deg", 0.0, *(math.degrees(x) for x in numbers))
     return turn
 
 
@@ -213,7 +213,7 @@ def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
     return notes
 
 
-def parameter_text(bag_in: PathLike, result: Result) -> str:
+def parameter_text(bag_in: PathLike, result: AircraftResult) -> str:
     """Return a parameter file of the estimates.
 
     Its head lists their sigmas, and the parameters that the flight does not determine.
@@ -228,7 +228,7 @@ def parameter_text(bag_in: PathLike, result: Result) -> str:
     return parameters_yaml(result.nodes, "\n".join(lines))
 
 
-def _line(name: str, one: Estimate) -> str:
+def _line(name: str, one: AircraftEstimate) -> str:
     digits = _DIGITS[one.unit]
     return (
         f"{name}: {one.found:.{digits}f} +- {one.sigma:.{digits}f} {one.unit} "

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 from tirgeo_ros.core.calibration.allan.noise_fit import AllanAnalysis, NoiseFit
-from tirgeo_ros.core.calibration.allan.spectral_lines import Line
+from tirgeo_ros.core.calibration.allan.spectral_lines import SpectralLine
 from tirgeo_ros.core.calibration.allan.stillness import (
     Interval,
     Seconds,
@@ -77,8 +77,8 @@ def movement(seconds: Seconds, record_from_s: float) -> str:
     )
 
 
-def _vibration(lines: Sequence[Line]) -> Iterator[str]:
-    by_place: dict[str, list[Line]] = defaultdict(list)
+def _vibration(lines: Sequence[SpectralLine]) -> Iterator[str]:
+    by_place: dict[str, list[SpectralLine]] = defaultdict(list)
     for line in lines:
         by_place[CHANNELS[line.channel]].append(line)
     if not by_place:

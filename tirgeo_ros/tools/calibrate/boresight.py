@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Sequence
 
-from tirgeo_ros.core.calibration.boresight.fit import Fit, fit, foreseen
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, fit, foreseen
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
 from tirgeo_ros.core.calibration.boresight.observability import (
     UNASKED_SHARE,
-    Doubt,
+    Ambiguity,
     check_numbers,
     doubt,
 )
@@ -109,7 +109,9 @@ def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
         )
 
 
-def _fitted(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Fit, list[str]]:
+def _fitted(
+    read: ReadFlight, wanted: list[str], *, strict: bool
+) -> tuple[BoresightFit, list[str]]:
     """Return the fit, and notes on what was left out of it; ``strict``: leave nothing out.
 
     Raise CalibrationError if a parameter is not determined well enough.
@@ -176,6 +178,6 @@ def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
     return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
 
 
-def _refuse(found: Doubt | None) -> None:
+def _refuse(found: Ambiguity | None) -> None:
     if found is not None:
         raise CalibrationError(str(found))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, Stepped
+from tirgeo_ros.core.calibration.boresight.model import PointSighting, SightedFlight, Stepped
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
@@ -31,9 +31,9 @@ _STEP_DEG = 1.0
 class ReadFlight:
     """Hold a flight that went through the filter, and the observations of its points."""
 
-    flight: Flight
+    flight: SightedFlight
     plane: TangentPlane
-    sightings: list[Sighting]
+    sightings: list[PointSighting]
     unknown: int  # observations of points that the survey lacks
     lost: int  # observations of pictures without a pose
     ground_m: float  # median height of the points seen, ellipsoidal; nan without any
@@ -71,7 +71,7 @@ def read_flight(
             f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' tells why"
         )
     composer = usual.registration.composer
-    flight = Flight(
+    flight = SightedFlight(
         recorded.camera,
         usual.at,
         np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
@@ -121,7 +121,7 @@ def _unknown_north(composer: GimbalComposer, gimbal: GimbalConfig) -> float:
 
 
 def _with_sightings(
-    flight: Flight,
+    flight: SightedFlight,
     plane: TangentPlane,
     composer: GimbalComposer,
     seen: Sequence[Observation],
@@ -143,7 +143,7 @@ def _with_sightings(
     )
 
 
-def _has_pose(flight: Flight, stamp_ns: int) -> bool:
+def _has_pose(flight: SightedFlight, stamp_ns: int) -> bool:
     """Return whether a picture has a pose with its motion, in every run."""
     exposure_ns = stamp_ns - round(flight.latency_s * 1e9)
     everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
@@ -153,7 +153,7 @@ def _has_pose(flight: Flight, stamp_ns: int) -> bool:
 
 def _sighting(
     seen: Observation, points: Mapping[str, SurveyPoint], plane: TangentPlane
-) -> Sighting:
+) -> PointSighting:
     at = points[seen.id]
     point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
-    return Sighting(seen.id, seen.stamp_ns, np.array([seen.u, seen.v]), point_n)
+    return PointSighting(seen.id, seen.stamp_ns, np.array([seen.u, seen.v]), point_n)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import Fit
-from tirgeo_ros.core.calibration.boresight.model import Sighting
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
+from tirgeo_ros.core.calibration.boresight.model import PointSighting
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
@@ -17,7 +17,9 @@ from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 _LONGEST_PX = 60.0
 
 
-def residual_plot(camera: Camera, sightings: Sequence[Sighting], found: Fit) -> bytes:
+def residual_plot(
+    camera: Camera, sightings: Sequence[PointSighting], found: BoresightFit
+) -> bytes:
     """Return a PNG: an arrow from each observation to its point's expected pixel, outliers too."""
     uv = np.array([one.uv for one in sightings])
     made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import Fit
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Sighting
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, PointSighting
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
@@ -94,7 +94,7 @@ def _turned_second_m(aircraft: AircraftConfig, turn_rad: float) -> list[float]:
     return turned
 
 
-class Estimate(NamedTuple):
+class BoresightEstimate(NamedTuple):
     """Hold one parameter, in its unit (deg, ms or m)."""
 
     name: str
@@ -113,11 +113,11 @@ class Outlier(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Result:
+class BoresightResult:
     """Hold the full result of a calibration."""
 
     composition: str
-    estimates: list[Estimate]
+    estimates: list[BoresightEstimate]
     correlation: Array  # (p, p) of the estimates
     points: int
     pictures: int
@@ -175,14 +175,14 @@ class Result:
         }
 
 
-def summary(read: ReadFlight, configs: NodeConfigs, found: Fit) -> Result:
+def summary(read: ReadFlight, configs: NodeConfigs, found: BoresightFit) -> BoresightResult:
     """Return the result of a fit. Raise ConfigError if a parameter would be out of its range."""
     used = [one for one, is_used in zip(read.sightings, found.used, strict=True) if is_used]
     names = {one.id for one in used}
     parameters = Parameters(configs, read)
     estimates = [_estimate(parameters, found, name) for name in found.estimated]
     sigma = np.sqrt(np.diag(found.covariance))
-    return Result(
+    return BoresightResult(
         "encoders" if read.by_encoders else "paper",
         estimates,
         found.covariance / np.outer(sigma, sigma),
@@ -198,7 +198,7 @@ def summary(read: ReadFlight, configs: NodeConfigs, found: Fit) -> Result:
 
 
 def _ground_m(
-    read: ReadFlight, used: Sequence[Sighting], found: Fit
+    read: ReadFlight, used: Sequence[PointSighting], found: BoresightFit
 ) -> tuple[float, float, float]:
     """Return the rmse on the ground (m): before, after, and of each point from the others only."""
     ways = (
@@ -212,18 +212,20 @@ def _ground_m(
     return before, after, others
 
 
-def _estimate(parameters: Parameters, found: Fit, name: str) -> Estimate:
+def _estimate(parameters: Parameters, found: BoresightFit, name: str) -> BoresightEstimate:
     unit = _UNITS.get(name, "deg")
     before = parameters.value(name)
     change = float(found.correction[PARAMETERS.index(name)]) * _PER_UNIT[unit]
-    return Estimate(name, unit, before, before + change, found.sigma[name] * _PER_UNIT[unit])
+    return BoresightEstimate(
+        name, unit, before, before + change, found.sigma[name] * _PER_UNIT[unit]
+    )
 
 
 def _rms_px(residuals: Array) -> float:
     return math.sqrt(float(np.nanmean((residuals**2).sum(1))))
 
 
-def _outliers(sightings: Sequence[Sighting], found: Fit) -> list[Outlier]:
+def _outliers(sightings: Sequence[PointSighting], found: BoresightFit) -> list[Outlier]:
     lengths = np.hypot(*found.after.T)
     return [
         Outlier(one.id, one.stamp_ns, float(length) if math.isfinite(length) else None)
@@ -232,7 +234,7 @@ def _outliers(sightings: Sequence[Sighting], found: Fit) -> list[Outlier]:
     ]
 
 
-def parameter_text(bag_in: PathLike, result: Result) -> str:
+def parameter_text(bag_in: PathLike, result: BoresightResult) -> str:
     """Return a parameter file of the estimates; its head lists their sigmas."""
     pixels_before, pixels_after = result.residual_px
     before, after, others = result.ground_m

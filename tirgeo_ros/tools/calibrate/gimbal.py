@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.board_pose import BoardTracker, camera_angles
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -43,7 +43,7 @@ _MOST_RMS_PX = 1.5
 
 
 @dataclass(frozen=True)
-class Attitudes:
+class BoardAttitudes:
     """Hold a camera's attitudes relative to a fixed board, over N pictures."""
 
     names: list[str]
@@ -124,7 +124,7 @@ def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
 
 def attitudes_in(
     pictures: Iterator[Taken], board: Checkerboard, camera: Camera
-) -> tuple[Attitudes, BoardSightings]:
+) -> tuple[BoardAttitudes, BoardSightings]:
     """Return the camera's attitude in each picture with the board, and the refused pictures.
 
     Raise CalibrationError if the pictures have another size than the camera's calibration.
@@ -133,17 +133,19 @@ def attitudes_in(
     rows: list[tuple[str, int, Array, Array, float]] = []
     for name, stamp_ns, pixels in pictures:
         if pixels is None or stamp_ns is None:
-            lost.refused[name] = Refused(Reason.UNREADABLE, "it is no picture of 8 or 16 bits")
+            lost.refused[name] = Refused(
+                RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits"
+            )
             continue
         _check_size(name, pixels.shape, camera)
         seen = find_board(pixels, board)
-        if isinstance(seen, Sighting):
+        if isinstance(seen, BoardSighting):
             pose = tracker.pose(seen)
             if pose is not None and pose.rms_px <= _MOST_RMS_PX:
                 rows.append((name, stamp_ns, *camera_angles(pose), pose.rms_px))
                 continue
             error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
-            seen = Refused(Reason.OUTLIER, f"{error} with this camera's calibration")
+            seen = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
         lost.refused[name] = seen
     return _attitudes(rows), lost
 
@@ -156,10 +158,10 @@ def _check_size(name: str, shape: tuple[int, ...], camera: Camera) -> None:
         )
 
 
-def _attitudes(rows: list[tuple[str, int, Array, Array, float]]) -> Attitudes:
+def _attitudes(rows: list[tuple[str, int, Array, Array, float]]) -> BoardAttitudes:
     stamps = np.array([row[1] for row in rows], np.int64)
     angles = np.array([row[2] for row in rows]).reshape(-1, 3)
-    return Attitudes(
+    return BoardAttitudes(
         [row[0] for row in rows],
         np.asarray((stamps - stamps[:1]) * 1e-9, float),
         np.unwrap(angles, axis=0),
@@ -168,7 +170,7 @@ def _attitudes(rows: list[tuple[str, int, Array, Array, float]]) -> Attitudes:
     )
 
 
-def _summary(found: Attitudes, lost: BoardSightings) -> dict[str, object]:
+def _summary(found: BoardAttitudes, lost: BoardSightings) -> dict[str, object]:
     total = len(found.names) + lost.pictures
     span = np.ptp(found.angles_rad, axis=0)
     return {
@@ -192,7 +194,7 @@ def _by_axis(values_rad: Array) -> dict[str, float]:
     return dict(zip(AXES, np.degrees(values_rad).tolist(), strict=True))
 
 
-def _warning(found: Attitudes, lost: BoardSightings, total: int) -> str | None:
+def _warning(found: BoardAttitudes, lost: BoardSightings, total: int) -> str | None:
     notes = []
     if lost.pictures > _MANY_LOST * total:
         notes.append(f"{lost.pictures} of {total} pictures are not used: {reasons(lost)}")
@@ -209,7 +211,7 @@ def _warning(found: Attitudes, lost: BoardSightings, total: int) -> str | None:
     return "; ".join(notes) or None
 
 
-def attitudes_csv(found: Attitudes) -> str:
+def attitudes_csv(found: BoardAttitudes) -> str:
     """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
     rows = [["picture", "time_s", *names, "rms_px"]]
@@ -221,7 +223,7 @@ def attitudes_csv(found: Attitudes) -> str:
     return csv_text(rows)
 
 
-def attitudes_png(found: Attitudes) -> bytes:
+def attitudes_png(found: BoardAttitudes) -> bytes:
     """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
     made, all_axes = figure(7.0, 6.0, rows=3, sharex=True)
     angles = np.degrees(found.angles_rad - found.angles_rad.mean(0))

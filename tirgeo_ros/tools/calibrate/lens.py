@@ -13,7 +13,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit, LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
@@ -40,7 +40,7 @@ _LOOSE = 0.5  # largest ratio of a coefficient's standard deviation to its value
 class BoardSightings:
     """Hold the boards that were seen in pictures, and why the other pictures were refused."""
 
-    views: dict[str, Sighting] = field(default_factory=dict)
+    views: dict[str, BoardSighting] = field(default_factory=dict)
     refused: dict[str, Refused] = field(default_factory=dict)
     size: tuple[int, int] = (0, 0)  # width, height of most pictures
 
@@ -62,11 +62,13 @@ def sightings_in(pictures: Iterator[Taken], board: Checkerboard) -> BoardSightin
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
         if pixels is None:
-            seen.refused[name] = Refused(Reason.UNREADABLE, "it is no picture of 8 or 16 bits")
+            seen.refused[name] = Refused(
+                RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits"
+            )
             continue
         sizes[name] = pixels.shape[1], pixels.shape[0]
         found = find_board(pixels, board)
-        if isinstance(found, Sighting):
+        if isinstance(found, BoardSighting):
             seen.views[name] = found
         else:
             seen.refused[name] = found
@@ -74,7 +76,9 @@ def sightings_in(pictures: Iterator[Taken], board: Checkerboard) -> BoardSightin
     if sized:
         seen.size = sized.most_common(1)[0][0]
     odd = {name: sizes[name] for name in seen.views if sizes[name] != seen.size}
-    seen.leave({n: Refused(Reason.OTHER_SIZE, f"{w}x{h} pixels") for n, (w, h) in odd.items()})
+    seen.leave(
+        {n: Refused(RefusalReason.OTHER_SIZE, f"{w}x{h} pixels") for n, (w, h) in odd.items()}
+    )
     return seen
 
 
@@ -133,7 +137,7 @@ def reasons(seen: BoardSightings) -> str:
     return ", ".join(f"{number} x {reason}" for reason, number in counts.most_common())
 
 
-def covered_share(fit: LensFit, views: dict[str, Sighting]) -> float:
+def covered_share(fit: LensFit, views: dict[str, BoardSighting]) -> float:
     """Return the share of the picture's cells in which a used view has a corner."""
     corners = np.concatenate([views[name].corners_px for name in fit.views])
     size = np.array([fit.camera.width, fit.camera.height])

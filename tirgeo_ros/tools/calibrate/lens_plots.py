@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
-from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 _ARROW_SHARE = 0.06  # length of a typical arrow as a share of the picture's width
 _MOST_NAMES = 40
 
 
-def coverage_png(fit: LensFit, views: Mapping[str, Sighting]) -> bytes:
+def coverage_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
     made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
     _draw_corners(frame, fit, views)
@@ -23,7 +23,7 @@ def coverage_png(fit: LensFit, views: Mapping[str, Sighting]) -> bytes:
     return png(made)
 
 
-def _draw_corners(axes: Any, fit: LensFit, views: Mapping[str, Sighting]) -> None:
+def _draw_corners(axes: Any, fit: LensFit, views: Mapping[str, BoardSighting]) -> None:
     width, height = fit.camera.width, fit.camera.height
     scale = _round(_ARROW_SHARE * width / max(fit.rms_px, 1e-3) / 3)
     for number, (name, view) in enumerate(fit.views.items()):

@@ -12,7 +12,7 @@ from typing import Any
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
 from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import Frame, FrameReader
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.commands import (
     AddPackage,
@@ -92,7 +92,7 @@ class CaptureDump:
                 "aircraft's serial port sent, recorded at the right baud rate"
             )
 
-    def _record(self, frame: Frame) -> Record:
+    def _record(self, frame: ProtocolFrame) -> Record:
         contents = self._contents(frame)
         index = self._kinds.total()
         self._kinds[contents["kind"]] += 1
@@ -109,7 +109,7 @@ class CaptureDump:
             **contents,
         }
 
-    def _contents(self, frame: Frame) -> Record:
+    def _contents(self, frame: ProtocolFrame) -> Record:
         """Return a frame's kind and its decoded contents."""
         if frame.is_encrypted:
             return _kind("encrypted", {})

@@ -19,7 +19,7 @@ from tirgeo_ros.dji.clocks.capture_clock import CaptureTimeline
 from tirgeo_ros.dji.clocks.civil_time import WholeSeconds, guess_utc_offset, utc_from_words
 from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, MILLISECOND_NS, is_long
 from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import Frame, FrameReader
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
@@ -67,7 +67,7 @@ class _Pass:
         self.timeline = timeline
         self._path = path
 
-    def readings(self, progress: Report) -> Iterator[tuple[Frame, list[Reading]]]:
+    def readings(self, progress: Report) -> Iterator[tuple[ProtocolFrame, list[Reading]]]:
         """Yield each frame and its readings. Raise DjiError without any frame."""
         total = self._path.stat().st_size
         with self._path.open("rb") as file:
@@ -81,7 +81,7 @@ class _Pass:
                 "aircraft's serial port sent at the right baud rate"
             )
 
-    def _read(self, frame: Frame) -> tuple[Frame, list[Reading]]:
+    def _read(self, frame: ProtocolFrame) -> tuple[ProtocolFrame, list[Reading]]:
         return frame, self.telemetry.read(frame, self.timeline.now_ns)
 
 
@@ -176,7 +176,7 @@ def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
     return found
 
 
-def _date_and_time(frame: Frame, table: PackageTable) -> tuple[int, int] | None:
+def _date_and_time(frame: ProtocolFrame, table: PackageTable) -> tuple[int, int] | None:
     """Return a frame's date and time of day: RTK's, else that of the ordinary GPS.
 
     Return None if it has neither.

@@ -13,7 +13,7 @@ from tirgeo_ros.dji.sources.ros1 import (
     FEEDS,
     NEEDED,
     WRAPPERS,
-    Ros1Road,
+    Ros1Decoder,
     Ros1Setup,
     Ros1Survey,
     notes_of,
@@ -86,7 +86,7 @@ class Ros1Import:
     pictures: Pictures
     names: dict[str, str] = field(init=False)  # topic -> its name in the wrapper
     rows: dict[tuple[str, str], TopicIn] = field(init=False, default_factory=dict)
-    road: Ros1Road = field(init=False)
+    road: Ros1Decoder = field(init=False)
 
     def __post_init__(self) -> None:
         """Find the topics, and inspect the first messages."""
@@ -95,7 +95,7 @@ class Ros1Import:
         self.names = _wrapper_topics(self.bag, self.namespace)
         read = used(self.names.values())
         self.names = {topic: name for topic, name in self.names.items() if name in read}
-        self.road = Ros1Road(self._surveyed())
+        self.road = Ros1Decoder(self._surveyed())
 
     def run(self, sink: ImportSink, progress: Report) -> None:
         """Read the whole bag."""

@@ -9,20 +9,20 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.tools.evaluate.ground import Experiment
-from tirgeo_ros.tools.evaluate.result import Checks, MethodResult
+from tirgeo_ros.tools.evaluate.result import InputChecksResult, MethodResult
 
 _NAMED = 5  # most ids in a note
 _ELSEWHERE_M = 500.0  # median error of every method: no drone's camera is so far off
 
 
-def checks_of(given: Experiment, image_stamps_ns: IntArray) -> Checks:
+def checks_of(given: Experiment, image_stamps_ns: IntArray) -> InputChecksResult:
     """Compare them; ``image_stamps_ns`` (M,) is sorted, and empty if the bag has no pictures."""
     names = Counter(one.id for one in given.observations)
     unknown = {name: number for name, number in names.items() if name not in given.control}
     unobserved = [name for name in given.control if name not in names]
     apart_ns = _apart_ns([one.stamp_ns for one in given.observations], image_stamps_ns)
     pictured = len(image_stamps_ns) > 0
-    return Checks(
+    return InputChecksResult(
         len(given.observations),
         unknown,
         unobserved,
@@ -44,7 +44,7 @@ def _apart_ns(stamps_ns: Sequence[int], image_stamps_ns: IntArray) -> list[int]:
     ]
 
 
-def check_notes(checks: Checks) -> list[str]:
+def check_notes(checks: InputChecksResult) -> list[str]:
     """Return the checks as lines for a person."""
     notes = []
     if checks.unknown_ids:

@@ -9,7 +9,7 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import wrap_pi
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, thinned
-from tirgeo_ros.tools.evaluate.result import Attitudes, Evaluation, Innovations, MethodResult
+from tirgeo_ros.tools.evaluate.result import AttitudeSeries, Evaluation, Innovations, MethodResult
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, logarithmic, svg
 
 _AXES = ("roll", "pitch", "heading")
@@ -49,7 +49,7 @@ def _attitudes(found: Evaluation, best: MethodResult) -> Iterator[Plot]:
         yield _camera_heading(found.sensors.gimbal, best, start_ns)
 
 
-def _corrections(autopilot: Attitudes, body: Attitudes, start_ns: int) -> Plot:
+def _corrections(autopilot: AttitudeSeries, body: AttitudeSeries, start_ns: int) -> Plot:
     keep = (body.stamp_ns >= autopilot.stamp_ns[0]) & (body.stamp_ns <= autopilot.stamp_ns[-1])
     stamps = body.stamp_ns[keep]
     before = [np.interp(stamps, autopilot.stamp_ns, np.unwrap(angle)) for angle in autopilot.rpy.T]
@@ -68,7 +68,7 @@ def _corrections(autopilot: Attitudes, body: Attitudes, start_ns: int) -> Plot:
     )
 
 
-def _camera_heading(reported: Attitudes, best: MethodResult, start_ns: int) -> Plot:
+def _camera_heading(reported: AttitudeSeries, best: MethodResult, start_ns: int) -> Plot:
     made, axes = figure(WIDTH_IN, 3.0)
     axes.plot(*_degrees(reported, 2, start_ns), color=COLOURS[1], label="as reported")
     axes.plot(*_degrees(best.camera, 2, start_ns), color=COLOURS[0], label=best.method)
@@ -135,7 +135,7 @@ def _source(source: Innovations, start_ns: int) -> bytes:
     return svg(made)
 
 
-def _degrees(attitudes: Attitudes, axis: int, start_ns: int) -> tuple[Array, Array]:
+def _degrees(attitudes: AttitudeSeries, axis: int, start_ns: int) -> tuple[Array, Array]:
     """Return times (s) and an angle (deg), a heading in 0 to 360 with nan where it wraps."""
     keep = thinned(attitudes.stamp_ns)
     t_s = (attitudes.stamp_ns[keep] - start_ns) * 1e-9

@@ -11,7 +11,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, ellipse_of, place
 from tirgeo_ros.core.types.errors import SurveyError
@@ -71,7 +71,7 @@ def control_points(
 
 
 def locate_observations(
-    poses: PoseHistory[CameraPose],
+    poses: PoseBuffer[CameraPose],
     plane: TangentPlane,
     camera: Camera,
     given: Experiment,

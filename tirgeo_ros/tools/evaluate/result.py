@@ -86,7 +86,7 @@ class RefusedPoint:
 
 
 @dataclass(frozen=True)
-class Attitudes:
+class AttitudeSeries:
     """Hold attitudes at N instants."""
 
     stamp_ns: IntArray  # (N,)
@@ -98,7 +98,7 @@ class Attitudes:
 
 
 @dataclass(frozen=True)
-class PoseTrack(Attitudes):
+class PoseTrack(AttitudeSeries):
     """Hold poses at N instants, with the standard deviations that the method predicts."""
 
     east_m: Array  # (N,)
@@ -138,8 +138,8 @@ class Sensors:
 
     rtk: FixTrack
     gps: FixTrack
-    autopilot: Attitudes  # of the body
-    gimbal: Attitudes  # of the camera body, as the flight controller reports it
+    autopilot: AttitudeSeries  # of the body
+    gimbal: AttitudeSeries  # of the camera body, as the flight controller reports it
     image_stamps_ns: IntArray  # (M,) of the bag's pictures, in order
 
 
@@ -177,7 +177,7 @@ class Still:
 
 
 @dataclass(frozen=True)
-class Checks:
+class InputChecksResult:
     """Hold the comparison of observations, survey and pictures."""
 
     observations: int
@@ -198,7 +198,7 @@ class Evaluation:
     observations_path: str
     projection: Projection
     control: Mapping[str, ControlPoint]  # every surveyed point by its id
-    checks: Checks
+    checks: InputChecksResult
     sensors: Sensors
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run

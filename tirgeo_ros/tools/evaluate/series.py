@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.result import (
     SERIES_HZ,
-    Attitudes,
+    AttitudeSeries,
     FixTrack,
     Innovations,
     PoseTrack,
@@ -209,9 +209,9 @@ class SensorSeries:
         )
 
 
-def _attitudes(found: Sequence[tuple[int, Array]]) -> Attitudes:
+def _attitudes(found: Sequence[tuple[int, Array]]) -> AttitudeSeries:
     stamps = np.array([stamp for stamp, _ in found], np.int64)
-    return Attitudes(stamps, euler_from_quat(_rows([q for _, q in found], 4)))
+    return AttitudeSeries(stamps, euler_from_quat(_rows([q for _, q in found], 4)))
 
 
 def _fix_track(found: Sequence[PositionSample], projection: Projection) -> FixTrack:

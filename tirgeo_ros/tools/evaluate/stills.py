@@ -14,12 +14,12 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import MapDrawing
-from tirgeo_ros.core.overlay.tone_mapping import Toner
+from tirgeo_ros.core.overlay.map_renderer import MapRenderer
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.poses import CameraPose
@@ -48,7 +48,7 @@ class StillSource:
     namespace: str
     camera: Camera
     plane: TangentPlane
-    poses: PoseHistory[CameraPose]
+    poses: PoseBuffer[CameraPose]
     overlay: OverlayConfig
     ground: Ground
     layers: Sequence[MapLayer]
@@ -60,7 +60,7 @@ def overlay_stills(
 ) -> list[Still]:
     """Return stills with clicks drawn; empty if the bag has no pictures."""
     drawing = _drawing(source, control)
-    toner = Toner(source.overlay.picture, source.overlay.palette)
+    toner = ToneMapper(source.overlay.picture, source.overlay.palette)
     stills = []
     for stamp_ns, pixels in _pictures(source, _chosen(observations)):
         found = pose_at(source.poses, stamp_ns - round(source.overlay.video_latency_s * 1e9))
@@ -73,10 +73,10 @@ def overlay_stills(
     return stills
 
 
-def _drawing(source: StillSource, control: Iterable[ControlPoint]) -> MapDrawing:
+def _drawing(source: StillSource, control: Iterable[ControlPoint]) -> MapRenderer:
     terrain = source.ground if isinstance(source.ground, Terrain) else None
     layers = [*source.layers, _control_layer(control)]
-    drawing = MapDrawing(source.overlay, layers, terrain)
+    drawing = MapRenderer(source.overlay, layers, terrain)
     drawing.set_plane(source.plane)
     drawing.set_camera(source.camera)
     return drawing

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
-from tirgeo_ros.core.checks.recording_checks import Recording, recording_findings
+from tirgeo_ros.core.checks.recording_checks import RecordedTopics, recording_findings
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
@@ -49,7 +49,7 @@ def setting_of(
     pictures: bool = False,
 ) -> CheckSetting:
     """Return the setting for a command's checks of a bag; ``pictures``: the bag must have some."""
-    recording = Recording(
+    recording = RecordedTopics(
         reader.topics(),
         {topic: TOPIC_TYPES[topic] for topic in INPUTS},
         namespace,

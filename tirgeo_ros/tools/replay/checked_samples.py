@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Seen:
+class CheckedSamples:
     """Count messages by topic, with their time span and the longest gap between two of them."""
 
     def __init__(self) -> None:

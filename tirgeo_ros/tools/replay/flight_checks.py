@@ -15,13 +15,13 @@ from typing import Any, TypeVar, cast
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.recording_checks import unreadable_findings
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.overlay.map_renderer import LaidMap
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.tools.replay.check_groups import groups_of
 from tirgeo_ros.tools.replay.check_setting import CheckSetting
-from tirgeo_ros.tools.replay.checked_samples import Seen
+from tirgeo_ros.tools.replay.checked_samples import CheckedSamples
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -49,7 +49,7 @@ class FlightChecks:
 
     def __init__(self, setting: CheckSetting) -> None:
         self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
-        self._seen = Seen()
+        self._seen = CheckedSamples()
         self._setting = setting
         self._groups = groups_of(setting)
         self._arrivals = Arrivals()
@@ -62,7 +62,7 @@ class FlightChecks:
             self.camera(setting.camera)
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> CheckedSamples:
         """Return the counts of the checked messages."""
         self.catch_up()
         return self._seen
@@ -113,7 +113,7 @@ class FlightChecks:
             self._groups.pictures.pose(pose)
 
     @_later
-    def map(self, laid: LaidMap) -> None:
+    def map(self, laid: DrapedMap) -> None:
         """Take the map as placed in the plane that was given before."""
         self._groups.map.map(laid)
 

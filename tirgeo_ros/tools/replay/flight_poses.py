@@ -12,7 +12,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.measurements import HeadingSample
@@ -201,7 +201,7 @@ class FlightPoses:
         self.checks: FlightChecks | None = None
         self._baseline_step_rad = baseline_step_rad
         self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
-        self.cameras: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+        self.cameras: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
         self._watcher = watcher
         self._instants_ns = sorted(instants_ns)
 
@@ -235,7 +235,7 @@ class FlightPoses:
 
 
 def pose_at(
-    poses: PoseHistory[CameraPose], stamp_ns: int
+    poses: PoseBuffer[CameraPose], stamp_ns: int
 ) -> tuple[CameraPose, CameraRates | None] | None:
     """Return the pose at an instant (ns) and the camera's motion there, or None if unknown."""
     pose = poses.at(stamp_ns)

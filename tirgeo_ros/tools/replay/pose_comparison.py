@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -55,7 +55,7 @@ class PoseDifferences:
 
 def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) -> PoseDifferences:
     """Compare poses in one plane; skip instants where the reference has no pose."""
-    history: PoseHistory[CameraPose] = PoseHistory(_WHOLE_FLIGHT_S)
+    history: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
     for pose in reference:
         history.add(pose)
     pairs = [(p, r) for p in poses if isinstance(r := history.at(p.stamp_ns), CameraPose)]

@@ -26,7 +26,7 @@ _GOOD_STATES = ("running", "degraded")
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 
 
-class Line(NamedTuple):
+class SummaryLine(NamedTuple):
     """Hold one line, and whether it reports a problem."""
 
     name: str
@@ -44,29 +44,29 @@ def six_lines(result: Mapping[str, Any]) -> str:
     )
 
 
-def _read(result: Mapping[str, Any]) -> Line:
+def _read(result: Mapping[str, Any]) -> SummaryLine:
     number = sum(result["read"].values())
     text = (
         f"{three(result['duration_s'])} s of {result['input']} in {three(result['elapsed_s'])} s"
     )
-    return Line("read", f"{text}, {three(result['speed'])}x real time; {number} messages")
+    return SummaryLine("read", f"{text}, {three(result['speed'])}x real time; {number} messages")
 
 
-def _state(result: Mapping[str, Any]) -> Line:
+def _state(result: Mapping[str, Any]) -> SummaryLine:
     """Return the final state with its reason, and the seconds in each state from diagnostics."""
     times = sorted(result["states_s"].items(), key=lambda item: -item[1])
     said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
     text = f"{result['state']} at the end{reason}, by {result['method']}; in all {said}"
-    return Line("state", text, result["state"] not in _GOOD_STATES)
+    return SummaryLine("state", text, result["state"] not in _GOOD_STATES)
 
 
-def _poses(result: Mapping[str, Any]) -> Line:
+def _poses(result: Mapping[str, Any]) -> SummaryLine:
     body, camera = (_written(result, name) for name in ("odometry", "camera_pose"))
     sigma_deg = result["heading_sigma_deg"]
     heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
     text = f"{body} of the body, {camera} of the camera{heading}"
-    return Line("poses", text, not body or (bool(result["overlay"]) and not camera))
+    return SummaryLine("poses", text, not body or (bool(result["overlay"]) and not camera))
 
 
 def _written(result: Mapping[str, Any], name: str) -> int:
@@ -74,19 +74,19 @@ def _written(result: Mapping[str, Any], name: str) -> int:
     return sum(found)
 
 
-def _frames(result: Mapping[str, Any]) -> Line:
+def _frames(result: Mapping[str, Any]) -> SummaryLine:
     """Return how many frames show the map, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
-        return Line("frames", "not drawn: no map was given, or no images asked for")
+        return SummaryLine("frames", "not drawn: no map was given, or no images asked for")
     drawn, notices = counts["drawn"], counts["notices"]
     read = sum(n for topic, n in result["read"].items() if topic.endswith(_PICTURES))
     lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""
     text = f"{drawn} of {read} with the map, {notices} with a notice why not{lost}"
-    return Line("frames", text, drawn < notices or bool(lost))
+    return SummaryLine("frames", text, drawn < notices or bool(lost))
 
 
-def _refused(result: Mapping[str, Any]) -> Line:
+def _refused(result: Mapping[str, Any]) -> SummaryLine:
     """Return refused measurements by source and outcome, and messages by topic with a reason."""
     taken: Counter[str] = Counter()
     refused: dict[str, list[tuple[str, int]]] = {}
@@ -110,14 +110,14 @@ def _refused(result: Mapping[str, Any]) -> Line:
         sum(n for _, n in found) > _MOST_REFUSED * taken[source]
         for source, found in refused.items()
     )
-    return Line("refused", "; ".join(parts) or "nothing", many or bool(unreadable))
+    return SummaryLine("refused", "; ".join(parts) or "nothing", many or bool(unreadable))
 
 
-def _output(result: Mapping[str, Any]) -> Line:
+def _output(result: Mapping[str, Any]) -> SummaryLine:
     size = f"{three(Path(result['output']).stat().st_size / 1e6)} MB"
     film = result["video"]
     video = f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz" if film else ""
-    return Line("output", f"{result['output']}, {size}{video}{_noted(result['notes'])}")
+    return SummaryLine("output", f"{result['output']}, {size}{video}{_noted(result['notes'])}")
 
 
 def _noted(notes: Sequence[str]) -> str:

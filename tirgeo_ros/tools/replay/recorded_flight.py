@@ -15,7 +15,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.gimbal.pose_buffer import PoseHistory
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError
@@ -72,21 +72,21 @@ def load_recording(
 
 
 @dataclass
-class Track:
+class PoseTrack:
     """Hold the poses of a whole flight in one tangent plane."""
 
     plane: TangentPlane
     bodies: list[BodyPose] = field(default_factory=list)
-    cameras: dict[str, PoseHistory[CameraPose]] = field(
-        default_factory=lambda: {name: PoseHistory(_WHOLE_FLIGHT_S) for name in COMPOSITIONS}
+    cameras: dict[str, PoseBuffer[CameraPose]] = field(
+        default_factory=lambda: {name: PoseBuffer(_WHOLE_FLIGHT_S) for name in COMPOSITIONS}
     )
 
 
-def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> Track:
+def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> PoseTrack:
     """Compute poses with every composition; ``ekf`` must set the origin of the plane."""
     navigation = Navigation(ekf)
     assert navigation.plane is not None
-    track = Track(navigation.plane)
+    track = PoseTrack(navigation.plane)
     composers = {
         name: GimbalComposer(dataclasses.replace(gimbal, composition=name))
         for name in COMPOSITIONS
@@ -107,13 +107,13 @@ class Truth:
     """Hold the true poses of a flight and their tangent plane."""
 
     plane: TangentPlane
-    bodies: PoseHistory[BodyPose]
+    bodies: PoseBuffer[BodyPose]
 
 
 def load_truth(path: Path) -> Truth:
     """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raise BagError without them."""
     cdr, plane = Cdr(), None
-    bodies: PoseHistory[BodyPose] = PoseHistory(_WHOLE_FLIGHT_S)
+    bodies: PoseBuffer[BodyPose] = PoseBuffer(_WHOLE_FLIGHT_S)
     for item in BagReader(path).messages(["/tirgeo/origin", "/tirgeo/odometry"]):
         message = cdr.deserialize(item.data, item.typename)
         if item.topic == "/tirgeo/origin":

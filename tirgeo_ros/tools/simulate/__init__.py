@@ -4,7 +4,15 @@
 """
 
 from tirgeo_ros.tools.simulate.files import simulate
-from tirgeo_ros.tools.simulate.flight import Flight, Truth, fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, Truth, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
 
-__all__ = ["Flight", "Scenario", "Truth", "fly", "load_scenario", "scenario_from", "simulate"]
+__all__ = [
+    "Scenario",
+    "SimulatedFlight",
+    "Truth",
+    "fly",
+    "load_scenario",
+    "scenario_from",
+    "simulate",
+]

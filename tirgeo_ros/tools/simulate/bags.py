@@ -18,7 +18,7 @@ from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages, Messages, sensed
 from tirgeo_ros.io.surveys.survey import Observation
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.sensors import Epochs
@@ -28,7 +28,7 @@ Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 
 @dataclass(frozen=True)
-class Window:
+class TimeWindow:
     """Hold the part of a flight that is written, by log time; both ends are included."""
 
     start_ns: int
@@ -41,8 +41,8 @@ class Window:
 
 def write_flight(
     path: Path,
-    flight: Flight,
-    window: Window,
+    flight: SimulatedFlight,
+    window: TimeWindow,
     camera: Camera,
     renderer: Renderer | None,
     clicks: Sequence[Observation],
@@ -62,7 +62,7 @@ def write_flight(
     return _write(path, merged, window, progress)
 
 
-def write_truth(path: Path, flight: Flight, window: Window) -> dict[str, int]:
+def write_truth(path: Path, flight: SimulatedFlight, window: TimeWindow) -> dict[str, int]:
     """Write the true poses: the body's at the IMU's rate, the camera's at the gimbal's."""
     messages = Messages(Cdr().types)
     streams = [_true_body(messages, flight, window), _true_camera(messages, flight, window)]
@@ -71,7 +71,7 @@ def write_truth(path: Path, flight: Flight, window: Window) -> dict[str, int]:
 
 
 def _write(
-    path: Path, outgoing: Iterator[Outgoing], window: Window, progress: Report
+    path: Path, outgoing: Iterator[Outgoing], window: TimeWindow, progress: Report
 ) -> dict[str, int]:
     counts: dict[str, int] = {}
     total_s = (window.end_ns - window.start_ns) / 1e9
@@ -83,7 +83,7 @@ def _write(
     return dict(sorted(counts.items()))
 
 
-def _sensed(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+def _sensed(messages: Messages, flight: SimulatedFlight, window: TimeWindow) -> Iterator[Outgoing]:
     for arrival_ns, sample in flight.samples:
         if arrival_ns in window:
             topic, message = sensed(messages, sample)
@@ -92,13 +92,13 @@ def _sensed(messages: Messages, flight: Flight, window: Window) -> Iterator[Outg
             yield arrival_ns, topic, message
 
 
-def _autopilot_covariance(flight: Flight) -> Any:
+def _autopilot_covariance(flight: SimulatedFlight) -> Any:
     pilot = flight.scenario.autopilot
     sigmas = np.radians([*pilot.tilt_rms_deg, pilot.heading_rms_deg])
     return np.diag(sigmas**2).ravel()
 
 
-def _frames(flight: Flight, window: Window) -> Iterator[tuple[int, int, float]]:
+def _frames(flight: SimulatedFlight, window: TimeWindow) -> Iterator[tuple[int, int, float]]:
     """Yield number, stamp (ns) and exposure time (s) of the pictures.
 
     They arrive at their stamps.
@@ -111,14 +111,14 @@ def _frames(flight: Flight, window: Window) -> Iterator[tuple[int, int, float]]:
 
 
 def _video(
-    messages: Messages, flight: Flight, window: Window, camera: Camera
+    messages: Messages, flight: SimulatedFlight, window: TimeWindow, camera: Camera
 ) -> Iterator[Outgoing]:
     for _, stamp_ns, _ in _frames(flight, window):
         yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
 
 
 def _pictures(
-    messages: Messages, flight: Flight, window: Window, renderer: Renderer
+    messages: Messages, flight: SimulatedFlight, window: TimeWindow, renderer: Renderer
 ) -> Iterator[Outgoing]:
     for number, stamp_ns, t_s in _frames(flight, window):
         position, q_pc = flight.gimbal.camera(t_s)
@@ -134,7 +134,9 @@ def _pictures(
         yield stamp_ns, "thermal/image_raw/compressed", messages.compressed(stamp_ns, jpeg)
 
 
-def _clicks(flight: Flight, window: Window, clicks: Sequence[Observation]) -> Iterator[Outgoing]:
+def _clicks(
+    flight: SimulatedFlight, window: TimeWindow, clicks: Sequence[Observation]
+) -> Iterator[Outgoing]:
     messages = LocatedMessages(Cdr().types)
     wait_ns = round(flight.scenario.scene.click_after_s * 1e9)
     for click in clicks:
@@ -143,7 +145,9 @@ def _clicks(flight: Flight, window: Window, clicks: Sequence[Observation]) -> It
             yield click.stamp_ns + wait_ns, "tirgeo/locate/pixel", message
 
 
-def _true_body(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+def _true_body(
+    messages: Messages, flight: SimulatedFlight, window: TimeWindow
+) -> Iterator[Outgoing]:
     truth, plane = flight.truth, flight.plane
     yield window.start_ns, "tirgeo/origin", messages.origin(plane, window.start_ns)
     for k, stamp_ns in enumerate(truth.stamp_ns):
@@ -165,7 +169,9 @@ def _true_body(messages: Messages, flight: Flight, window: Window) -> Iterator[O
         yield stamp_ns, "tirgeo/fix", messages.fix(solution)
 
 
-def _true_camera(messages: Messages, flight: Flight, window: Window) -> Iterator[Outgoing]:
+def _true_camera(
+    messages: Messages, flight: SimulatedFlight, window: TimeWindow
+) -> Iterator[Outgoing]:
     epochs = Epochs.at_rate(flight.scenario, flight.scenario.gimbal.rate_hz)
     position, q_pc = flight.gimbal.camera(epochs.t_s)
     for k, stamp_ns in enumerate(epochs.stamp_ns):

@@ -10,8 +10,8 @@ from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.simulate.bags import Window, write_flight, write_truth
-from tirgeo_ros.tools.simulate.flight import Flight, fly
+from tirgeo_ros.tools.simulate.bags import TimeWindow, write_flight, write_truth
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.ground import paint
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
@@ -63,12 +63,12 @@ def simulate(
         )
     flight = fly(scenario, seed)
     start_ns = scenario.start_ns + round(start_s * 1e9)
-    window = Window(start_ns, start_ns + round(duration_s * 1e9))
+    window = TimeWindow(start_ns, start_ns + round(duration_s * 1e9))
     return _written(Path(out_dir), flight, window, images=images, progress=progress)
 
 
 def _written(
-    folder: Path, flight: Flight, window: Window, *, images: bool, progress: Report
+    folder: Path, flight: SimulatedFlight, window: TimeWindow, *, images: bool, progress: Report
 ) -> dict[str, object]:
     camera = flight.scenario.video.camera
     park = lay_out(flight.scenario.park, flight.seed)
@@ -106,7 +106,7 @@ def _written(
     }
 
 
-def _check_clear(flight: Flight, relief: Relief) -> None:
+def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:
     """Raise ScenarioError if hills could be as high as the aircraft."""
     lowest_m = -float(flight.truth.position_p[:, 2].max())
     if relief.highest_m > lowest_m - _CLEAR_M:
@@ -116,7 +116,9 @@ def _check_clear(flight: Flight, relief: Relief) -> None:
         )
 
 
-def _renderer(flight: Flight, park: Park, targets: list[Target], relief: Relief) -> Renderer:
+def _renderer(
+    flight: SimulatedFlight, park: Park, targets: list[Target], relief: Relief
+) -> Renderer:
     ground = paint(park, flight.scenario.park, flight.seed)
     patches = [patch for target in targets for patch in target.patches()]
     return Renderer(flight.scenario.video.camera, ground, flight.scenario.video, patches, relief)

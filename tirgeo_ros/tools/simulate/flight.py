@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.simulate.gimbal import Gimbal, gimbal_samples
+from tirgeo_ros.tools.simulate.gimbal import SimulatedGimbal, gimbal_samples
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.sensors import (
     Arrival,
@@ -40,13 +40,13 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Flight:
+class SimulatedFlight:
     """Hold a flown scenario."""
 
     scenario: Scenario
     seed: int
     trajectory: Trajectory
-    gimbal: Gimbal
+    gimbal: SimulatedGimbal
     truth: Truth
     samples: list[Arrival]  # (arrival_ns, sample), sorted by arrival
 
@@ -56,12 +56,12 @@ class Flight:
         return self.trajectory.plane
 
 
-def fly(scenario: Scenario, seed: int | None = None) -> Flight:
+def fly(scenario: Scenario, seed: int | None = None) -> SimulatedFlight:
     """Fly a scenario with its own or another seed; the same seed gives the same flight."""
     seed = scenario.seed if seed is None else seed
     trajectory = Trajectory(scenario, seed)
     pilot = Autopilot(scenario, seed)
-    gimbal = Gimbal(scenario, seed, trajectory)
+    gimbal = SimulatedGimbal(scenario, seed, trajectory)
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     bias = imu_bias(scenario.imu, seed, len(epochs.stamp_ns))
     samples = [
@@ -71,7 +71,9 @@ def fly(scenario: Scenario, seed: int | None = None) -> Flight:
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
     samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
-    return Flight(scenario, seed, trajectory, gimbal, truth_at(trajectory, epochs, bias), samples)
+    return SimulatedFlight(
+        scenario, seed, trajectory, gimbal, truth_at(trajectory, epochs, bias), samples
+    )
 
 
 def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:

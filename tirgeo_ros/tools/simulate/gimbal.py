@@ -33,7 +33,7 @@ _KNOT_S = 0.05
 _TILTING_S = 1.0  # duration of a change of the commanded pitch
 
 
-class Gimbal:
+class SimulatedGimbal:
     """Compute the true attitude and position of the camera as functions of time.
 
     The boresight turns the camera away from the gimbal's axes; neither the encoders nor the flight
@@ -78,7 +78,11 @@ class Gimbal:
 
 
 def gimbal_samples(
-    scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, gimbal: Gimbal
+    scenario: Scenario,
+    seed: int,
+    trajectory: Trajectory,
+    pilot: Autopilot,
+    gimbal: SimulatedGimbal,
 ) -> list[Arrival]:
     """Return ``gimbal/joint_states`` and ``gimbal/attitude``, which arrive without delay."""
     epochs = Epochs.at_rate(scenario, scenario.gimbal.rate_hz)

@@ -42,7 +42,7 @@ class Bed:
 
 
 @dataclass(frozen=True)
-class Path:
+class ParkPath:
     """Hold a paved path along a line."""
 
     name: str
@@ -72,7 +72,7 @@ class Park:
     """Hold everything on the ground."""
 
     beds: list[Bed]
-    paths: list[Path]
+    paths: list[ParkPath]
     hydrants: list[Hydrant]
     plants: list[Spot]  # inside beds
     shrubs: list[Spot]
@@ -157,18 +157,18 @@ def _crowns(rng: np.random.Generator, clump: Spot) -> list[Spot]:
     return [Spot(p, float(r), float(w)) for p, r, w in zip(places, radii, warmth, strict=True)]
 
 
-def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[Path]:
+def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[ParkPath]:
     south, west, cell = scenario.north_m[0], scenario.east_m[0], scenario.cell_m
     north, east = south + rows * cell, west + columns * cell
-    found: list[Path] = []
+    found: list[ParkPath] = []
     for k in range(columns + 1):
         at = west + k * cell
         width = _WIDE_M if k % 3 == 0 else _NARROW_M
-        found.append(Path(f"Path N{k + 1}", np.array([[south, at], [north, at]]), width))
+        found.append(ParkPath(f"Path N{k + 1}", np.array([[south, at], [north, at]]), width))
     for k in range(rows + 1):
         at = south + k * cell
         width = _WIDE_M if k % 4 == 0 else _NARROW_M
-        found.append(Path(f"Allée {k + 1}", np.array([[at, west], [at, east]]), width))
+        found.append(ParkPath(f"Allée {k + 1}", np.array([[at, west], [at, east]]), width))
     return found
 
 

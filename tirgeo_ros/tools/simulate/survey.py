@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
-from tirgeo_ros.tools.simulate.flight import Flight
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 from tirgeo_ros.tools.simulate.park import Park
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.relief import Relief
@@ -37,7 +37,7 @@ class Views:
 
 
 def surveyed(
-    flight: Flight, camera: Camera, park: Park
+    flight: SimulatedFlight, camera: Camera, park: Park
 ) -> tuple[list[SurveyPoint], list[Observation]]:
     """Return control points of a flight, and the clicks on them in order of their stamps.
 
@@ -60,13 +60,15 @@ def surveyed(
     return points, _clicks(flight, views, seen)
 
 
-def exposures(flight: Flight) -> Epochs:
+def exposures(flight: SimulatedFlight) -> Epochs:
     """Return the exposures of the pictures that arrive before the flight's end."""
     video = flight.scenario.video
     return Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
 
 
-def sightings(flight: Flight, camera: Camera, targets: Sequence[Target]) -> list[Observation]:
+def sightings(
+    flight: SimulatedFlight, camera: Camera, targets: Sequence[Target]
+) -> list[Observation]:
     """Return a click on each target for each pass through the area that an operator clicks in.
 
     It is the pixel nearest to the picture's middle, without an error. Clicks are in order of their
@@ -94,7 +96,7 @@ def _passes(good: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.intp]]:
     return [run for run in runs if run.size]
 
 
-def _views(flight: Flight, camera: Camera, level: Array) -> Views:
+def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     """Project places on the ground, north and east (C, 2), into all pictures."""
     relief = Relief(flight.scenario.park, flight.seed)
     corners_p = relief.places(level)
@@ -140,7 +142,7 @@ def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
     return [candidates[k] for k in chosen]
 
 
-def _measured(flight: Flight, corners_p: Array) -> list[SurveyPoint]:
+def _measured(flight: SimulatedFlight, corners_p: Array) -> list[SurveyPoint]:
     """Return the corners as measured by an RTK rover."""
     noise = generator(flight.seed, "survey").standard_normal(corners_p.shape)
     found_p = corners_p + noise * np.array(flight.scenario.survey.sigma_m)
@@ -152,7 +154,7 @@ def _measured(flight: Flight, corners_p: Array) -> list[SurveyPoint]:
 
 
 def _clicks(
-    flight: Flight, views: Views, seen: list[tuple[str, int, list[int]]]
+    flight: SimulatedFlight, views: Views, seen: list[tuple[str, int, list[int]]]
 ) -> list[Observation]:
     """Return clicks with random errors in some random frames of every (id, corner, frames)."""
     config, rng = flight.scenario.survey, generator(flight.seed, "clicks")

@@ -14,8 +14,8 @@ from tirgeo_ros.core.calibration.boresight.fit import LIMITS, fit, foreseen
 from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
 from tirgeo_ros.core.calibration.boresight.model import (
     PARAMETERS,
-    Flight,
-    Sighting,
+    PointSighting,
+    SightedFlight,
     Stepped,
     corrected_pose,
     sights,
@@ -31,7 +31,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.camera_pose import Mount, NorthBias, from_joints
+from tirgeo_ros.core.gimbal.camera_pose import Mount, YawBias, from_joints
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
@@ -86,7 +86,7 @@ STEP = math.radians(1.0)
 
 def flight_of(path, present_rpy_deg=(0, 0, 0), click_sigma_px=0.5, *, north=False):
     """The flight as read with the present parameters; a step of north turns back by as much."""
-    return Flight(
+    return SightedFlight(
         XT2,
         path.at,
         np.radians(np.array(present_rpy_deg, float)),
@@ -109,7 +109,7 @@ def seen_by(path, rng, *, count=60, latency_s=LATENCY_S, sigma_px=0.5, span_s=60
         exposure_ns = round(t_s * 1e9)
         stamp_ns = exposure_ns + round(latency_s * 1e9)
         noise = sigma_px * rng.standard_normal(2)
-        found.append(Sighting(f"P{len(found) // 3}", stamp_ns, uv + noise, point_n))
+        found.append(PointSighting(f"P{len(found) // 3}", stamp_ns, uv + noise, point_n))
     return found
 
 
@@ -336,7 +336,7 @@ def test_a_height_of_points_in_a_row_of_the_picture_is_refused():
 @pytest.mark.parametrize(("points", "pictures"), [(1, 60), (2, 60), (20, 1), (20, 2)])
 def test_few_points_or_pictures_are_refused(points, pictures):
     seen = [
-        Sighting(f"P{k % points}", 10**9 * (k % pictures), np.zeros(2), np.zeros(3))
+        PointSighting(f"P{k % points}", 10**9 * (k % pictures), np.zeros(2), np.zeros(3))
         for k in range(60)
     ]
     with pytest.raises(CalibrationError, match=f"{points} surveyed points in {pictures} pictures"):
@@ -352,9 +352,7 @@ def test_an_unknown_north_is_taken_out_of_the_covariance():
     body = BodyPose(0, np.zeros(3), quat_from_euler(0.1, 0.05, 2.0), np.diag(POSE_SIGMA**2))
     reported = CameraAttitudeSample(0, quat_from_euler(0.0, -0.5, 2.1))
     known, unknown = (
-        from_reported(
-            Mount.from_config(config), body, body.q_nb, reported, NorthBias(0.0, variance)
-        )
+        from_reported(Mount.from_config(config), body, body.q_nb, reported, YawBias(0.0, variance))
         for variance in (0.0, 0.003)
     )
     assert isinstance(known, CameraPose)

@@ -11,7 +11,7 @@ from tirgeo_ros.core.calibration.checkerboard.board_pose import (
     board_poses,
     camera_angles,
 )
-from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.board import gimbal_pose
 
@@ -22,7 +22,7 @@ def seen(board, angles_deg, distance_m=2.2, sigma_px=0.0, rng=None, turned=False
     if rng is not None:
         uv = uv + rng.normal(0, sigma_px, uv.shape)
     odd = bool((board.columns + board.rows) % 2)
-    return Sighting(
+    return BoardSighting(
         uv[::-1] if turned else uv,
         sigma_px,
         np.ones(2),
@@ -86,5 +86,5 @@ def test_a_plane_has_two_poses_and_the_track_keeps_to_one():
 
 def test_a_board_that_is_not_there_has_no_pose():
     board = Checkerboard(4, 3, 0.05)
-    flat = Sighting(np.zeros((12, 2)), 0.1, np.ones(2), 1.0, 1.0, dark_first=True)
+    flat = BoardSighting(np.zeros((12, 2)), 0.1, np.ones(2), 1.0, 1.0, dark_first=True)
     assert BoardTracker(board, XT2).pose(flat) is None

@@ -11,7 +11,7 @@ from bad_boards import bad_boards
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, board_of
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -45,7 +45,7 @@ LOOKS = {
 def test_boards_are_found_whatever_they_look_like(look):
     for view in board_views(XT2, BOARD, 2, 7, look):
         found = find_board(view.image, BOARD)
-        assert isinstance(found, Sighting), found
+        assert isinstance(found, BoardSighting), found
         assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
         assert found.sigma_px < 0.15
 
@@ -61,7 +61,7 @@ def test_a_large_picture_is_searched_in_small_and_fitted_as_it_is():
     camera = Camera(1400, 1120, 1750.0, 1750.0, 705.0, 552.0)
     view = board_views(camera, BOARD, 1, 7, parts=1)[0]
     found = find_board(view.image, BOARD)
-    assert isinstance(found, Sighting), found
+    assert isinstance(found, BoardSighting), found
     assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
 
 
@@ -81,7 +81,7 @@ def test_the_order_is_right_handed_and_tells_which_end_is_dark(columns, rows, tu
     rng = np.random.default_rng(3)
     view = BoardRenderer(XT2, board).view(rotation, position, LOOK, rng)
     found = find_board(view.image, board)
-    assert isinstance(found, Sighting), found
+    assert isinstance(found, BoardSighting), found
     grid = found.corners_px.reshape(rows, columns, 2)
     along, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     assert along[0] * down[1] - along[1] * down[0] > 0
@@ -103,17 +103,17 @@ def found_in_bad():
 @pytest.mark.slow
 def test_none_of_twenty_bad_pictures_is_taken(found_in_bad):
     assert len(found_in_bad) == 20
-    assert [n for n, found in found_in_bad.items() if isinstance(found, Sighting)] == []
+    assert [n for n, found in found_in_bad.items() if isinstance(found, BoardSighting)] == []
 
 
 EXPECTED = {
-    "half out to the left": Reason.PARTIAL,
-    "larger board": Reason.OTHER_BOARD,
-    "out of focus": Reason.BLURRED,
-    "overexposed": Reason.NO_BOARD,
-    "a finger on one corner": Reason.COVERED,
-    "torn": Reason.UNEVEN,
-    "windows of a house": Reason.NO_BOARD,
+    "half out to the left": RefusalReason.PARTIAL,
+    "larger board": RefusalReason.OTHER_BOARD,
+    "out of focus": RefusalReason.BLURRED,
+    "overexposed": RefusalReason.NO_BOARD,
+    "a finger on one corner": RefusalReason.COVERED,
+    "torn": RefusalReason.UNEVEN,
+    "windows of a house": RefusalReason.NO_BOARD,
 }
 
 
@@ -132,7 +132,7 @@ def test_a_moderate_motion_is_told_from_a_blur():
     view = BoardRenderer(XT2, BOARD).view(np.eye(3), position, look, np.random.default_rng(5))
     found = find_board(view.image, BOARD)
     assert isinstance(found, Refused)
-    assert found.reason is Reason.SMEARED, found
+    assert found.reason is RefusalReason.SMEARED, found
 
 
 def test_small_and_steep_boards_are_refused():
@@ -141,7 +141,7 @@ def test_small_and_steep_boards_are_refused():
     far = draw.view(np.eye(3), np.array([-0.4, -0.25, 10.5]), replace(LOOK, noise=0.5), rng)
     found = find_board(far.image, BOARD)
     assert isinstance(found, Refused)
-    assert found.reason in {Reason.SMALL, Reason.PARTIAL, Reason.NO_BOARD}
+    assert found.reason in {RefusalReason.SMALL, RefusalReason.PARTIAL, RefusalReason.NO_BOARD}
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_small_and_steep_boards_are_refused():
 def test_empty_pictures_show_no_board(image):
     found = find_board(image, BOARD)
     assert isinstance(found, Refused)
-    assert found.reason is Reason.NO_BOARD
+    assert found.reason is RefusalReason.NO_BOARD
 
 
 def test_boards_are_read_from_text():

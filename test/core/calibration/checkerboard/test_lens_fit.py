@@ -9,7 +9,7 @@ import pytest
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason
 from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -21,7 +21,7 @@ TRUTH = np.array([XT2.fx, XT2.fy, XT2.cx, XT2.cy, *XT2.distortion])
 
 
 def sighting(uv, blur_px=1.0):
-    return Sighting(uv, 0.05, np.full(2, blur_px), 30.0, 20.0, dark_first=True)
+    return BoardSighting(uv, 0.05, np.full(2, blur_px), 30.0, 20.0, dark_first=True)
 
 
 def views_of(count, seed, sigma_px=0.05, camera=XT2, tilt_deg=45.0):
@@ -68,7 +68,7 @@ def test_views_that_do_not_fit_leave_with_their_reason():
     views["v7"] = sighting(views["v7"].corners_px * [1.0, 1.04])  # a board of other squares
     fit = fit_lens(views, BOARD, SIZE)
     assert set(fit.refused) == {"v3", "v7"}
-    assert {refused.reason for refused in fit.refused.values()} == {Reason.OUTLIER}
+    assert {refused.reason for refused in fit.refused.values()} == {RefusalReason.OUTLIER}
     assert np.abs((fit.values - TRUTH) / fit.sigma).max() < 4
 
 
@@ -113,14 +113,14 @@ def test_of_like_views_the_sharpest_stays():
     views["again"] = replace(views["v1"], corners_px=again, sigma_px=0.01)
     refused = doubtful_views(views, 640)
     assert set(refused) == {"v1"}
-    assert refused["v1"].reason is Reason.DUPLICATE
+    assert refused["v1"].reason is RefusalReason.DUPLICATE
 
 
 def test_a_view_that_is_blurred_beside_the_others_is_refused():
     views = views_of(5, 7)
     views["v2"] = replace(views["v2"], blur_px=np.array([1.0, 2.2]))
     refused = doubtful_views(views, 640)
-    assert {name: why.reason for name, why in refused.items()} == {"v2": Reason.BLURRED}
+    assert {name: why.reason for name, why in refused.items()} == {"v2": RefusalReason.BLURRED}
     assert doubtful_views({}, 640) == {}
 
 

@@ -14,13 +14,13 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import (
     EASE_STEPS,
-    Control,
+    AidStatus,
+    AidTrack,
     Receivers,
     Reset,
-    Track,
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
@@ -35,7 +35,7 @@ def ns(seconds: float) -> int:
     return 1000 * SECOND_NS + round(seconds * SECOND_NS)
 
 
-def heard(control: Control, t_s: float, status=FixStatus.FIXED) -> Control:
+def heard(control: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
     return control.heard(status, ns(t_s), TIMEOUT_NS)
 
 
@@ -44,13 +44,13 @@ def heard(control: Control, t_s: float, status=FixStatus.FIXED) -> Control:
 
 @pytest.mark.parametrize(("age_ns", "recent"), [(TIMEOUT_NS, True), (TIMEOUT_NS + 1, False)])
 def test_recent_up_to_the_time_out(age_ns, recent):
-    assert Track(used_ns=ns(0)).recent(ns(0) + age_ns, TIMEOUT_NS) is recent
-    assert not Track().recent(ns(0), TIMEOUT_NS)
+    assert AidTrack(used_ns=ns(0)).recent(ns(0) + age_ns, TIMEOUT_NS) is recent
+    assert not AidTrack().recent(ns(0), TIMEOUT_NS)
 
 
 def test_for_how_long_it_has_agreed():
     """Without the silences, and without the times of refusals."""
-    track = Track().used(ns(0), TIMEOUT_NS)
+    track = AidTrack().used(ns(0), TIMEOUT_NS)
     assert track.agreed_ns == 0
     track = track.used(ns(1.0), TIMEOUT_NS)
     assert (track.used_ns, track.agreed_ns) == (ns(1.0), SECOND_NS)
@@ -63,7 +63,7 @@ def test_for_how_long_it_has_agreed():
 
 
 def test_run_of_refusals_that_agree():
-    track = Track()
+    track = AidTrack()
     for k in range(5):
         track = track.refused(ns(0.2 * k), (3.0 + 0.04 * k, -1.0), 0.2)
     assert (track.run.number, track.run.first_ns, track.run.last_ns) == (5, ns(0), ns(0.8))
@@ -81,14 +81,14 @@ def steps(track, t_s, *innovation):
 
 
 def test_a_step_is_told_from_a_drift():
-    fitted = Track().used(ns(0), TIMEOUT_NS, (0.1, 0.0))
+    fitted = AidTrack().used(ns(0), TIMEOUT_NS, (0.1, 0.0))
     assert steps(fitted, 0.2, 0.6, 0.0).step == (0.5, 0.0)
     assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new: 0.7 are asked
-    assert steps(Track(), 0.2, 0.6, 0.0).step == ()  # nothing has fitted yet
+    assert steps(AidTrack(), 0.2, 0.6, 0.0).step == ()  # nothing has fitted yet
 
 
 def test_a_step_back_ends_it_and_another_step_begins_anew():
-    track = steps(Track().used(ns(0), TIMEOUT_NS, (0.0,)), 0.2, 0.5)
+    track = steps(AidTrack().used(ns(0), TIMEOUT_NS, (0.0,)), 0.2, 0.5)
     track = steps(track, 0.4, 0.55)
     assert (track.step, track.denied_ns) == ((0.5,), ns(0.2))
     assert track.followed((0.1,), (0.0,)).step == ()
@@ -99,7 +99,7 @@ def test_a_step_back_ends_it_and_another_step_begins_anew():
 
 
 def test_run_needs_five():
-    track = Track()
+    track = AidTrack()
     for k in range(4):
         track = track.refused(ns(10.0 * k), (3.0,), 0.2)
     assert not track.run.lasts(2.0)
@@ -109,7 +109,7 @@ def test_run_needs_five():
 @pytest.mark.parametrize(("innovation", "number"), [((3.2, -1.0), 3), ((3.2, -1.21), 1)])
 def test_what_does_not_agree_with_the_first_begins_another_run(innovation, number):
     """Within the slack on each axis, against the first: a drift does not add up."""
-    track = Track().refused(ns(0), (3.0, -1.0), 0.2000001)
+    track = AidTrack().refused(ns(0), (3.0, -1.0), 0.2000001)
     track = track.refused(ns(0.2), (3.1, -1.1), 0.2000001)
     found = track.refused(ns(0.4), innovation, 0.2000001)
     assert found.run.number == number
@@ -117,15 +117,15 @@ def test_what_does_not_agree_with_the_first_begins_another_run(innovation, numbe
 
 
 def test_status_holds_for_the_time_out():
-    control = Control(Receivers(0)).heard(FixStatus.FLOAT, ns(0), TIMEOUT_NS)
+    control = AidStatus(Receivers(0)).heard(FixStatus.FLOAT, ns(0), TIMEOUT_NS)
     assert control.status_at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
     assert control.status_at(ns(1.0) + 1, TIMEOUT_NS) is None
-    assert Control(Receivers(0)).status_at(ns(0), TIMEOUT_NS) is None
+    assert AidStatus(Receivers(0)).status_at(ns(0), TIMEOUT_NS) is None
 
 
 def test_fixed_since():
     control = (
-        Control(Receivers(0))
+        AidStatus(Receivers(0))
         .heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
         .heard(FixStatus.FIXED, ns(0.2), TIMEOUT_NS)
     )
@@ -137,7 +137,7 @@ def test_fixed_since():
 
 
 def test_fixed_again_is_eased_and_only_the_position():
-    control = Control(Receivers(0)).heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
+    control = AidStatus(Receivers(0)).heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
     assert [t.ease for t in control.tracks] == [0] * 5
     control = control.heard(FixStatus.FLOAT, ns(1), TIMEOUT_NS)
     assert [t.ease for t in control.tracks] == [0] * 5
@@ -146,10 +146,10 @@ def test_fixed_again_is_eased_and_only_the_position():
 
 
 def test_resets_are_counted_and_told():
-    control = Control(Receivers(0)).with_reset(Source.RTK_HEADING, ns(0), math.radians(-20.0))
+    control = AidStatus(Receivers(0)).with_reset(Source.RTK_HEADING, ns(0), math.radians(-20.0))
     assert control.resets == (0, 0, 1, 0, 0)
     assert str(control.last_reset) == "heading turned by -20.0 deg"
-    assert control.track(Source.RTK_HEADING) == Track(ns(0))
+    assert control.track(Source.RTK_HEADING) == AidTrack(ns(0))
     texts = {
         Source.RTK_POSITION: "position moved by 1.50 m",
         Source.RTK_VELOCITY: "velocity changed by 1.50 m/s",
@@ -165,7 +165,7 @@ def test_a_reset_velocity_of_the_gps_is_told_as_a_velocity():
 
 @pytest.mark.parametrize(("last_s", "hopeless"), [(10.0, True), (10.001, False)])
 def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
-    control = Control(Receivers(0))
+    control = AidStatus(Receivers(0))
     for t_s, source in ((0, Source.RTK_POSITION), (4.0, Source.RTK_VELOCITY)):
         control = control.with_reset(source, ns(t_s), 1.0)
         assert control.hopeless(2.0) == ""
@@ -200,7 +200,7 @@ BOTH = (Source.RTK_POSITION, Source.RTK_VELOCITY)
     ],
 )
 def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_s, hopeless):
-    control = Control(Receivers(0))
+    control = AidStatus(Receivers(0))
     for source in sources:
         control = denied(control, source, times_s)
     why = "rtk/fix and rtk/vel both contradict it"
@@ -208,7 +208,7 @@ def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_
 
 
 def test_a_use_ends_the_denial():
-    control = Control(Receivers(0))
+    control = AidStatus(Receivers(0))
     for source in BOTH:
         control = denied(control, source, FIVE_A_SECOND)
     track = control.track(Source.RTK_VELOCITY).used(ns(2.1), TIMEOUT_NS)
@@ -218,7 +218,7 @@ def test_a_use_ends_the_denial():
 
 def test_denials_end_with_the_receiver():
     """Refused for less than a second, then silent: the silence proves nothing."""
-    control = Control(Receivers(0))
+    control = AidStatus(Receivers(0))
     for source in BOTH:
         control = denied(control, source, FIVE_A_SECOND[:5])
     assert control.hopeless(2.0) == ""
@@ -237,16 +237,18 @@ def heading_config(**values):
     )
 
 
-def fixed_belief(fixed_s: float, now_s: float) -> Belief:
+def fixed_belief(fixed_s: float, now_s: float) -> StateEstimate:
     """Level, nose north, fixed for so long, headings not used yet."""
-    control = Control(Receivers(ns(now_s))).heard(FixStatus.FIXED, ns(now_s - fixed_s), TIMEOUT_NS)
+    control = AidStatus(Receivers(ns(now_s))).heard(
+        FixStatus.FIXED, ns(now_s - fixed_s), TIMEOUT_NS
+    )
     t_s = now_s - fixed_s
     while t_s < now_s:  # the receiver says so five times a second
         t_s = min(t_s + 0.2, now_s)
         control = control.heard(FixStatus.FIXED, ns(t_s), TIMEOUT_NS)
     covariance = 1e-4 * np.eye(18)
     covariance[2, 2] = math.radians(0.1) ** 2
-    return Belief(LEVEL, covariance, control)
+    return StateEstimate(LEVEL, covariance, control)
 
 
 def heading(t_s: float, degrees: float = 0.0) -> HeadingSample:
@@ -299,7 +301,7 @@ def test_fixed_for_so_long_is_counted_from_the_end_of_a_silence():
 # Headings: for how long they must contradict
 
 
-def agreed(config, seconds: float) -> Belief:
+def agreed(config, seconds: float) -> StateEstimate:
     """A belief that headings of zero have confirmed for so long, five times a second."""
     belief = fixed_belief(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
@@ -310,12 +312,12 @@ def agreed(config, seconds: float) -> Belief:
     return belief
 
 
-def with_sigma(belief: Belief) -> Belief:
+def with_sigma(belief: StateEstimate) -> StateEstimate:
     """Its covariance as at first: nothing is learned, nothing drifts."""
     return belief._replace(covariance=fixed_belief(3.0, 0.0).covariance)
 
 
-def given_up_after(config, belief: Belief, start_s: float, offs_deg, autopilot_deg=None):
+def given_up_after(config, belief: StateEstimate, start_s: float, offs_deg, autopilot_deg=None):
     """Seconds from the first refusal until the state is set to headings that are off, or None."""
     q_nb = None
     if autopilot_deg is not None:
@@ -415,13 +417,13 @@ def position(t_s: float, shift_m: float, status=FixStatus.FIXED) -> PositionSamp
     return PositionSample(ns(t_s), Source.RTK_POSITION, status, lat, lon, height, noise)
 
 
-def drifted(sigma_m: float = 1.0) -> Belief:
+def drifted(sigma_m: float = 1.0) -> StateEstimate:
     """After an outage: the position is known to a metre, RTK was used 12 s ago."""
     belief = fixed_belief(3.0, 0.0)
-    control = belief.control.with_track(Source.RTK_POSITION, Track(ns(0)))
+    control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(0)))
     covariance = belief.covariance.copy()
     covariance[6:9, 6:9] = sigma_m**2 * np.eye(3)
-    return Belief(LEVEL, covariance, control)
+    return StateEstimate(LEVEL, covariance, control)
 
 
 def test_position_comes_back_in_equal_steps():
@@ -446,7 +448,7 @@ def test_position_comes_back_in_equal_steps():
 
 def test_position_that_was_used_lately_is_not_eased():
     belief = drifted()
-    fresh = belief.control.with_track(Source.RTK_POSITION, Track(ns(11.5)))
+    fresh = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
     fresh = fresh.heard(FixStatus.FIXED, ns(0.5), 12 * TIMEOUT_NS)
     fresh = fresh.heard(FixStatus.FIXED, ns(11.5), 12 * TIMEOUT_NS)
     found = Fusion(MEASURED).fuse(position(12.0, 0.8), belief._replace(control=fresh), (0.0,) * 3)

@@ -16,12 +16,12 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, Headings
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
+from tirgeo_ros.core.navigation.aiding.gnss_velocity import VelocityAid
 from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition, innovation_n
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief, floored
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
@@ -72,7 +72,7 @@ def second(baseline_m):
     return tuple(a + b for a, b in zip(ANTENNA_M, baseline_m, strict=True)) if baseline_m else ()
 
 
-def moved(belief: Belief, error: np.ndarray) -> Belief:
+def moved(belief: StateEstimate, error: np.ndarray) -> StateEstimate:
     """The belief with an error of all its states put in, the receivers' too."""
     north, east, down = belief.control.receivers.gps_error_n
     x, y, z = error[GPS_ERROR]
@@ -84,10 +84,10 @@ def moved(belief: Belief, error: np.ndarray) -> Belief:
         antenna_b += error[ANTENNA]
     receivers = Receivers(NOW_NS, (north + x, east + y, down + z), heading, tuple(antenna_b))
     control = belief.control._replace(receivers=receivers)
-    return Belief(feedback(belief.state, error), belief.covariance, control)
+    return StateEstimate(feedback(belief.state, error), belief.covariance, control)
 
 
-def differences(innovation, belief: Belief) -> np.ndarray:
+def differences(innovation, belief: StateEstimate) -> np.ndarray:
     """d(innovation)/d(error) by central differences: what H must be with the opposite sign."""
     columns = []
     states = len(belief.covariance)
@@ -170,9 +170,9 @@ def test_velocity_design(optional, receiver, roll, pitch, yaw):
     source = Source.RTK_VELOCITY if receiver == "rtk" else Source.GPS_VELOCITY
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
     sample = VelocitySample(NOW_NS, source, np.array([3.1, -0.9, 0.1]), np.eye(3))
-    made = Velocities(states_of(config), getattr(config, receiver), LEVER_B)
+    made = VelocityAid(states_of(config), getattr(config, receiver), LEVER_B)
 
-    def innovation(b: Belief) -> np.ndarray:
+    def innovation(b: StateEstimate) -> np.ndarray:
         rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
         found_b = np.array(b.control.receivers.antenna_b) if receiver == "rtk" else np.zeros(3)
         swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
@@ -197,19 +197,19 @@ def test_heading_design(optional, baseline_m, roll, pitch, yaw):
     baseline_b = np.array([forward, -left, -up])
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
 
-    def reported(b: Belief) -> float:
+    def reported(b: StateEstimate) -> float:
         """What a perfect receiver says: the baseline's azimuth less its own in the body."""
         north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
         level = math.atan2(baseline_b[1], baseline_b[0])
         error = b.control.receivers.heading_error_rad
         return math.atan2(east, north) - level + error
 
-    made = Headings(config)
+    made = HeadingAid(config)
     measured = reported(belief) + 0.3
     found = made.aid(HeadingSample(NOW_NS, measured, 1e-4), belief)
     assert found is not None  # 0.6 rad of roll and pitch leave a baseline mostly horizontal
 
-    def innovation(b: Belief) -> np.ndarray:
+    def innovation(b: StateEstimate) -> np.ndarray:
         return np.array([math.remainder(measured - reported(b), 2 * math.pi)])
 
     assert found.measurement.innovation == pytest.approx([0.3], abs=1e-12)
@@ -221,7 +221,7 @@ def test_heading_design(optional, baseline_m, roll, pitch, yaw):
 def heading_aid(state, heading_rad, variance=1.0, **values):
     config = config_of(**values)
     belief = belief_of(state, states_of(config))
-    return Headings(config).aid(HeadingSample(NOW_NS, heading_rad, variance), belief)
+    return HeadingAid(config).aid(HeadingSample(NOW_NS, heading_rad, variance), belief)
 
 
 @given(tilts, headings)
@@ -273,7 +273,7 @@ def test_baseline_without_a_horizontal_part_is_refused(baseline_m):
     ):
         Baseline.from_config(config.aircraft)
     with pytest.raises(ConfigError, match="too little for a heading"):
-        Headings(config)
+        HeadingAid(config)
 
 
 def test_upright_baseline_has_no_heading():
@@ -326,7 +326,7 @@ def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
     return belief, Fusion(config_of(**config)).fuse(sample, belief, (0.0,) * 3)
 
 
-def left_of(belief: Belief, shift: np.ndarray, attitude: NavState) -> np.ndarray:
+def left_of(belief: StateEstimate, shift: np.ndarray, attitude: NavState) -> np.ndarray:
     """What the shifted position leaves, with the attitude of another state."""
     lever_n = rotate(rotation_of(attitude.q_nb), tuple(LEVER_B))
     return np.array(innovation_n(belief.state, position_of(attitude, shift), lever_n))

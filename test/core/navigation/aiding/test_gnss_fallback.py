@@ -12,10 +12,10 @@ from flights import config_for, errors, flight, navigation_samples, rms
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION
 from tirgeo_ros.core.navigation.strapdown import NavState
@@ -46,13 +46,13 @@ def gps_velocity(t_s):
 
 def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
     """RTK (and its velocity) and GPS were used at these times."""
-    control = Control(Receivers(ns(0)))
+    control = AidStatus(Receivers(ns(0)))
     if rtk_s is not None:
         control = control.heard(status, ns(rtk_s), SECOND_NS)
-        control = control.with_track(Source.RTK_POSITION, Track(ns(rtk_s)))
-        control = control.with_track(Source.RTK_VELOCITY, Track(ns(rtk_s)))
+        control = control.with_track(Source.RTK_POSITION, AidTrack(ns(rtk_s)))
+        control = control.with_track(Source.RTK_VELOCITY, AidTrack(ns(rtk_s)))
     if gps_s is not None:
-        control = control.with_track(Source.GPS_POSITION, Track(ns(gps_s)))
+        control = control.with_track(Source.GPS_POSITION, AidTrack(ns(gps_s)))
     return control
 
 
@@ -82,7 +82,7 @@ def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
 
 
 def test_a_fix_that_is_none_is_not_used():
-    belief = Belief(LEVEL, np.eye(18), control_of())
+    belief = StateEstimate(LEVEL, np.eye(18), control_of())
     found = Fusion(CONFIG).fuse(fix(10.0, status=FixStatus.NONE), belief, (0.0,) * 3)
     assert (found.verdict.outcome, found.verdict.reason) == (Outcome.NOT_FIXED, "status none")
 
@@ -94,7 +94,7 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise():
     """Its variances less those that the state has, not below zero."""
     gps = CONFIG.gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
-    belief = Belief(LEVEL, np.eye(18), control_of())
+    belief = StateEstimate(LEVEL, np.eye(18), control_of())
     for variances, beyond in ((known, 0.0), (0.1 * known, 0.0), (known + 9.0, 9.0)):
         found = GpsPosition(CONFIG).aid(fix(10.0, variances=variances), belief)
         expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
@@ -108,7 +108,7 @@ def with_error(t_s, error_n, control=None):
 
 def test_learned_error_fades_through_a_silence():
     """As the state that the covariance is of does: by a third of its correlation time in 30 s."""
-    belief = Belief(LEVEL, np.eye(18), with_error(0.0, (3.0, 0.0, -6.0)))
+    belief = StateEstimate(LEVEL, np.eye(18), with_error(0.0, (3.0, 0.0, -6.0)))
     found = Fusion(CONFIG).fuse(fix(30.0), belief, (0.0,) * 3).verdict.innovation
     left = math.exp(-30.0 / CONFIG.gps.position_time_s)
     # Metres through radians at 6.4e6 m: 1e-9.
@@ -118,7 +118,7 @@ def test_learned_error_fades_through_a_silence():
 def test_learned_error_is_not_faded_by_looking_at_it():
     """Two fixes that are refused do not fade it twice."""
     covariance = 1e-6 * np.eye(18)
-    belief = Belief(LEVEL, covariance, with_error(0.0, (3.0, 0.0, -6.0)))
+    belief = StateEstimate(LEVEL, covariance, with_error(0.0, (3.0, 0.0, -6.0)))
     fusion = Fusion(CONFIG)
     for t_s in (10.0, 20.0):
         found = fusion.fuse(fix(t_s, (50.0, 0.0, 0.0)), belief, (0.0,) * 3)
@@ -133,7 +133,7 @@ def test_fading_does_not_depend_on_how_often_something_is_used():
     """Twenty updates in between or none: the same estimate, if they say nothing of it."""
     covariance = np.diag(np.r_[np.full(15, 1e-6), np.full(3, 1.0)])
     fusion = Fusion(CONFIG)
-    belief = Belief(LEVEL, covariance, with_error(0.0, (3.0, 0.0, -6.0)))
+    belief = StateEstimate(LEVEL, covariance, with_error(0.0, (3.0, 0.0, -6.0)))
     for k in range(1, 21):
         found = fusion.fuse(gps_velocity(0.5 * k), belief, (0.0,) * 3)
         assert found.verdict.used
@@ -146,7 +146,7 @@ def test_fading_does_not_depend_on_how_often_something_is_used():
 def test_learned_while_rtk_is_there_to_its_noise():
     """A known position: the error is learned to position_noise_m, and tied to nothing."""
     covariance = np.diag(np.r_[np.full(15, 1e-8), np.square(CONFIG.gps.position_sigma_m)])
-    belief = Belief(LEVEL, covariance, control_of(rtk_s=9.9))
+    belief = StateEstimate(LEVEL, covariance, control_of(rtk_s=9.9))
     shift = (0.8, -1.0, 2.5)
     found = Fusion(CONFIG).fuse(fix(10.0, shift), belief, (0.0,) * 3).belief
     sigma = np.sqrt(np.diag(found.covariance)[GPS_ERROR])

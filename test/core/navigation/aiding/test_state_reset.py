@@ -11,9 +11,9 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Receivers, Track
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import (
@@ -54,13 +54,13 @@ def correlated(states: int, seed: int = 3) -> np.ndarray:
     return root @ root.T
 
 
-def belief_of(states: int = 18, *, rtk: bool = True, covariance=None) -> Belief:
-    control = Control(Receivers(ns(0))).heard(FixStatus.FIXED, ns(-5), SECOND_NS)
+def belief_of(states: int = 18, *, rtk: bool = True, covariance=None) -> StateEstimate:
+    control = AidStatus(Receivers(ns(0))).heard(FixStatus.FIXED, ns(-5), SECOND_NS)
     if rtk:
         for source in (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING):
-            control = control.with_track(source, Track(ns(0)))
+            control = control.with_track(source, AidTrack(ns(0)))
     covariance = correlated(states) if covariance is None else covariance
-    return Belief(START, covariance, control)
+    return StateEstimate(START, covariance, control)
 
 
 def position(t_s, shift_n, source=Source.RTK_POSITION, status=FixStatus.FIXED):
@@ -152,7 +152,7 @@ def test_velocity_is_not_set_while_positions_fit():
 
     fusion = Fusion(config_of())
     for k in range(100):
-        control = belief.control.with_track(Source.RTK_POSITION, Track(ns(0.2 * k)))
+        control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(0.2 * k)))
         belief = belief._replace(control=control)
         fused = fusion.fuse(both(0.2 * k), belief, (0.0,) * 3)
         assert fused.verdict.outcome is Outcome.GATED

@@ -10,7 +10,11 @@ from alignments import aligned, error, samples_from
 from flights import config_for
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation, _Terms
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
+    Observation,
+    ObservationKind,
+    _Terms,
+)
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, integrate
 from tirgeo_ros.core.navigation.alignment.observations import heading_observations
 from tirgeo_ros.core.navigation.vibration_noise import STILL
@@ -49,7 +53,7 @@ def observations(first_ns):
     return [
         Observation(first_ns + at_ns, kind.value, kind, np.zeros(3), arm_b, *nothing)
         for at_ns in (3_000_000, 404_000_000, 997_000_000)
-        for kind in Kind
+        for kind in ObservationKind
     ]
 
 

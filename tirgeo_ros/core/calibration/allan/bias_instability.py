@@ -51,7 +51,7 @@ class _Trial(NamedTuple):
     cost: float
 
 
-class Instability(NamedTuple):
+class BiasInstability(NamedTuple):
     """Hold the bias instability B and its standard deviation, in the unit of the record."""
 
     value: float
@@ -76,7 +76,7 @@ def fit_bias(
     model: Array,
     covariance: Array,
     used: slice,
-    instability: Instability | None = None,
+    instability: BiasInstability | None = None,
 ) -> GaussMarkov:
     """Return the process nearest to Allan variances (k,) from which white noise is subtracted.
 
@@ -98,7 +98,7 @@ def fit_bias(
         last = trials[-1]
         bound = math.sqrt(last.power + _SEEN_SIGMA * last.sigma)
         return GaussMarkov(bound, last.time_s, last.sigma / (2 * bound), math.inf, seen=False)
-    sigma = Instability(math.sqrt(best.power), best.sigma / (2 * math.sqrt(best.power)))
+    sigma = BiasInstability(math.sqrt(best.power), best.sigma / (2 * math.sqrt(best.power)))
     if instability is not None:
         power = instability.value**2
         constrained = [

@@ -14,7 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
 from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.calibration.allan.spectral_lines import Line
+from tirgeo_ros.core.calibration.allan.spectral_lines import SpectralLine
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Frequency that separates motion, below, from vibration, above.
@@ -53,7 +53,7 @@ class Pieces(NamedTuple):
         hz = self.frequencies_hz
         return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
 
-    def lines(self, channel: int) -> list[Line]:
+    def lines(self, channel: int) -> list[SpectralLine]:
         """Return what exceeds the mean spectrum's floor above motion, strongest first.
 
         The amplitude is that of the sine with the power of all the excess in one place.
@@ -64,7 +64,7 @@ class Pieces(NamedTuple):
         out = power > _STANDS_OUT * np.median(power)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]]).astype(int)))
         found = [
-            Line(
+            SpectralLine(
                 channel,
                 float(hz[begin:end] @ excess[begin:end] / excess[begin:end].sum()),
                 float(np.sqrt(2 * excess[begin:end].sum())),

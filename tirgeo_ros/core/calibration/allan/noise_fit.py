@@ -21,7 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.bias_instability import GaussMarkov, Instability, fit_bias
+from tirgeo_ros.core.calibration.allan.bias_instability import (
+    BiasInstability,
+    GaussMarkov,
+    fit_bias,
+)
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
 from tirgeo_ros.core.calibration.allan.deviation_covariance import covariance, products, shapes
 from tirgeo_ros.core.types.arrays import Array
@@ -99,7 +103,9 @@ class AllanAnalysis:
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
         ]
         flicker, part = terms[1], slice(start, None)
-        instability = None if flicker.value is None else Instability(flicker.value, flicker.sigma)
+        instability = (
+            None if flicker.value is None else BiasInstability(flicker.value, flicker.sigma)
+        )
         bias = fit_bias(self.tau_s, variances - white, model, spread, part, instability)
         return NoiseFit(
             white=terms[0],

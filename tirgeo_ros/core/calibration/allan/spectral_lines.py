@@ -20,7 +20,7 @@ _SIGMAS = 8.0  # noise alone reaches 5 in 12000 bins
 _MOST = 5
 
 
-class Line(NamedTuple):
+class SpectralLine(NamedTuple):
     """Hold a vibration of one channel."""
 
     channel: int
@@ -51,14 +51,14 @@ class SpectrumStream:
             self._power = self._power + power if self._number else power
             self._number += 1
 
-    def lines(self) -> list[Line]:
+    def lines(self) -> list[SpectralLine]:
         """Return the strongest lines of each channel, at most five, by frequency."""
-        found: list[Line] = []
+        found: list[SpectralLine] = []
         for channel in range(self._power.shape[1]):
             found += sorted(self._of(channel)[:_MOST], key=lambda line: line.frequency_hz)
         return found
 
-    def _of(self, channel: int) -> list[Line]:
+    def _of(self, channel: int) -> list[SpectralLine]:
         """Return the lines of a channel, the strongest first."""
         power = self._power[:, channel] / self._number
         padded = np.pad(power, _AROUND, mode="reflect")
@@ -75,9 +75,9 @@ class SpectrumStream:
         found = [self._line(channel, k, excess) for k in peaks]
         return sorted(found, key=lambda line: -line.amplitude)
 
-    def _line(self, channel: int, k: int, excess: Array) -> Line:
+    def _line(self, channel: int, k: int, excess: Array) -> SpectralLine:
         """Return a line with the amplitude of the sine of a peak's power (Parseval, windowed)."""
         power = excess[k - _WIDTH : k + _WIDTH + 1].clip(0).sum()
         scale = _SIZE * float((self._window**2).sum())
         frequency = k / (_SIZE * self._step_s)
-        return Line(channel, frequency, float(2 * np.sqrt(power / scale)))
+        return SpectralLine(channel, frequency, float(2 * np.sqrt(power / scale)))

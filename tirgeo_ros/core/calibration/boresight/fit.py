@@ -19,7 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, Flight, Sight, Sighting, sights
+from tirgeo_ros.core.calibration.boresight.model import (
+    PARAMETERS,
+    PointSighting,
+    Sight,
+    SightedFlight,
+    sights,
+)
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 
@@ -48,7 +54,7 @@ _LEAST_SHARE = 2 / 3  # of the observations that must agree
 
 
 @dataclass(frozen=True)
-class Fit:
+class BoresightFit:
     """Hold the parameters' corrections estimated from sightings, with covariance and residuals."""
 
     correction: Array  # (7,) of PARAMETERS from their present values: rad, s, m; 0 if held
@@ -81,7 +87,9 @@ class _Normal(NamedTuple):
         )
 
 
-def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Fit:
+def fit(
+    flight: SightedFlight, sightings: Sequence[PointSighting], estimated: Sequence[str]
+) -> BoresightFit:
     """Fit the parameters in ``estimated``, in any order; hold the others.
 
     Raises CalibrationError if the sightings do not agree or the fit does not converge.
@@ -95,7 +103,7 @@ def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str])
     factor = _noise_factor(sight, used, len(chosen))
     stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
     covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
-    return Fit(
+    return BoresightFit(
         correction,
         covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
         names,
@@ -107,7 +115,9 @@ def fit(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str])
     )
 
 
-def foreseen(flight: Flight, sightings: Sequence[Sighting], estimated: Sequence[str]) -> Array:
+def foreseen(
+    flight: SightedFlight, sightings: Sequence[PointSighting], estimated: Sequence[str]
+) -> Array:
     """Return the covariance (p, p) that a fit will have if all residuals are as expected.
 
     In the order of PARAMETERS; rad, s, m.
@@ -158,7 +168,7 @@ def _scale(sigmas: Array) -> float:
     return max(1.0, float(np.nanmedian(sigmas)) / _MEDIAN_SIGMAS)
 
 
-def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) -> Array:
+def _robust(flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int]) -> Array:
     """Return the correction (7,) fitted with Cauchy weights."""
     correction = np.zeros(len(PARAMETERS))
     for k in range(_MOST_STEPS):
@@ -177,7 +187,7 @@ def _robust(flight: Flight, sightings: Sequence[Sighting], chosen: list[int]) ->
 
 
 def _polished(
-    flight: Flight, sightings: Sequence[Sighting], chosen: list[int], correction: Array
+    flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int], correction: Array
 ) -> tuple[Array, Sight, BoolArray]:
     """Fit by least squares to the sightings that agree; choose them anew in every step."""
     sight = sights(flight, sightings, correction)
@@ -210,7 +220,7 @@ def _check_agreement(agree: BoolArray) -> None:
         )
 
 
-def _check_latency(flight: Flight, correction: Array) -> None:
+def _check_latency(flight: SightedFlight, correction: Array) -> None:
     change_s = correction[PARAMETERS.index("latency")]
     if not abs(change_s) <= _MOST_LATENCY_S:
         raise CalibrationError(
@@ -238,7 +248,7 @@ def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
 
 
 def _without_each(
-    sightings: Sequence[Sighting], correction: Array, normal: _Normal, chosen: list[int]
+    sightings: Sequence[PointSighting], correction: Array, normal: _Normal, chosen: list[int]
 ) -> dict[str, Array]:
     """Return for each point the correction by the others: one step from the common solution."""
     names = np.array([one.id for one in sightings])

@@ -7,16 +7,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import Flight, Sighting, corrected_pose
+from tirgeo_ros.core.calibration.boresight.model import (
+    PointSighting,
+    SightedFlight,
+    corrected_pose,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.types.arrays import Array
 
 
 def ground_errors(
-    flight: Flight,
+    flight: SightedFlight,
     plane: TangentPlane,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[PointSighting],
     corrections: Mapping[str, Array],
 ) -> Array:
     """Return (N, 2) located minus surveyed, north and east, m; nan if a pixel meets no ground.
@@ -28,7 +32,9 @@ def ground_errors(
     ).reshape(-1, 2)
 
 
-def _error(flight: Flight, plane: TangentPlane, seen: Sighting, correction: Array) -> Array:
+def _error(
+    flight: SightedFlight, plane: TangentPlane, seen: PointSighting, correction: Array
+) -> Array:
     found = corrected_pose(flight, seen.stamp_ns, correction)
     if found is None:
         return np.full(2, np.nan)

@@ -57,7 +57,7 @@ PoseAt = Callable[[int], tuple[CameraPose, CameraRates | None] | None]
 
 
 @dataclass(frozen=True)
-class Sighting:
+class PointSighting:
     """Hold a surveyed point observed in a picture."""
 
     id: str
@@ -74,7 +74,7 @@ class Stepped(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Flight:
+class SightedFlight:
     """Hold a flight's poses under the present parameters, and those parameters."""
 
     camera: Camera
@@ -106,14 +106,14 @@ class Sight(NamedTuple):
 _NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 7), (2, 2), (2, 6))))
 
 
-def sights(flight: Flight, sightings: Sequence[Sighting], correction: Array) -> Sight:
+def sights(flight: SightedFlight, sightings: Sequence[PointSighting], correction: Array) -> Sight:
     """Return all N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
     each = [_sight(flight, seen, correction) for seen in sightings]
     return Sight(*(np.array(part) for part in zip(*each, strict=True)))
 
 
 def corrected_pose(
-    flight: Flight, stamp_ns: int, correction: Array
+    flight: SightedFlight, stamp_ns: int, correction: Array
 ) -> tuple[CameraPose, Array] | None:
     """Return the camera's pose at a picture's exposure under a correction (7,), and its slopes.
 
@@ -146,7 +146,7 @@ def _apart(pose: CameraPose, other: CameraPose) -> Array:
 
 
 def _turned(
-    flight: Flight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
+    flight: SightedFlight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
 ) -> tuple[CameraPose, Array]:
     """Return the pose moved by (6,) and mounted anew; fill the boresight columns of the slopes."""
     mounted = quat_conjugate(_mounting(tuple(flight.boresight_rpy_rad.tolist()))[0])
@@ -186,7 +186,7 @@ def _about_vertical(offset_n: Array) -> Array:
     return np.outer(move, move)
 
 
-def _sight(flight: Flight, seen: Sighting, correction: Array) -> Sight:
+def _sight(flight: SightedFlight, seen: PointSighting, correction: Array) -> Sight:
     found = corrected_pose(flight, seen.stamp_ns, correction)
     if found is None:
         return _NOTHING

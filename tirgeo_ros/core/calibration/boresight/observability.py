@@ -11,8 +11,8 @@ import numpy as np
 from tirgeo_ros.core.calibration.boresight.fit import LIMITS
 from tirgeo_ros.core.calibration.boresight.model import (
     PARAMETERS,
-    Flight,
-    Sighting,
+    PointSighting,
+    SightedFlight,
     corrected_pose,
     sights,
 )
@@ -36,7 +36,7 @@ _OF_NORTH = ("gimbal_north", "heading_offset")
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Ambiguity:
     """Hold parameters that have the same effect on the picture in this flight."""
 
     names: tuple[str, ...]
@@ -50,7 +50,7 @@ class Doubt:
         return f"{what} {apart}: {self.reason}; {self.advice}"
 
 
-def check_numbers(sightings: Sequence[Sighting]) -> None:
+def check_numbers(sightings: Sequence[PointSighting]) -> None:
     """Raise CalibrationError if there are too few points or pictures."""
     points = len({seen.id for seen in sightings})
     pictures = len({seen.stamp_ns for seen in sightings})
@@ -63,12 +63,12 @@ def check_numbers(sightings: Sequence[Sighting]) -> None:
 
 
 def doubt(
-    flight: Flight,
-    sightings: Sequence[Sighting],
+    flight: SightedFlight,
+    sightings: Sequence[PointSighting],
     estimated: Sequence[str],
     covariance: Array,
     share: float = 1.0,
-) -> Doubt | None:
+) -> Ambiguity | None:
     """Return what a covariance (p, p) of estimated parameters leaves open; None if nothing.
 
     A parameter is found if its standard deviation is within ``share`` of LIMITS.
@@ -81,13 +81,15 @@ def doubt(
     idle = _idle(flight, sightings, names)
     if idle:
         reason = "nothing that this flight's poses are made of depends on it"
-        return Doubt(idle, reason, f"leave out {', '.join(idle)}")
+        return Ambiguity(idle, reason, f"leave out {', '.join(idle)}")
     worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
     alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
-    return Doubt(alike, *_explained(alike, flight, sightings))
+    return Ambiguity(alike, *_explained(alike, flight, sightings))
 
 
-def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -> tuple[str, ...]:
+def _idle(
+    flight: SightedFlight, sightings: Sequence[PointSighting], names: Sequence[str]
+) -> tuple[str, ...]:
     """Return rotations about the vertical without effect, as the offset of an unused heading."""
     design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
     turns = [name for name in _OF_NORTH if name in names]
@@ -95,7 +97,9 @@ def _idle(flight: Flight, sightings: Sequence[Sighting], names: Sequence[str]) -
     return tuple(name for name, most in moves.items() if most < _IDLE_PX_RAD)
 
 
-def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sighting]) -> list[str]:
+def _explained(
+    alike: Sequence[str], flight: SightedFlight, sightings: Sequence[PointSighting]
+) -> list[str]:
     """Return the reason and the advice."""
     if all(name in alike for name in _OF_NORTH):
         return ["both turn the camera about the vertical", "estimate one of them"]
@@ -123,7 +127,7 @@ def _explained(alike: Sequence[str], flight: Flight, sightings: Sequence[Sightin
     ]
 
 
-def _tilts(flight: Flight, sightings: Sequence[Sighting]) -> Array:
+def _tilts(flight: SightedFlight, sightings: Sequence[PointSighting]) -> Array:
     """Return the angle of the camera below the horizon, rad, at each sighting with a pose."""
     present = np.zeros(len(PARAMETERS))
     found = (corrected_pose(flight, seen.stamp_ns, present) for seen in sightings)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
-from tirgeo_ros.core.calibration.checkerboard.sighting import Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_matrix
@@ -36,14 +36,14 @@ class BoardPose(NamedTuple):
     covariance: Array  # (3, 3) of the rotation, rad^2, about the optical frame's axes
 
 
-def board_poses(sighting: Sighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
+def board_poses(sighting: BoardSighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
     """Return the poses that a sighting permits, the better one first; an empty list if none."""
     found = [_pose(sighting, board, camera, *one) for one in _solutions(sighting, board, camera)]
     return sorted((pose for pose in found if pose is not None), key=lambda pose: pose.rms_px)
 
 
 def _solutions(
-    sighting: Sighting, board: Checkerboard, camera: Camera
+    sighting: BoardSighting, board: Checkerboard, camera: Camera
 ) -> Iterator[tuple[Array, Array]]:
     """Yield least-squares rotations (3, 3) and positions (3,), each from another start."""
     seen = np.ascontiguousarray(sighting.corners_px)
@@ -64,7 +64,7 @@ def _solutions(
 
 
 def _pose(
-    sighting: Sighting, board: Checkerboard, camera: Camera, rotation: Array, position: Array
+    sighting: BoardSighting, board: Checkerboard, camera: Camera, rotation: Array, position: Array
 ) -> BoardPose | None:
     """Return a solution with its errors by the camera's own model; None if not all project."""
     uv, valid = camera.project(board.points_m @ rotation.T + position)
@@ -103,7 +103,7 @@ class BoardTracker:
         self._turned: Array = np.eye(3)
         self._dark_first = False
 
-    def pose(self, sighting: Sighting) -> BoardPose | None:
+    def pose(self, sighting: BoardSighting) -> BoardPose | None:
         """Return the board's pose, in a frame that is upright in the first picture, or None.
 
         The frame's x then points right, as nearly as the board's sides permit, y down, z away.
@@ -123,7 +123,7 @@ class BoardTracker:
         self._last = best.rotation_cb
         return best
 
-    def _turns(self, sighting: Sighting) -> list[Array]:
+    def _turns(self, sighting: BoardSighting) -> list[Array]:
         """Return the possible rotations from the track's frame to that of the counted corners."""
         board, half = self._board, _QUARTER @ _QUARTER
         if self._last is None:
@@ -137,7 +137,7 @@ class BoardTracker:
             turns = [np.eye(3), half]
         return [turn @ self._turned for turn in turns]
 
-    def _first(self, pose: BoardPose, sighting: Sighting) -> BoardPose:
+    def _first(self, pose: BoardPose, sighting: BoardSighting) -> BoardPose:
         turns = [np.linalg.matrix_power(_QUARTER, number) for number in range(4)]
         self._turned = max(turns, key=lambda turn: float((pose.rotation_cb @ turn)[0, 0]))
         self._dark_first = sighting.dark_first

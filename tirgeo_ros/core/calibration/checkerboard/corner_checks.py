@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, steps_of
+from tirgeo_ros.core.calibration.checkerboard.sighting import RefusalReason, Refused, steps_of
 from tirgeo_ros.core.types.arrays import Array
 
 _MOST_BLUR = 0.22  # of a square's side
@@ -59,30 +59,38 @@ def _covered(fit: CornerFit, board: Checkerboard) -> Refused | None:
     missing = int(len(there) - there.sum())
     if missing == 0:
         return None
-    return Refused(Reason.COVERED, f"{missing} of {len(there)} corners are not those of squares")
+    return Refused(
+        RefusalReason.COVERED, f"{missing} of {len(there)} corners are not those of squares"
+    )
 
 
 def _blurred(fit: CornerFit, side: float) -> Refused | None:
     across = np.median(fit.blur_px, 0)
     smear = float(np.sqrt(abs(across[0] ** 2 - across[1] ** 2)))
     if smear > _MOST_SMEAR_PX:
-        return Refused(Reason.SMEARED, f"one way more blurred than the other by {smear:.1f} px")
+        return Refused(
+            RefusalReason.SMEARED, f"one way more blurred than the other by {smear:.1f} px"
+        )
     blur, most = float(across.max()), min(_MOST_BLUR_PX, _MOST_BLUR * side)
     if blur > most:
-        return Refused(Reason.BLURRED, f"edges blurred by {blur:.1f} px, more than {most:.1f}")
+        return Refused(
+            RefusalReason.BLURRED, f"edges blurred by {blur:.1f} px, more than {most:.1f}"
+        )
     return None
 
 
 def _faint(sharp: npt.NDArray[np.float32], fit: CornerFit) -> Refused | None:
     sigma = sigma_px(fit)
     if sigma > _MOST_SIGMA_PX:
-        return Refused(Reason.FAINT, f"corners known to {sigma:.2f} px; more contrast is needed")
+        return Refused(
+            RefusalReason.FAINT, f"corners known to {sigma:.2f} px; more contrast is needed"
+        )
     noise = _noise(sharp, fit.uv)
     contrast = float(np.median(np.abs(fit.contrast)))
     left = float(np.sqrt(max(np.median(fit.left) ** 2 - noise**2, 0.0)))
     if left > max(_MOST_STRUCTURE * contrast, noise / 2):
         share = 100 * left / contrast
-        return Refused(Reason.UNCLEAN, f"{share:.0f} % of the contrast is of no square")
+        return Refused(RefusalReason.UNCLEAN, f"{share:.0f} % of the contrast is of no square")
     return None
 
 
@@ -106,14 +114,16 @@ def _oblique(steps: Array) -> Refused | None:
     if cosine >= _LEAST_COSINE:
         return None
     angle = np.degrees(np.arccos(cosine))
-    return Refused(Reason.OBLIQUE, f"seen at {angle:.0f} deg from its normal; up to 70 serve")
+    return Refused(
+        RefusalReason.OBLIQUE, f"seen at {angle:.0f} deg from its normal; up to 70 serve"
+    )
 
 
 def _uneven(fit: CornerFit, side: float, board: Checkerboard) -> Refused | None:
     """Reject corners that a plane behind a lens cannot give: a homography plus a smooth bend."""
     homography, _ = cv2.findHomography(board.grid, fit.uv)
     if homography is None:
-        return Refused(Reason.UNEVEN, "the corners are on a line")
+        return Refused(RefusalReason.UNEVEN, "the corners are on a line")
     flat = cv2.perspectiveTransform(board.grid[None], homography)[0]
     shapes = _bends(board)
     off = fit.uv - flat
@@ -121,7 +131,7 @@ def _uneven(fit: CornerFit, side: float, board: Checkerboard) -> Refused | None:
     worst = float(np.hypot(*off.T).max())
     if worst <= _UNEVEN * side + _SIGMAS * sigma_px(fit):
         return None
-    return Refused(Reason.UNEVEN, f"a corner is off by {worst:.1f} px; is the board flat?")
+    return Refused(RefusalReason.UNEVEN, f"a corner is off by {worst:.1f} px; is the board flat?")
 
 
 def _bends(board: Checkerboard) -> Array:
@@ -154,6 +164,6 @@ def _continued(
         turning *= np.where(np.arange(len(sure)) % 2, -1, 1)
         if abs(np.median(turning)) > _RING * usual:
             return Refused(
-                Reason.OTHER_BOARD, f"it has more corners than {board.columns}x{board.rows}"
+                RefusalReason.OTHER_BOARD, f"it has more corners than {board.columns}x{board.rows}"
             )
     return None

@@ -16,7 +16,12 @@ import numpy.typing as npt
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting, steps_of
+from tirgeo_ros.core.calibration.checkerboard.sighting import (
+    BoardSighting,
+    RefusalReason,
+    Refused,
+    steps_of,
+)
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
 _LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap
@@ -27,14 +32,14 @@ _WIDEST_PX = 1300  # width of the detector's picture; its time grows faster than
 _CALM_PX = 1.2  # blur that reduces noise, for the detector only
 
 
-def find_board(picture: RawPixels, board: Checkerboard) -> Sighting | Refused:
+def find_board(picture: RawPixels, board: Checkerboard) -> BoardSighting | Refused:
     """Return the board in a picture (h, w) uint8 or uint16, or (h, w, 3) in blue, green, red."""
     grey = grey_of(picture)
     sharp = grey.astype(np.float32)
     refused = None
     for corners in _candidates(grey, board):
         found = _judged(sharp, _right_handed(corners, board), board)
-        if isinstance(found, Sighting):
+        if isinstance(found, BoardSighting):
             return found
         refused = refused or found
     return refused or _not_found(grey, board)
@@ -100,19 +105,19 @@ def _right_handed(corners: Array, board: Checkerboard) -> Array:
 
 def _judged(
     sharp: npt.NDArray[np.float32], corners: Array, board: Checkerboard
-) -> Sighting | Refused:
+) -> BoardSighting | Refused:
     """Return the sighting that the fits give, or the reason for rejecting it."""
     steps = steps_of(corners, board)
     side = float(np.linalg.norm(steps, axis=2).min())
     if side < _LEAST_SIDE_PX:
-        return Refused(Reason.SMALL, f"squares of {side:.1f} px; come nearer")
+        return Refused(RefusalReason.SMALL, f"squares of {side:.1f} px; come nearer")
     fit = fit_corners(sharp, corners, steps)
     return doubt(sharp, fit, side, board) or _sighting(fit, side, board)
 
 
-def _sighting(fit: CornerFit, side: float, board: Checkerboard) -> Sighting:
+def _sighting(fit: CornerFit, side: float, board: Checkerboard) -> BoardSighting:
     signed = fit.contrast * alternating(board)
-    return Sighting(
+    return BoardSighting(
         fit.uv,
         sigma_px(fit),
         np.median(fit.blur_px, 0),
@@ -128,8 +133,8 @@ def _not_found(grey: RawPixels, board: Checkerboard) -> Refused:
     form = stretched(_shrunk(grey)[0])
     found = cv2.findChessboardCornersSBWithMeta(form, (3, 3), flags)
     if not found[0]:
-        return Refused(Reason.NO_BOARD, "none is seen")
+        return Refused(RefusalReason.NO_BOARD, "none is seen")
     rows, columns = found[2].shape[:2]
     seen = f"{columns}x{rows} corners are seen, {board.columns}x{board.rows} were looked for"
     more = max(rows, columns) > max(board.size) or min(rows, columns) > min(board.size)
-    return Refused(Reason.OTHER_BOARD if more else Reason.PARTIAL, seen)
+    return Refused(RefusalReason.OTHER_BOARD if more else RefusalReason.PARTIAL, seen)

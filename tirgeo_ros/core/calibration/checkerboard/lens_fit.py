@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
@@ -106,7 +106,7 @@ class LensFit:
 
 
 def fit_lens(
-    views: Mapping[str, Sighting],
+    views: Mapping[str, BoardSighting],
     board: Checkerboard,
     size: tuple[int, int],
     model: LensModel | None = None,
@@ -132,7 +132,7 @@ def fit_lens(
     return fit
 
 
-def _check_count(views: Mapping[str, Sighting], refused: Mapping[str, Refused]) -> None:
+def _check_count(views: Mapping[str, BoardSighting], refused: Mapping[str, Refused]) -> None:
     if len(views) < FEWEST_VIEWS:
         gone = f" after {len(refused)} that do not fit" if refused else ""
         raise CalibrationError(
@@ -147,11 +147,16 @@ def _outlier(rms_px: Mapping[str, float]) -> tuple[str, Refused] | None:
     most = min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX)
     if rms_px[name] <= most:
         return None
-    return name, Refused(Reason.OUTLIER, f"error {rms_px[name]:.2f} px, usually {usual:.2f}")
+    return name, Refused(
+        RefusalReason.OUTLIER, f"error {rms_px[name]:.2f} px, usually {usual:.2f}"
+    )
 
 
 def _fitted(
-    views: Mapping[str, Sighting], board: Checkerboard, size: tuple[int, int], model: LensModel
+    views: Mapping[str, BoardSighting],
+    board: Checkerboard,
+    size: tuple[int, int],
+    model: LensModel,
 ) -> LensFit:
     points = board.points_m.astype(np.float32)
     seen = [view.corners_px.astype(np.float32)[:, None] for view in views.values()]
@@ -173,7 +178,7 @@ def _fitted(
 
 
 def _with_covariance(
-    views: Mapping[str, Sighting],
+    views: Mapping[str, BoardSighting],
     board: Checkerboard,
     size: tuple[int, int],
     model: LensModel,

@@ -11,7 +11,7 @@ from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.types.arrays import Array
 
 
-class Reason(Enum):
+class RefusalReason(Enum):
     """Name why a view is not used; the value is its name in reports."""
 
     NO_BOARD = "no board"
@@ -35,12 +35,12 @@ class Reason(Enum):
 class Refused:
     """Hold the reason why a view is not used."""
 
-    reason: Reason
+    reason: RefusalReason
     detail: str  # numbers, and what to do
 
 
 @dataclass(frozen=True)
-class Sighting:
+class BoardSighting:
     """Hold a board's corners in a picture, in the order of ``Checkerboard.grid``.
 
     The order begins at one of the grid's ends and is right-handed: the board's z points away from

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.sighting import Reason, Refused, Sighting
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.types.arrays import Array
 
 #: Views with a smaller rms distance of corners, relative to the picture's width, are duplicates.
@@ -16,35 +16,37 @@ _SAME = 3 / 640
 _BLURRED_TIMES, _BLURRED_PX = 1.8, 0.5
 
 
-def doubtful_views(views: Mapping[str, Sighting], width: int) -> dict[str, Refused]:
+def doubtful_views(views: Mapping[str, BoardSighting], width: int) -> dict[str, Refused]:
     """Return the rejected views: too blurred ones, and all but the sharpest of similar ones."""
     refused = _blurred(views)
-    kept: dict[str, Sighting] = {}
+    kept: dict[str, BoardSighting] = {}
     for name in _by_sharpness({k: v for k, v in views.items() if k not in refused}):
         same = [k for k, v in kept.items() if distance_px(v, views[name]) < _SAME * width]
         if same:
-            refused[name] = Refused(Reason.DUPLICATE, f"nothing has moved since {same[0]}")
+            refused[name] = Refused(RefusalReason.DUPLICATE, f"nothing has moved since {same[0]}")
         else:
             kept[name] = views[name]
     return refused
 
 
-def _blurred(views: Mapping[str, Sighting]) -> dict[str, Refused]:
+def _blurred(views: Mapping[str, BoardSighting]) -> dict[str, Refused]:
     blurs = {name: float(view.blur_px.max()) for name, view in views.items()}
     usual = float(np.median(list(blurs.values()))) if blurs else 0.0
     most = max(_BLURRED_TIMES * usual, usual + _BLURRED_PX)
     return {
-        name: Refused(Reason.BLURRED, f"edges blurred by {blur:.1f} px, usually {usual:.1f}")
+        name: Refused(
+            RefusalReason.BLURRED, f"edges blurred by {blur:.1f} px, usually {usual:.1f}"
+        )
         for name, blur in blurs.items()
         if blur > most
     }
 
 
-def _by_sharpness(views: Mapping[str, Sighting]) -> list[str]:
+def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
     return sorted(views, key=lambda name: (views[name].sigma_px, name))
 
 
-def distance_px(one: Sighting, other: Sighting) -> float:
+def distance_px(one: BoardSighting, other: BoardSighting) -> float:
     """Return the rms distance of corners, px, with either end of the board counted first."""
     a, b = one.corners_px, other.corners_px
     return float(min(_rms(a - b), _rms(a - b[::-1])))
@@ -54,7 +56,7 @@ def _rms(off: Array) -> float:
     return float(np.sqrt((off**2).sum(1).mean()))
 
 
-def most_distinct(views: Mapping[str, Sighting], count: int) -> list[str]:
+def most_distinct(views: Mapping[str, BoardSighting], count: int) -> list[str]:
     """Return ``count`` names, the sharpest first, then always the farthest from those chosen."""
     left = _by_sharpness(views)
     if len(left) <= count:

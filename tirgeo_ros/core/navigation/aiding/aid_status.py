@@ -38,7 +38,7 @@ STEPPED_S = 20.0
 _HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
 
 
-class Run(NamedTuple):
+class RefusedRun(NamedTuple):
     """Hold a run of measurements that were refused one after another and agree with each other."""
 
     first_ns: int
@@ -51,15 +51,15 @@ class Run(NamedTuple):
         return self.number >= _LEAST_RUN and self.last_ns - self.first_ns >= seconds * 1e9
 
 
-class Track(NamedTuple):
+class AidTrack(NamedTuple):
     """Hold one aid's record."""
 
     used_ns: int = NEVER_NS
     agreed_ns: int = 0  # time in use, without silences and refusals
     ease: int = 0  # steps still to go (see EASE_STEPS)
-    run: Run | None = None
+    run: RefusedRun | None = None
     mean_rad: float = 0.0  # running mean of the heading innovations
-    newest: tuple[float, ...] = ()  # newest innovation, in the form of ``Run``
+    newest: tuple[float, ...] = ()  # newest innovation, in the form of ``RefusedRun``
     step: tuple[float, ...] = ()  # from the fitting to the refused innovation; empty: it drifted
     # Refusals since the last use, whether they agree or not, without stale ones:
     denied_ns: int = 0  # of the first
@@ -70,15 +70,15 @@ class Track(NamedTuple):
         """Return whether it was used within the time-out."""
         return now_ns - self.used_ns <= timeout_ns
 
-    def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> Track:
+    def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> AidTrack:
         """Return the record after a use."""
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
         ease = max(self.ease - 1, 0)
-        return Track(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
+        return AidTrack(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
 
-    def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> Track:
+    def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> AidTrack:
         """Return the record updated with a step of a new innovation, before that is gated.
 
         ``expected`` is the innovation that would fit, in the same form. A step back to it ends the
@@ -111,11 +111,11 @@ class Track(NamedTuple):
         *,
         stale: bool = False,
         step: tuple[float, ...] = (),
-    ) -> Track:
+    ) -> AidTrack:
         """Return the record after a refusal, which joins the run if within ``slack`` of it."""
         run = self.run
         if run is None or _apart(run.innovation, innovation) > slack:
-            run = Run(now_ns, now_ns, 1, innovation)
+            run = RefusedRun(now_ns, now_ns, 1, innovation)
         else:
             run = run._replace(last_ns=now_ns, number=run.number + 1)
         if stale:
@@ -185,11 +185,11 @@ class Reset(NamedTuple):
         return f"{what} by {self.size:.2f} m"
 
 
-class Control(NamedTuple):
+class AidStatus(NamedTuple):
     """Hold the records of all aids."""
 
     receivers: Receivers
-    tracks: tuple[Track, ...] = (Track(),) * len(AIDS)
+    tracks: tuple[AidTrack, ...] = (AidTrack(),) * len(AIDS)
     status: FixStatus | None = None  # of rtk/fix; None: no sample yet
     status_ns: int = NEVER_NS
     fixed_since_ns: int = NEVER_NS
@@ -199,29 +199,29 @@ class Control(NamedTuple):
     last_reset: Reset | None = None
     rtk: Consistency = Consistency()  # RTK positions against velocities
 
-    def track(self, source: Source) -> Track:
+    def track(self, source: Source) -> AidTrack:
         """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
     def with_track(
-        self, source: Source, track: Track, receivers: Receivers | None = None
-    ) -> Control:
+        self, source: Source, track: AidTrack, receivers: Receivers | None = None
+    ) -> AidStatus:
         """Return a copy with one record changed, and with the receivers' errors if given."""
         place, tracks = PLACE[source], self.tracks
         # By places: a named tuple's own _replace takes three times as long.
-        return Control(
+        return AidStatus(
             receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
         )
 
-    def with_receivers(self, receivers: Receivers) -> Control:
+    def with_receivers(self, receivers: Receivers) -> AidStatus:
         """Return a copy with the receivers' errors changed."""
-        return Control(receivers, *self[1:])
+        return AidStatus(receivers, *self[1:])
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
         """Return the receiver's newest fix status; None where it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
-    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> Control:
+    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
         """Return a copy after a status of the RTK receiver.
 
         The change from float to fixed makes the next RTK positions correct the state in steps.
@@ -229,14 +229,14 @@ class Control(NamedTuple):
         fixed = status is FixStatus.FIXED
         was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
-        told = Control(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
+        told = AidStatus(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
         if not fixed or was_fixed or self.status is None:
             return told
         # The offset has grown while the solution was float.
         tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
         return told._replace(tracks=tracks)
 
-    def with_reset(self, source: Source, now_ns: int, size: float) -> Control:
+    def with_reset(self, source: Source, now_ns: int, size: float) -> AidStatus:
         """Return a copy after a reset to a measurement: counted, with a new record of its source.
 
         ``size`` is the change of the state in m, m/s or rad.
@@ -247,7 +247,7 @@ class Control(NamedTuple):
         stamps = self.reset_ns
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
             stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
-        return self.with_track(source, Track(now_ns))._replace(
+        return self.with_track(source, AidTrack(now_ns))._replace(
             resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
         )
 

@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import rotate
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
@@ -29,7 +29,7 @@ _GATE_SIGMA = 5.0
 _AGAIN_NS = 1_000_000_000
 
 
-class AutopilotHeadings:
+class AutopilotHeadingAid:
     """Make the samples and measurements of the autopilot's heading."""
 
     def __init__(self, config: EkfConfig) -> None:
@@ -55,7 +55,7 @@ class AutopilotHeadings:
         heading = azimuth(rotate(rotation_of(tuple(q_nb.tolist())), _NOSE_B))
         return AutopilotHeading(imu.stamp_ns, heading, self._variance_rad2)
 
-    def aid(self, sample: AutopilotHeading, belief: Belief) -> Aid:
+    def aid(self, sample: AutopilotHeading, belief: StateEstimate) -> AidMeasurement:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
         nose_n = rotate(rotation_of(belief.state.q_nb), _NOSE_B)
         off = wrapped(sample.heading_rad - azimuth(nose_n))
@@ -63,4 +63,6 @@ class AutopilotHeadings:
         design[0, 2] = 1.0
         noise = np.array(((sample.variance_rad2,),))
         measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
-        return Aid(Source.AUTOPILOT_HEADING, sample.stamp_ns, measurement, (off,), (0.0,), 0.0)
+        return AidMeasurement(
+            Source.AUTOPILOT_HEADING, sample.stamp_ns, measurement, (off,), (0.0,), 0.0
+        )

@@ -12,8 +12,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.aid_status import Control, Track
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import heading_error, states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate
@@ -112,7 +112,7 @@ def interval_measurement(
     return math.copysign(spread * mean / told, innovation), spread * spread / told - predicted
 
 
-class Headings:
+class HeadingAid:
     """Make measurements of the antennas' headings."""
 
     def __init__(self, config: EkfConfig) -> None:
@@ -123,7 +123,7 @@ class Headings:
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
         self._resolution_rad = math.radians(config.heading.resolution_deg)
 
-    def obstacle(self, sample: HeadingSample, control: Control) -> str:
+    def obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
         """Return why a heading is not to be used now, or an empty string.
 
         RTK must be fixed; before the first use, and after a time-out, for ``start_after_s``.
@@ -139,7 +139,7 @@ class Headings:
             return f"rtk/fix is fixed for {fixed_s:.1f} s only"
         return ""
 
-    def aid(self, sample: HeadingSample, belief: Belief) -> Aid | None:
+    def aid(self, sample: HeadingSample, belief: StateEstimate) -> AidMeasurement | None:
         """Return the measurement, or None where the baseline is near the vertical."""
         reported = sample.heading_rad - belief.control.receivers.heading_error_rad
         rotation = rotation_of(belief.state.q_nb)
@@ -156,7 +156,9 @@ class Headings:
             measurement = self._interval(measurement, belief.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
-        return Aid(Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack)
+        return AidMeasurement(
+            Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
+        )
 
     def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
         """Return the measurement of a quantised reading; ``plain`` if either is beyond the gate.
@@ -174,8 +176,8 @@ class Headings:
         return plain._replace(innovation=np.array((told[0],)), noise=np.array(((told[1],),)))
 
     def averaged(
-        self, track: Track, measurement: Measurement, predicted: Array, reason: str
-    ) -> tuple[Track, str]:
+        self, track: AidTrack, measurement: Measurement, predicted: Array, reason: str
+    ) -> tuple[AidTrack, str]:
         """Return the record with one more innovation in its mean, and why a heading is refused.
 
         A heading that is off by less than the gate passes alone. The mean of many that are off by

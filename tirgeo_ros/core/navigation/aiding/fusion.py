@@ -12,17 +12,17 @@ import operator
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, Control, Receivers, Track
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadings
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, Headings
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, HeadingAid
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import Velocities
+from tirgeo_ros.core.navigation.aiding.gnss_velocity import VelocityAid
 from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
-    Aid,
-    Aidlike,
-    Belief,
+    AidMeasurement,
+    AidSample,
     Fused,
+    StateEstimate,
     added,
     not_fixed,
     refused,
@@ -67,23 +67,23 @@ class Fusion:
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._direct = config.position_update == "rtk_direct"
         self._rtk_position = RtkPosition(config)
-        self._rtk_velocity = Velocities(states, config.rtk, config.aircraft.rtk_lever_b)
-        self._gps_velocity = Velocities(states, config.gps, config.aircraft.gps_lever_b)
+        self._rtk_velocity = VelocityAid(states, config.rtk, config.aircraft.rtk_lever_b)
+        self._gps_velocity = VelocityAid(states, config.gps, config.aircraft.gps_lever_b)
         self._gps_position = GpsPosition(config)
-        self._headings = Headings(config)
-        self._autopilot = AutopilotHeadings(config)
+        self._headings = HeadingAid(config)
+        self._autopilot = AutopilotHeadingAid(config)
         self._resets = Resets(config)
         self._gps_time_s = config.gps.position_time_s
         self._heading_time_s = config.heading.bias_time_s
 
-    def spare(self, sample: Aidlike, control: Control) -> bool:
+    def spare(self, sample: AidSample, control: AidStatus) -> bool:
         """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
         return self._gps_position.spare(sample, control)
 
     def fuse(
         self,
-        sample: Aidlike,
-        belief: Belief,
+        sample: AidSample,
+        belief: StateEstimate,
         angular_rate_b: Vector,
         *,
         stale: bool = False,
@@ -98,7 +98,9 @@ class Fusion:
         if self.spare(sample, belief.control):
             return refused(sample, belief, Outcome.STANDBY, "RTK is there")
         state, covariance, control = belief
-        belief = Belief(state, covariance, self._with_decayed_errors(control, sample.stamp_ns))
+        belief = StateEstimate(
+            state, covariance, self._with_decayed_errors(control, sample.stamp_ns)
+        )
         if isinstance(sample, AutopilotHeading):
             return self._with_autopilot_heading(sample, belief)
         if isinstance(sample, HeadingSample):
@@ -116,23 +118,25 @@ class Fusion:
             return refused(sample, belief, Outcome.GATED, reason)
         return self._judged(aid, belief, autopilot_q_nb)
 
-    def _position(self, sample: PositionSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+    def _position(
+        self, sample: PositionSample, belief: StateEstimate
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
         if sample.source is Source.GPS_POSITION:
             if sample.status < FixStatus.SINGLE:
                 return not_fixed(sample.source, sample.status), belief
             return self._gps_position.aid(sample, belief), belief
         state, covariance, control = belief
-        belief = Belief(state, covariance, self._heard(sample, control))
+        belief = StateEstimate(state, covariance, self._heard(sample, control))
         if sample.status < FixStatus.FLOAT:
             return not_fixed(sample.source, sample.status), belief
         return self._rtk_position.aid(sample, belief)
 
-    def _heard(self, sample: PositionSample, control: Control) -> Control:
+    def _heard(self, sample: PositionSample, control: AidStatus) -> AidStatus:
         return control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
 
     def _velocity(
-        self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector
-    ) -> tuple[Aid | Verdict, Belief]:
+        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
         if sample.source is Source.GPS_VELOCITY:
             return self._gps_velocity.aid(sample, belief, angular_rate_b), belief
         status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
@@ -140,7 +144,9 @@ class Fusion:
             return not_fixed(sample.source, status), belief
         return self._rtk_velocity.aid(sample, belief, angular_rate_b), belief
 
-    def _heading(self, sample: HeadingSample, belief: Belief) -> tuple[Aid | Verdict, Belief]:
+    def _heading(
+        self, sample: HeadingSample, belief: StateEstimate
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
         reason = self._headings.obstacle(sample, belief.control)
         if reason:
             return Verdict(Source.RTK_HEADING, Outcome.NOT_FIXED, reason), belief
@@ -150,7 +156,9 @@ class Fusion:
             return Verdict(Source.RTK_HEADING, Outcome.INVALID, reason), belief
         return aid, belief
 
-    def _judged(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> Fused:
+    def _judged(
+        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+    ) -> Fused:
         """Return the belief with a measurement in it, or without it where the gates refuse."""
         state, covariance, control = belief
         track = control.track(aid.source).followed(aid.invariant, aid.expected)
@@ -177,10 +185,10 @@ class Fusion:
             error, updated = _with_rtk_position(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
         control = control.with_track(aid.source, track, _receivers(control, error))
-        belief = Belief(feedback(state, error), updated, control)
+        belief = StateEstimate(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
-    def _with_autopilot_heading(self, sample: AutopilotHeading, belief: Belief) -> Fused:
+    def _with_autopilot_heading(self, sample: AutopilotHeading, belief: StateEstimate) -> Fused:
         """Return the belief with the autopilot's heading, if it is worth it; it never resets."""
         if not self._autopilot.is_worth(belief.covariance):
             return refused(sample, belief, Outcome.STANDBY, "the heading is known better")
@@ -190,9 +198,11 @@ class Fusion:
             return Fused(_verdict(aid, Outcome.GATED, "innovation", ratio), belief)
         control = belief.control._replace(receivers=_receivers(belief.control, error))
         state = feedback(belief.state, error)
-        return Fused(_verdict(aid, Outcome.USED, "", ratio), Belief(state, updated, control))
+        return Fused(
+            _verdict(aid, Outcome.USED, "", ratio), StateEstimate(state, updated, control)
+        )
 
-    def _refused(self, aid: Aid, track: Track) -> Track:
+    def _refused(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return the record after a refusal.
 
         A position that returns after a silence meets a state that has drifted, so its difference
@@ -207,7 +217,9 @@ class Fusion:
             step = tuple(map(operator.sub, aid.invariant, aid.expected))
         return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
 
-    def _with_motion_alone(self, aid: Aid, belief: Belief, track: Track) -> Fused:
+    def _with_motion_alone(
+        self, aid: AidMeasurement, belief: StateEstimate, track: AidTrack
+    ) -> Fused:
         """Return the belief after a position that has stepped: only its motion is used.
 
         The motion that a receiver reports stays right when its solution jumps. After a while
@@ -230,30 +242,37 @@ class Fusion:
             belief = belief._replace(control=control)
         else:
             control = control._replace(receivers=_receivers(control, error))
-            belief = Belief(feedback(belief.state, error), updated, control)
+            belief = StateEstimate(feedback(belief.state, error), updated, control)
         return Fused(_verdict(aid, Outcome.GATED, off(aid, track), ratio), belief)
 
     def _after_refusal(
-        self, aid: Aid, belief: Belief, ratio: float, reason: str, autopilot_q_nb: Array | None
+        self,
+        aid: AidMeasurement,
+        belief: StateEstimate,
+        ratio: float,
+        reason: str,
+        autopilot_q_nb: Array | None,
     ) -> Fused:
         reset = self._resets.after_refusal(aid, belief, autopilot_q_nb)
         if reset is None:
             return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
         return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
 
-    def _eased(self, aid: Aid, track: Track) -> Track:
+    def _eased(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return a record that eases an aid in, where it was silent beyond the time-out."""
         if aid.source not in _EASED or track.recent(aid.stamp_ns, self._timeout_ns):
             return track
         return track._replace(ease=EASE_STEPS)
 
-    def _with_decayed_errors(self, control: Control, stamp_ns: int) -> Control:
+    def _with_decayed_errors(self, control: AidStatus, stamp_ns: int) -> AidStatus:
         """Return the records with the receivers' errors at a sample's time."""
         receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
         return control if receivers is control.receivers else control.with_receivers(receivers)
 
 
-def _checked_rtk(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str]:
+def _checked_rtk(
+    sample: AidSample, aid: AidMeasurement, belief: StateEstimate
+) -> tuple[StateEstimate, str]:
     """Compare RTK positions and velocities; return the belief and why one is refused."""
     control, (innovation, _, noise, *_) = belief.control, aid.measurement
     if aid.source is Source.RTK_POSITION and isinstance(sample, PositionSample):
@@ -263,11 +282,11 @@ def _checked_rtk(sample: Aidlike, aid: Aid, belief: Belief) -> tuple[Belief, str
         rtk = control.rtk.with_velocity(sample, noise, against_imu_n)
     else:
         return belief, ""
-    control = Control(*control[:-1], rtk)
-    return Belief(belief.state, belief.covariance, control), rtk.reason(aid.source)
+    control = AidStatus(*control[:-1], rtk)
+    return StateEstimate(belief.state, belief.covariance, control), rtk.reason(aid.source)
 
 
-def _receivers(control: Control, error: Array) -> Receivers:
+def _receivers(control: AidStatus, error: Array) -> Receivers:
     """Return the receivers' errors after a correction by an estimated error (n,)."""
     at = heading_error(len(error))
     turned = 0.0 if at is None else float(error[at])
@@ -275,7 +294,7 @@ def _receivers(control: Control, error: Array) -> Receivers:
     return control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
 
 
-def off(aid: Aid, track: Track) -> str:
+def off(aid: AidMeasurement, track: AidTrack) -> str:
     """Return in words how far a measurement is off; of a step, how large it was."""
     size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
     if aid.source is Source.RTK_HEADING:
@@ -287,7 +306,7 @@ def off(aid: Aid, track: Track) -> str:
     return f"{size:.1f} {'m/s' if speed else 'm'} off"
 
 
-def _verdict(aid: Aid, outcome: Outcome, reason: str, ratio: float) -> Verdict:
+def _verdict(aid: AidMeasurement, outcome: Outcome, reason: str, ratio: float) -> Verdict:
     """Return the verdict on a measurement, with its numbers."""
     innovation = tuple(aid.measurement.innovation.tolist())
     degrees = len(innovation)

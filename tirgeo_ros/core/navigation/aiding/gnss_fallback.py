@@ -11,9 +11,15 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, Control
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, position_design
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Aidlike, Belief, added, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    AidSample,
+    StateEstimate,
+    added,
+    source_of,
+)
 from tirgeo_ros.core.navigation.ins_error_model import states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate
@@ -37,7 +43,7 @@ class GpsPosition:
         self._noise = np.eye(3) * noise_m2
         self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
-    def spare(self, sample: Aidlike, control: Control) -> bool:
+    def spare(self, sample: AidSample, control: AidStatus) -> bool:
         """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
         source, now_ns = source_of(sample), sample.stamp_ns
         if source is Source.GPS_VELOCITY:
@@ -50,7 +56,7 @@ class GpsPosition:
             and control.track(source).recent(now_ns, _LEARNING_NS)
         )
 
-    def aid(self, sample: PositionSample, belief: Belief) -> Aid:
+    def aid(self, sample: PositionSample, belief: StateEstimate) -> AidMeasurement:
         """Return the measurement of a position with its slow error in it."""
         state = belief.state
         error = belief.control.receivers.gps_error_n
@@ -63,11 +69,11 @@ class GpsPosition:
         noise = self._noise + np.diag(beyond)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
-        return Aid(
+        return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
         )
 
-    def _white_factor(self, control: Control, now_ns: int) -> float:
+    def _white_factor(self, control: AidStatus, now_ns: int) -> float:
         """Return the factor that makes the variance of a lasting error one of white noise.
 
         Long without RTK no number of fixes averages a lasting error away. White noise with the

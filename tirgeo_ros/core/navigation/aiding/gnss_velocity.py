@@ -8,7 +8,12 @@ import numpy as np
 
 from tirgeo_ros.core.config import GpsConfig, RtkConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    StateEstimate,
+    added,
+    floored,
+)
 from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, flat_memory, has_antenna
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
@@ -47,7 +52,7 @@ def velocity_design(
 _ZERO = (0.0, 0.0, 0.0)
 
 
-class Velocities:
+class VelocityAid:
     """Make measurements of the velocities of one receiver."""
 
     def __init__(self, states: int, receiver: RtkConfig | GpsConfig, lever_arm_b: Array) -> None:
@@ -58,7 +63,9 @@ class Velocities:
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
 
-    def aid(self, sample: VelocitySample, belief: Belief, angular_rate_b: Vector) -> Aid:
+    def aid(
+        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
+    ) -> AidMeasurement:
         """Return the measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
@@ -79,4 +86,6 @@ class Velocities:
         measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
-        return Aid(sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack)
+        return AidMeasurement(
+            sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack
+        )

@@ -66,7 +66,7 @@ class Fix(NamedTuple):
     variances: Vector  # m2
 
 
-class Pair(NamedTuple):
+class FixPair(NamedTuple):
     """Hold fix and velocity of one epoch, and sums over the velocities up to it."""
 
     fix: Fix
@@ -90,7 +90,7 @@ class Lag(NamedTuple):
     variance_s2: float = _LAG_S**2
     learned_ns: int = 0  # the newest pair used
 
-    def learned(self, first: Pair, last: Pair) -> Lag:
+    def learned(self, first: FixPair, last: FixPair) -> Lag:
         """Return the latency after one more window; one that overlaps the last changes nothing."""
         if first.stamp_ns < self.learned_ns:
             return self
@@ -109,7 +109,7 @@ class Consistency(NamedTuple):
     """Hold the records of RTK, and which source is refused."""
 
     fix: Fix | None = None
-    pairs: tuple[Pair, ...] = ()
+    pairs: tuple[FixPair, ...] = ()
     lag: Lag = Lag()
     agreed_ns: int = 0  # for how long they have agreed lately
     since_ns: int = 0  # the first pair that contradicts; 0: they agree
@@ -142,7 +142,7 @@ class Consistency(NamedTuple):
         if fix is None or abs(sample.stamp_ns - fix.stamp_ns) > _SAME_NS:
             return self
         north, east, down = sample.velocity_n.tolist()
-        pair = Pair(fix, (north, east, down), against_imu_n)
+        pair = FixPair(fix, (north, east, down), against_imu_n)
         if not pairs or not 0 < fix.stamp_ns - pairs[-1].stamp_ns <= _LONGEST_GAP_NS:
             return Consistency(fix, (pair,), self.lag)
         pair = _with_sums(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
@@ -171,7 +171,7 @@ class Consistency(NamedTuple):
             return Consistency(self.fix, lag=self.lag)
         return kept
 
-    def _agreed(self, window: tuple[Pair, ...], step_ns: int, *, well: bool) -> Consistency:
+    def _agreed(self, window: tuple[FixPair, ...], step_ns: int, *, well: bool) -> Consistency:
         """Return a copy whose newest pair is no contradiction; ``well``: the distance is small."""
         agreed_ns = self._agreed_after(step_ns if well else -_FORGET * step_ns)
         lag = self.lag.learned(window[0], window[-1]) if well else self.lag
@@ -196,7 +196,7 @@ class Consistency(NamedTuple):
         return self._replace(agreed_ns=agreed_ns, told=told, against=against)
 
 
-def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
+def distance(first: FixPair, last: FixPair, lag: Lag) -> tuple[float, Vector]:
     """Return the squared distance (3 degrees of freedom) of two paths, and their difference.
 
     The difference (m) is the path between the fixes of two epochs less the integral of the
@@ -218,7 +218,7 @@ def distance(first: Pair, last: Pair, lag: Lag) -> tuple[float, Vector]:
     return squared - along * along / (1 / lag.variance_s2 + told), off_n
 
 
-def _variances(first: Pair, last: Pair) -> Vector:
+def _variances(first: FixPair, last: FixPair) -> Vector:
     """Return the variances of the difference, per axis (m2), without the latency's."""
     a, b, early, late = first.fix.variances, last.fix.variances, first.spread, last.spread
     return (
@@ -228,7 +228,7 @@ def _variances(first: Pair, last: Pair) -> Vector:
     )
 
 
-def _with_sums(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> Pair:
+def _with_sums(before: FixPair, pair: FixPair, variances: Vector, *, first: bool) -> FixPair:
     """Return a pair with its sums, from the pair before."""
     step_s = (pair.stamp_ns - before.stamp_ns) * 1e-9
     half = 0.5 * step_s
@@ -244,7 +244,7 @@ def _with_sums(before: Pair, pair: Pair, variances: Vector, *, first: bool) -> P
         left.append(before.left_n[i] + half * (before.against_imu_n[i] + pair.against_imu_n[i]))
         spread.append(before.spread[i] + step_s * step_s * variances[i] + bend * bend)
     sums = tuple(slope), tuple(drift), tuple(left), tuple(spread)
-    return Pair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
+    return FixPair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
 
 
 def _path_n(a: Fix, b: Fix) -> Vector:
@@ -259,23 +259,23 @@ def _path_n(a: Fix, b: Fix) -> Vector:
     )
 
 
-def _first_index(pairs: tuple[Pair, ...], begin_ns: int) -> int:
+def _first_index(pairs: tuple[FixPair, ...], begin_ns: int) -> int:
     """Return the index of the first pair that is not older."""
     return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=_stamp_of)
 
 
-def _stamp_of(pair: Pair) -> int:
+def _stamp_of(pair: FixPair) -> int:
     return pair.fix.stamp_ns
 
 
-def _grows_steadily(window: tuple[Pair, ...], off_n: Vector, share: float) -> bool:
+def _grows_steadily(window: tuple[FixPair, ...], off_n: Vector, share: float) -> bool:
     """Return whether a contradiction has grown over the window, not in two of its intervals."""
     along = [a * off_n[0] + b * off_n[1] + c * off_n[2] for a, b, c in (p.drift_n for p in window)]
     parts = sorted(b - a for a, b in pairwise(along))
     return parts[-1] + parts[-2] < share * (along[-1] - along[0])
 
 
-def _blame(oldest: Pair, window: tuple[Pair, ...], off_n: Vector) -> float | None:
+def _blame(oldest: FixPair, window: tuple[FixPair, ...], off_n: Vector) -> float | None:
     """Return the share of a contradiction by which the velocities have left the IMU's path.
 
     Zero means that the fixes have left it. The IMU's path continues with the mean velocity that

@@ -12,8 +12,13 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.aiding.aid_status import Control
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief, added, floored
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    StateEstimate,
+    added,
+    floored,
+)
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
@@ -77,7 +82,9 @@ class RtkPosition:
         self._states = states_of(config)
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
-    def aid(self, sample: PositionSample, belief: Belief) -> tuple[Aid, Belief]:
+    def aid(
+        self, sample: PositionSample, belief: StateEstimate
+    ) -> tuple[AidMeasurement, StateEstimate]:
         """Return the measurement, and the belief with its offset in the median's window."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
@@ -92,11 +99,11 @@ class RtkPosition:
         design = position_design(self._states, lever_n, rotation_nb=sought)
         measurement = Measurement(np.array(innovation), design, noise, gate_sigma)
         slack = 1.5 * gate_sigma * sigma_m
-        return Aid(
+        return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, offset, state.correction_n, slack
         ), belief
 
-    def _median(self, offset: Vector, belief: Belief) -> tuple[Vector, Belief]:
+    def _median(self, offset: Vector, belief: StateEstimate) -> tuple[Vector, StateEstimate]:
         """Return the innovation of the median, NED m, and the belief with the offset stored.
 
         A median of positions would lag behind an aircraft in motion. Offsets from the path that
@@ -108,7 +115,7 @@ class RtkPosition:
         belief = belief._replace(control=control._replace(offsets_n=offsets))
         return (north - moved[0], east - moved[1], down - moved[2]), belief
 
-    def _noise(self, sample: PositionSample, control: Control) -> tuple[Array, float]:
+    def _noise(self, sample: PositionSample, control: AidStatus) -> tuple[Array, float]:
         """Return R (3, 3), and the scatter (m) of one position against the next."""
         if sample.status is FixStatus.FIXED:
             noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.navigation.aiding.aid_status import Control
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -22,25 +22,25 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 Aiding = PositionSample | VelocitySample | HeadingSample
 #: The same, and what the filter takes from the IMU's own messages.
-Aidlike = Aiding | AutopilotHeading
+AidSample = Aiding | AutopilotHeading
 
 
-class Belief(NamedTuple):
+class StateEstimate(NamedTuple):
     """Hold the state, the covariance (n, n) of its error, and the records of the aids."""
 
     state: NavState
     covariance: Array
-    control: Control
+    control: AidStatus
 
 
 class Fused(NamedTuple):
     """Hold the belief after a sample, changed or not, and the verdict on the sample."""
 
     verdict: Verdict
-    belief: Belief
+    belief: StateEstimate
 
 
-class Aid(NamedTuple):
+class AidMeasurement(NamedTuple):
     """Hold a measurement for the update, with the numbers by which its refusals are compared."""
 
     source: Source
@@ -52,7 +52,7 @@ class Aid(NamedTuple):
     stale: bool = False  # the sample repeats the value of the one before
 
 
-def refused(sample: Aidlike, belief: Belief, outcome: Outcome, reason: str) -> Fused:
+def refused(sample: AidSample, belief: StateEstimate, outcome: Outcome, reason: str) -> Fused:
     """Return the same belief after a sample that is not to be used now."""
     return Fused(Verdict(source_of(sample), outcome, reason), belief)
 
@@ -62,7 +62,7 @@ def not_fixed(source: Source, status: FixStatus) -> Verdict:
     return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
 
 
-def source_of(sample: Aidlike) -> Source:
+def source_of(sample: AidSample) -> Source:
     """Return the source of an aiding sample."""
     if isinstance(sample, AutopilotHeading):
         return Source.AUTOPILOT_HEADING

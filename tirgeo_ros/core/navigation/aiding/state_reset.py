@@ -12,9 +12,9 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, Control, Track
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aid, Belief
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -51,8 +51,8 @@ class Resets:
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     def after_refusal(
-        self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None
-    ) -> Belief | None:
+        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+    ) -> StateEstimate | None:
         """Return the belief reset to the measurement, or None if its refusals are too short."""
         track = belief.control.track(aid.source)
         run = track.run
@@ -68,7 +68,9 @@ class Resets:
         }[aid.source]
         return self._with_block(aid, belief, block)
 
-    def _patience_s(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> float:
+    def _patience_s(
+        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+    ) -> float:
         """Return how long a run of refusals must last; infinite if it must not cause a reset."""
         control = belief.control
         track = control.track(aid.source)
@@ -86,7 +88,7 @@ class Resets:
             return math.inf  # positions that fit confirm the velocity
         return max(STEPPED_S, reset_after_s) if track.step else reset_after_s
 
-    def after_step(self, aid: Aid, belief: Belief) -> Belief | None:
+    def after_step(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:
         """Return the belief once RTK's position has stayed long where it stepped to, else None.
 
         After a small step the position becomes as uncertain as the step is large, and the next
@@ -100,10 +102,10 @@ class Resets:
             return self._with_block(aid, belief, POSITION)
         covariance = covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
-        track = Track(track.used_ns, track.agreed_ns, EASE_STEPS)
-        return Belief(state, covariance, control.with_track(aid.source, track))
+        track = AidTrack(track.used_ns, track.agreed_ns, EASE_STEPS)
+        return StateEstimate(state, covariance, control.with_track(aid.source, track))
 
-    def _step_patience_s(self, aid: Aid, control: Control) -> float:
+    def _step_patience_s(self, aid: AidMeasurement, control: AidStatus) -> float:
         """Return how long a step must last before it is accepted.
 
         It is longer where ordinary GPS continues as before, and infinite where that cannot err by
@@ -126,7 +128,9 @@ class Resets:
             return math.inf
         return max(STEPPED_S, patience_s)
 
-    def _heading_patience_s(self, aid: Aid, belief: Belief, autopilot_q_nb: Array | None) -> float:
+    def _heading_patience_s(
+        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+    ) -> float:
         """Return how long a run must last; infinite for a turn that the autopilot has not seen."""
         heading, track = self._config.heading, belief.control.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
@@ -139,7 +143,9 @@ class Resets:
         longest_s = _SMALL_LONGEST_S if abs(turn) < gate_rad else _LONGEST_S
         return max(heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
 
-    def _with_block(self, aid: Aid, belief: Belief, block: slice) -> Belief:
+    def _with_block(
+        self, aid: AidMeasurement, belief: StateEstimate, block: slice
+    ) -> StateEstimate:
         """Set three states and their covariance as measured, uncorrelated with the others."""
         state, covariance, control = belief
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
@@ -158,9 +164,9 @@ class Resets:
             # The ordinary GPS has not moved, but its error against the new position has changed.
             control = control._replace(receivers=control.receivers.changed((-innovation).tolist()))
         size = float(np.linalg.norm(innovation))
-        return Belief(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
+        return StateEstimate(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
 
-    def _with_heading(self, aid: Aid, belief: Belief) -> Belief:
+    def _with_heading(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate:
         """Turn the attitude about the vertical to the heading."""
         state, covariance, control = belief
         turn = float(aid.measurement.innovation[0])
@@ -177,7 +183,7 @@ class Resets:
             covariance[2, :] -= covariance[at, :]
             covariance[:, 2] -= covariance[:, at]
         control = control.with_reset(aid.source, aid.stamp_ns, turn)
-        return Belief(feedback(state, error), covariance, control)
+        return StateEstimate(feedback(state, error), covariance, control)
 
     def _as_at_start(self, covariance: Array) -> Array:
         """Return a covariance with tilt and biases as uncertain as at the start."""

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
-    DoubtError,
-    LackingError,
+    InconsistentError,
+    InsufficientError,
     checked,
     differences,
     furthest,
@@ -109,7 +109,7 @@ class Aligner:
         self._samples = AlignmentSamples(self.keep_s, config.max_imu_gap_s)
         self._next_ns = 0
         self._suspected_ns: int | None = None
-        self._lasting: tuple[int, DoubtError | None] = (0, None)  # the newest lasting doubt
+        self._lasting: tuple[int, InconsistentError | None] = (0, None)  # the newest lasting doubt
         self._doubts: dict[str, tuple[int, int]] = {}  # first and latest stamp of each
         self.reason = "needs imu/data"
 
@@ -134,7 +134,7 @@ class Aligner:
 
     def _try(self) -> Alignment | None:
         """Try the best sources; once ``wait_s`` has passed, try all of them, best first."""
-        lacks: list[LackingError] = []
+        lacks: list[InsufficientError] = []
         if self._waited:
             self._next_ns = self._samples.newest_ns + _RETRY_NS
         for plan in self._plans():
@@ -142,10 +142,14 @@ class Aligner:
             if isinstance(outcome, Alignment):
                 return outcome
             doubt = self._lately_doubted()
-            if doubt is not None and not isinstance(outcome, LackingError) and not outcome.lasting:
+            if (
+                doubt is not None
+                and not isinstance(outcome, InsufficientError)
+                and not outcome.lasting
+            ):
                 # In a turn wrong headings contradict the motion too; report the antennas.
                 outcome = doubt
-            if isinstance(outcome, LackingError):
+            if isinstance(outcome, InsufficientError):
                 lacks.append(outcome)
                 if outcome.stage < MOTION_STAGE:
                     continue
@@ -169,33 +173,33 @@ class Aligner:
         # While antennas are in doubt, they are not replaced by the autopilot's heading.
         return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
 
-    def _lately_doubted(self) -> DoubtError | None:
+    def _lately_doubted(self) -> InconsistentError | None:
         """Return a lasting doubt (antennas against autopilot) for ``wait_s``, then None."""
         stamp_ns, doubt = self._lasting
         passed_ns = self._samples.newest_ns - stamp_ns
         return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
 
-    def _outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
+    def _outcome(self, plan: _Plan) -> Alignment | InsufficientError | InconsistentError:
         """Return the result of the shortest window that has all it needs, or why none has."""
         if self._turn_on.widened:
             return self._longest_outcome(plan)
-        lacks: list[LackingError] = []
+        lacks: list[InsufficientError] = []
         for length_s in self._lengths_s:
             outcome = self._outcome_over(plan, length_s)
-            if not isinstance(outcome, LackingError):
+            if not isinstance(outcome, InsufficientError):
                 return outcome
             lacks.append(outcome)
         return furthest(lacks)
 
-    def _longest_outcome(self, plan: _Plan) -> Alignment | LackingError | DoubtError:
+    def _longest_outcome(self, plan: _Plan) -> Alignment | InsufficientError | InconsistentError:
         """Return the result of the longest window that is complete and fits, or why none does."""
-        lacks: list[LackingError] = []
-        doubts: list[DoubtError] = []
+        lacks: list[InsufficientError] = []
+        doubts: list[InconsistentError] = []
         for length_s in reversed(self._lengths_s):
             outcome = self._outcome_over(plan, length_s)
             if isinstance(outcome, Alignment):
                 return outcome
-            if isinstance(outcome, DoubtError):
+            if isinstance(outcome, InconsistentError):
                 doubts.append(outcome)
                 continue
             lacks.append(outcome)
@@ -203,10 +207,12 @@ class Aligner:
                 return outcome  # a shorter window shows less motion
         return doubts[0] if doubts else furthest(lacks)
 
-    def _outcome_over(self, plan: _Plan, length_s: float) -> Alignment | LackingError | DoubtError:
+    def _outcome_over(
+        self, plan: _Plan, length_s: float
+    ) -> Alignment | InsufficientError | InconsistentError:
         try:
             return self._align(plan, length_s)
-        except (LackingError, DoubtError) as error:
+        except (InsufficientError, InconsistentError) as error:
             return error
 
     def _still_doubted(self, what: str) -> bool:
@@ -230,7 +236,7 @@ class Aligner:
         imu = self._samples.imu_over(first, last)
         readings = self._antenna_headings(first, last) if plan.antennas else []
         if not plan.antennas and not any(usable_attitude(s.autopilot_q_nb) for s in imu):
-            raise LackingError(self._needs_heading, 3)
+            raise InsufficientError(self._needs_heading, 3)
         measured = Measured(imu, positions, velocities, readings, self._needs_heading)
         found = self._fitted(measured)
         doubted = self._lately_doubted()
@@ -256,11 +262,11 @@ class Aligner:
         loose = known.loosely(measured)
         if loose is None:  # biases are not the cause, or not the only one
             checked(found.fit, found.seen)
-            raise DoubtError("imu/data does not fit the motion measured")
+            raise InconsistentError("imu/data does not fit the motion measured")
         if self._doubted_s("biases") < _SURE_S:  # a wrong measurement may look like biases
             checked(found.fit, found.seen)
             self._suspected_ns = self._samples.newest_ns
-            raise DoubtError(known.told(found, loose))
+            raise InconsistentError(known.told(found, loose))
         known.widen(found, loose)
         return known.fitted(measured)
 
@@ -272,12 +278,12 @@ class Aligner:
         velocities = self._samples.velocities(plan.velocity) if plan.velocity else []
         found = span(velocities if plan.velocity else positions, round(length_s * 1e9))
         if found is None or found[1] < self._samples.newest_ns - _LARGEST_AGE_NS:
-            raise LackingError(self._needs_velocity(plan.velocity), 0)
+            raise InsufficientError(self._needs_velocity(plan.velocity), 0)
         first, last = found
         positions = [s for s in positions if first <= s.stamp_ns <= last]
         if len(positions) < _LEAST_POSITIONS:
             other = " or gps/fix" if self._waited else ""
-            raise LackingError(f"needs rtk/fix{other}", 1)
+            raise InsufficientError(f"needs rtk/fix{other}", 1)
         return positions, [s for s in velocities if first <= s.stamp_ns <= last]
 
     def _needs_velocity(self, source: Source | None) -> str:
@@ -288,7 +294,7 @@ class Aligner:
         settled_s = self._config.heading.start_after_s
         found = self._samples.headings(first_ns, last_ns, settled_s)
         if len(found) < _LEAST_HEADINGS:
-            raise LackingError("needs rtk/heading with rtk/fix fixed", 2)
+            raise InsufficientError("needs rtk/heading with rtk/fix fixed", 2)
         return found
 
     def _turned(self, found: Fitted) -> bool:
@@ -306,7 +312,7 @@ class Aligner:
             self._suspected_ns = now
         lately = self._suspected_ns is not None and now - self._suspected_ns < _SURE_S * 1e9
         if lately and found.window.before_s[0] < _LONGER_S[0] - _SHORTER_S:
-            raise LackingError("imu/data: looks longer for its biases", 4)
+            raise InsufficientError("imu/data: looks longer for its biases", 4)
 
     @property
     def _needs_heading(self) -> str:
@@ -316,7 +322,7 @@ class Aligner:
             "tells no heading while hovering"
         )
 
-    def _compare(self, found: Fit, hint_nb: Array) -> None:
+    def _compare(self, found: WindowFit, hint_nb: Array) -> None:
         """Raise a doubt where the fit differs from the autopilot's attitude.
 
         A small difference is accepted once it has lasted for ``wait_s``, for the autopilot may

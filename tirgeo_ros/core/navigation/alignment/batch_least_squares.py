@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, Window
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, PreintegratedImu
 from tirgeo_ros.core.navigation.vibration_noise import Powers
 from tirgeo_ros.core.types.arrays import Array
 
@@ -35,7 +35,7 @@ _ITERATIONS = 8
 _CONVERGED_RAD = 1e-7
 
 
-class Kind(Enum):
+class ObservationKind(Enum):
     """Name the quantity that an observation measures."""
 
     VELOCITY = "velocity"
@@ -49,7 +49,7 @@ class Observation:
 
     stamp_ns: int
     name: str  # its topic
-    kind: Kind
+    kind: ObservationKind
     value: Array  # (k,) NED m/s or m of an antenna, or the azimuth of a direction in rad
     arm_b: Array  # (3,) lever arm from IMU to antenna in m, or the direction
     white: Array  # (k, k) covariance of the error that is new each time
@@ -58,7 +58,7 @@ class Observation:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class WindowFit:
     """Hold the state at the window's end."""
 
     rotation_nb: Array  # (3, 3)
@@ -75,11 +75,13 @@ class Fit:
 class _Terms:
     """Compute the model's terms by observation: scalars, body vectors, partials by IMU errors."""
 
-    def __init__(self, window: Window, seen: Sequence[Observation], powers: Powers) -> None:
+    def __init__(
+        self, window: PreintegratedImu, seen: Sequence[Observation], powers: Powers
+    ) -> None:
         at = window.at([o.stamp_ns for o in seen])
         kinds = np.array([o.kind.value for o in seen])
-        self._is_velocity = kinds == Kind.VELOCITY.value
-        self._is_position = kinds == Kind.POSITION.value
+        self._is_velocity = kinds == ObservationKind.VELOCITY.value
+        self._is_position = kinds == ObservationKind.POSITION.value
         before = window.before_s[at]
         self.of_velocity = np.where(self._is_position, -before, 1.0 * self._is_velocity)
         self.of_position = 1.0 * self._is_position
@@ -98,7 +100,7 @@ class _Terms:
         flat = flat.reshape(3 * len(seen), -1)
         self.imu_noise = flat @ flat.T  # (3 m, 3 m) in the last body frame
 
-    def _kernels(self, window: Window, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
+    def _kernels(self, window: PreintegratedImu, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the effect of a unit IMU error in a step on each observation: (m, steps, 3, 6).
 
         The lengths of the steps (s) come second. A turn by e at time s turns all body vectors
@@ -121,7 +123,7 @@ class _Terms:
         return kernels * (since > 0)[:, :, None, None], steps
 
 
-def _coarse(window: Window, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+def _coarse(window: PreintegratedImu, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     """Return indices of instants 20 ms or 1 % of the window apart, and of all observations.
 
     Noise needs no finer steps.
@@ -135,13 +137,13 @@ def _coarse(window: Window, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def fit(
-    window: Window,
+    window: PreintegratedImu,
     seen: Sequence[Observation],
     start_nb: Array,
     gravity_m_s2: float,
     biases: Biases,
     powers: Powers,
-) -> Fit:
+) -> WindowFit:
     """Fit the state to the observations; ``settled`` tells that the iteration converged.
 
     ``start_nb`` (3, 3) is an attitude right to some tens of degrees. ``biases`` are the prior,
@@ -183,7 +185,7 @@ def _residual(
     vectors += turned + np.outer(terms.of_gravity, [0.0, 0.0, gravity])
     parts = [
         wrap_pi(o.value - np.arctan2(turned[k, 1], turned[k, 0]))
-        if o.kind is Kind.AZIMUTH
+        if o.kind is ObservationKind.AZIMUTH
         else o.value - vectors[k]
         for k, o in enumerate(seen)
     ]
@@ -196,7 +198,7 @@ def _projections(seen: Sequence[Observation], turned: Array) -> Array:
     out, row = np.zeros((rows, 3 * len(seen))), 0
     for k, o in enumerate(seen):
         block = np.eye(3)
-        if o.kind is Kind.AZIMUTH:
+        if o.kind is ObservationKind.AZIMUTH:
             north, east, _ = turned[k]
             block = np.array([[-east, north, 0.0]]) / (north**2 + east**2)
         out[row : row + len(block), 3 * k : 3 * k + 3] = block
@@ -249,7 +251,7 @@ def _result(
     information: Array,
     settled: bool,
     left: tuple[Sequence[Observation], Array, Array, Array],
-) -> Fit:
+) -> WindowFit:
     covariance = np.linalg.inv(information)
     covariance = 0.5 * (covariance + covariance.T)
     seen, residual, design, noise = left
@@ -264,7 +266,7 @@ def _result(
         distances.append(float(residual[rows] @ scaled) / len(o.value))
         row += len(o.value)
     known = np.linalg.inv(information[:9, :9])
-    return Fit(
+    return WindowFit(
         rotation,
         rest[:3],
         rest[3:6],

@@ -9,8 +9,12 @@ import numpy as np
 from tirgeo_ros.core.config import AutopilotConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, wrap_pi
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Kind, Observation
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
+    Observation,
+    ObservationKind,
+    WindowFit,
+)
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import PreintegratedImu
 from tirgeo_ros.core.types.arrays import Array
 
 #: Squared misfit per degree of freedom: six sigma is not chance.
@@ -27,10 +31,14 @@ _LOOK_AT_ANTENNAS = (
     ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
     "much: autopilot.attitude_sigma_deg)"
 )
-_UNITS = {Kind.POSITION: "m", Kind.VELOCITY: "m/s", Kind.AZIMUTH: "deg"}
+_UNITS = {
+    ObservationKind.POSITION: "m",
+    ObservationKind.VELOCITY: "m/s",
+    ObservationKind.AZIMUTH: "deg",
+}
 
 
-class LackingError(Exception):
+class InsufficientError(Exception):
     """Report that something needed is missing; ``stage`` says how far the alignment came."""
 
     def __init__(self, reason: str, stage: int) -> None:
@@ -42,7 +50,7 @@ class LackingError(Exception):
         self.stage = stage
 
 
-class DoubtError(Exception):
+class InconsistentError(Exception):
     """Report a contradiction in the measurements; ``lasting``: waiting does not resolve it."""
 
     def __init__(self, reason: str, *, lasting: bool = False) -> None:
@@ -50,12 +58,14 @@ class DoubtError(Exception):
         self.lasting = lasting
 
 
-def furthest(lacks: Sequence[LackingError]) -> LackingError:
+def furthest(lacks: Sequence[InsufficientError]) -> InsufficientError:
     """Return what was missing where the alignment came furthest; of equals the first."""
     return max(lacks, key=lambda lack: lack.stage)
 
 
-def agreeing(window: Window, headings: Sequence[Observation]) -> tuple[list[Observation], Array]:
+def agreeing(
+    window: PreintegratedImu, headings: Sequence[Observation]
+) -> tuple[list[Observation], Array]:
     """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
     The attitude is found as if at rest. Raises DoubtError where fewer than two thirds agree, or
@@ -69,16 +79,16 @@ def agreeing(window: Window, headings: Sequence[Observation]) -> tuple[list[Obse
     middle = int(np.argmin(np.median(apart, axis=1)))
     near = apart[middle] < _HEADINGS_APART_RAD
     if near.sum() * 3 < 2 * len(near):
-        raise DoubtError("the headings of rtk/heading disagree with each other")
+        raise InconsistentError("the headings of rtk/heading disagree with each other")
     start_nb = matrix_from_rotvec(np.array([0.0, 0.0, turns[middle]])) @ level_nb
     return [o for o, good in zip(headings, near, strict=True) if good], start_nb
 
 
-def _down_b(window: Window) -> Array:
+def _down_b(window: PreintegratedImu) -> Array:
     """Return the unit vector (3,) against the mean force: down, as if at rest."""
     force = float(np.linalg.norm(window.velocity[0])) / float(window.before_s[0])
     if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
-        raise DoubtError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
+        raise InconsistentError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
     return np.asarray(-window.velocity[0] / np.linalg.norm(window.velocity[0]))
 
 
@@ -91,33 +101,37 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
-def checked(found: Fit, seen: Sequence[Observation]) -> Fit:
+def checked(found: WindowFit, seen: Sequence[Observation]) -> WindowFit:
     """Return the fit, where it is near every measurement and the tilt is known well enough.
 
     Raises DoubtError or LackingError.
     """
     worst = int(np.argmax(found.distances))
     if found.distances[worst] > _LARGEST_DISTANCE:
-        raise DoubtError(_misfit(seen[worst], found.residuals[worst], found.distances[worst]))
+        raise InconsistentError(
+            _misfit(seen[worst], found.residuals[worst], found.distances[worst])
+        )
     if not found.settled:
-        raise DoubtError("imu/data does not fit the motion measured")
+        raise InconsistentError("imu/data does not fit the motion measured")
     if found.rotation_nb[2, 2] <= 0:
-        raise DoubtError("imu/data says upside down: check its axes and signs")
+        raise InconsistentError("imu/data says upside down: check its axes and signs")
     if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
-        raise LackingError("the motion is not measured well enough to find the tilt", 4)
+        raise InsufficientError("the motion is not measured well enough to find the tilt", 4)
     return found
 
 
 def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
     size = float(np.linalg.norm(residual))
-    size = np.degrees(size) if wrong.kind is Kind.AZIMUTH else size
+    size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
     sigmas = np.sqrt(distance)
     return (
         f"imu/data and {wrong.name} differ by {size:.2g} {_UNITS[wrong.kind]} ({sigmas:.0f} sigma)"
     )
 
 
-def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[str, DoubtError]:
+def differences(
+    found: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
+) -> dict[str, InconsistentError]:
     """Return doubts where the fit differs too much from the autopilot's attitude (3, 3).
 
     The keys are "tilt" and "heading".
@@ -129,10 +143,10 @@ def differences(found: Fit, hint_nb: Array, autopilot: AutopilotConfig) -> dict[
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
     if tilt > _AUTOPILOT_TILT_RAD:
-        out["tilt"] = DoubtError(text.format("the tilt found", np.degrees(tilt)))
+        out["tilt"] = InconsistentError(text.format("the tilt found", np.degrees(tilt)))
     if heading > _AUTOPILOT_SIGMAS * sigma:
         told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
-        out["heading"] = DoubtError(told, lasting=heading > LARGE_TURN_RAD)
+        out["heading"] = InconsistentError(told, lasting=heading > LARGE_TURN_RAD)
     return out
 
 

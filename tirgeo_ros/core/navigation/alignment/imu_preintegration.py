@@ -28,7 +28,7 @@ class Biases(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class PreintegratedImu:
     """Hold IMU readings integrated from each of n instants to the last, in the last body frame."""
 
     stamps_ns: npt.NDArray[np.int64]  # (n,) of the IMU samples and of the observations
@@ -44,7 +44,9 @@ class Window:
         return np.searchsorted(self.stamps_ns, np.array(stamps_ns, np.int64))
 
 
-def integrate(imu: Sequence[ImuSample], stamps_ns: Sequence[int], biases: Biases) -> Window:
+def integrate(
+    imu: Sequence[ImuSample], stamps_ns: Sequence[int], biases: Biases
+) -> PreintegratedImu:
     """Integrate readings over the instants of the observations, first to last.
 
     ``imu`` must begin no later and end no earlier than they do.
@@ -64,7 +66,7 @@ def integrate(imu: Sequence[ImuSample], stamps_ns: Sequence[int], biases: Biases
 
 def _integrated(
     nodes: npt.NDArray[np.int64], seconds: Array, rate_b: Array, force_b: Array, taken: Array
-) -> Window:
+) -> PreintegratedImu:
     steps = np.diff(seconds)[:, None]
     turns = 0.5 * (rate_b[1:] + rate_b[:-1]) * steps
     to_first = [np.eye(3)]
@@ -75,7 +77,9 @@ def _integrated(
     pushes = np.einsum("kij,kj->ki", middle, 0.5 * (force_b[1:] + force_b[:-1]) * steps)
     velocity = _sums_to_end(pushes)
     position = _sums_to_end((velocity[1:] + 0.5 * pushes) * steps)
-    return Window(nodes, seconds[-1] - seconds, to_end, velocity, position, rate_b, taken)
+    return PreintegratedImu(
+        nodes, seconds[-1] - seconds, to_end, velocity, position, rate_b, taken
+    )
 
 
 def _sums_to_end(parts: Array) -> Array:

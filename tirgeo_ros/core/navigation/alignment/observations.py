@@ -21,8 +21,8 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import floored
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Kind, Observation
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Window
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Observation, ObservationKind
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import PreintegratedImu
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
@@ -64,7 +64,7 @@ def position_observation(
     return Observation(
         sample.stamp_ns,
         topic_of(sample.source),
-        Kind.POSITION,
+        ObservationKind.POSITION,
         plane.ned_from_geodetic(*place),
         config.aircraft.antenna_b(sample.source),
         white,
@@ -95,7 +95,7 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observati
     return Observation(
         sample.stamp_ns,
         topic_of(sample.source),
-        Kind.VELOCITY,
+        ObservationKind.VELOCITY,
         sample.velocity_n,
         config.aircraft.antenna_b(sample.source),
         floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
@@ -117,7 +117,7 @@ def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) ->
         Observation(
             s.stamp_ns,
             "rtk/heading",
-            Kind.AZIMUTH,
+            ObservationKind.AZIMUTH,
             np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
             np.array(baseline.direction_b),
             np.array([[max(s.variance_rad2, floor)]]),
@@ -144,7 +144,7 @@ def autopilot_observation(
     return Observation(
         stamp_ns,
         "imu/data",
-        Kind.AZIMUTH,
+        ObservationKind.AZIMUTH,
         np.array([np.arctan2(nose[1], nose[0])]),
         _NOSE_B,
         np.array([[np.radians(autopilot.attitude_sigma_deg[2]) ** 2]]),
@@ -172,7 +172,7 @@ def autopilot_observations(
             Observation(
                 s.stamp_ns,
                 "imu/data",
-                Kind.AZIMUTH,
+                ObservationKind.AZIMUTH,
                 azimuth,
                 _NOSE_B,
                 noise,
@@ -190,7 +190,7 @@ def _evenly_spaced(samples: Sequence[ImuSample]) -> list[ImuSample]:
     return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _PICKED, dtype=int))]
 
 
-def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | None:
+def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
     """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
 
     Carried to the window's end, each attitude is turned by the bias times the time to the end.
@@ -207,7 +207,7 @@ def autopilot_gyro_bias(window: Window, imu: Sequence[ImuSample]) -> Array | Non
     return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
 
 
-def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
+def _usable(window: PreintegratedImu, imu: Sequence[ImuSample]) -> list[ImuSample]:
     """Return some samples of the window with an attitude, evenly spaced."""
     first, last = window.stamps_ns[0], window.stamps_ns[-1]
     return _evenly_spaced(
@@ -215,7 +215,7 @@ def _usable(window: Window, imu: Sequence[ImuSample]) -> list[ImuSample]:
     )
 
 
-def autopilot_attitude(window: Window, imu: Sequence[ImuSample]) -> Array | None:
+def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
     """Return the autopilot's attitude (3, 3) at the window's end, if most of its attitudes agree.
 
     The gyroscopes carry some attitudes of the window to its end. The result is None where no more

@@ -14,9 +14,13 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Fit, Observation, fit
-from tirgeo_ros.core.navigation.alignment.consistency_checks import LackingError, agreeing
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, Window, integrate
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Observation, WindowFit, fit
+from tirgeo_ros.core.navigation.alignment.consistency_checks import InsufficientError, agreeing
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
+    Biases,
+    PreintegratedImu,
+    integrate,
+)
 from tirgeo_ros.core.navigation.alignment.observations import (
     autopilot_attitude,
     autopilot_gyro_bias,
@@ -73,11 +77,11 @@ class Measured(NamedTuple):
 class Fitted(NamedTuple):
     """Hold a window with its fit."""
 
-    window: Window
+    window: PreintegratedImu
     hint_nb: Array | None  # (3, 3) the autopilot's attitude at the window's end
     gyro_bias_b: Array | None  # (3,) by the autopilot's attitudes, rad/s
     seen: list[Observation]
-    fit: Fit
+    fit: WindowFit
     vibration: Powers
 
 
@@ -132,5 +136,5 @@ def _headings(
         if found:
             return found
     if hint_nb is None:
-        raise LackingError(measured.needs_heading, 3)
+        raise InsufficientError(measured.needs_heading, 3)
     return [autopilot_observation(hint_nb, measured.last_ns, config.autopilot)]
