@@ -20,23 +20,35 @@ settings.register_profile(
 settings.register_profile("brief", settings.get_profile("tirgeo"), max_examples=15)
 settings.load_profile("tirgeo")
 
-#: Files of slow tests that take a minute or more, the longest first: each is one worker's, and one
-#: that came last would leave the other processors idle. The first mostly waits.
+#: Files that take half a minute or more, the longest first: each runs in one worker, and a long one
+#: that came last would leave the other processors idle.
 LONG = (
-    "nodes/test_soak.py",
-    "tools/test_calibrate_boresight.py",
-    "scenario/test_real_flights.py",
     "scenario/test_table.py",
-    "tools/evaluation/test_evaluate.py",
-    "core/test_board_corners.py",
+    "scenario/test_real_flights.py",
+    "scenario/test_planted_faults.py",
+    "dev/planted_faults/test_planted_live.py",
     "scenario/test_wrong_headings.py",
-    "tools/test_calibrate_lens.py",
+    "tools/evaluate/test_evaluate.py",
+    "tools/calibrate/test_boresight.py",
+    "dev/test_consistency.py",
+    "tools/calibrate/test_lens.py",
+    "tools/calibrate/test_allan.py",
+    "io/maps/test_bombs.py",
+    "core/checks/test_checks_of_flights.py",
+    "core/aircraft_calibration/test_fit.py",
+    "nodes/test_graph.py",
+    "nodes/test_overlay_node.py",
+    "nodes/test_lifecycle.py",
+    "nodes/test_nodes.py",
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files that take long first."""
     ranks = {PROJECT / "test" / name: rank for rank, name in enumerate(LONG)}
+    assert all(path.is_file() for path in ranks), (
+        "LONG in test/conftest.py names a file that is gone"
+    )
     items.sort(key=lambda item: ranks.get(item.path, len(LONG)))
 
 

@@ -20,7 +20,8 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS, ImuSample, JointSample
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
+from tirgeo_ros.core.types.measurements import ImuSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.tools.replay.registration import Registration, composed
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly

@@ -18,7 +18,8 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import chain, joint_angles
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER, JointSample
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JointSample
 
 ROUNDING = 1e-12
 TURNS = {"yaw": rotation_z, "roll": rotation_x, "pitch": rotation_y}

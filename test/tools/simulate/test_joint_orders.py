@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main

@@ -16,7 +16,7 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import wrap_pi
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 
 NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
 #: Mean square difference without a mistake, from errors of the reported attitudes and of the

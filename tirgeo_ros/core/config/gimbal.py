@@ -12,7 +12,7 @@ from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,8 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.gimbal.joint_geometry import chain
 from tirgeo_ros.core.navigation.strapdown import Quaternion, Rotation, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import USUAL_ORDER, CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 #: Smallest horizontal component of the nose's unit vector at which the heading is defined.

@@ -14,7 +14,8 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import hamilton, rotation_of
 from tirgeo_ros.core.navigation.strapdown import Quaternion
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS, JOINTS, USUAL_ORDER, JointSample
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, JOINTS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JointSample
 
 
 def _axis(joint: int) -> int:

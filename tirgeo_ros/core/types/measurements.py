@@ -6,7 +6,6 @@ All stamps are integer nanoseconds, the time of the measurement. The frames are 
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -90,12 +89,6 @@ class AutopilotHeading:
 
 
 NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
-
-
-JOINTS = ("yaw", "roll", "pitch")
-#: Possible orders of a gimbal's joints from the aircraft to the camera; the usual order is first.
-JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
-USUAL_ORDER = JOINT_ORDERS[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tirgeo_ros.core.types.measurements import JOINT_ORDERS
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.presentation.progress import Progress
 

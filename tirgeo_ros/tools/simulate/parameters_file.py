@@ -9,7 +9,7 @@ from __future__ import annotations
 import yaml
 
 from tirgeo_ros.core.config.schema import values_of
-from tirgeo_ros.core.types.measurements import USUAL_ORDER
+from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 _HEAD = """\
