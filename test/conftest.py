@@ -46,9 +46,7 @@ LONG = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files that take long first."""
     ranks = {PROJECT / "test" / name: rank for rank, name in enumerate(LONG)}
-    assert all(path.is_file() for path in ranks), (
-        "LONG in test/conftest.py names a file that is gone"
-    )
+    assert all(path.is_file() for path in ranks), "LONG names a file that is gone"
     items.sort(key=lambda item: ranks.get(item.path, len(LONG)))
 
 
