@@ -20,8 +20,8 @@ settings.register_profile(
 settings.register_profile("brief", settings.get_profile("tirgeo"), max_examples=15)
 settings.load_profile("tirgeo")
 
-#: Files that take half a minute or more, the longest first: each runs in one worker, and a long one
-#: that came last would leave the other processors idle.
+#: Files that take half a minute or more, the longest first: each runs in one worker, and one
+#: that came late would leave the other processors idle at the end.
 LONG = (
     "scenario/test_table.py",
     "scenario/test_real_flights.py",
