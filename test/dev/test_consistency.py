@@ -30,7 +30,7 @@ from dev.monte_carlo import (
 )
 from tirgeo_ros.core.types.measurements import Source
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 SEEDS, DURATION_S = 10, 107.0
 

@@ -36,6 +36,7 @@ def test_wrong_from_the_start_is_named_and_waited_out(degrees):
     assert position_m.max() < 0.08
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", WRONG_DEG)
 def test_wrong_for_ever_says_what_to_look_at(degrees):
     done = run(calm(), faulty(calm(), turned(degrees), -1.0, 1e3))

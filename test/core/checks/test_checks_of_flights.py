@@ -44,7 +44,7 @@ FLIGHTS = {
 }
 TURNING = [name for name in FLIGHTS if name != "still"]
 
-pytestmark = pytest.mark.slow  # 25 s of pictures each
+pytestmark = [pytest.mark.slow, pytest.mark.long]  # 25 s of pictures each
 
 
 @pytest.fixture(scope="module", params=FLIGHTS)

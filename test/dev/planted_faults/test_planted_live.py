@@ -11,7 +11,7 @@ from dev.planted_faults.live import CLEAN, Live
 from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.tools.presentation.progress import silent
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]
 
 #: Each takes a flight of half a minute. The others are ``--live``'s, and ``check``'s in
 #: ``test_planted_faults``: of each node, and of each kind of evidence, one is enough here.
@@ -40,7 +40,6 @@ def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(s
 @pytest.mark.parametrize(
     "fault", [f for f in FAULTS if f.name in PLAYED], ids=lambda fault: fault.name
 )
-@pytest.mark.long
 def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, tmp_path):
     found = outcome(fault, sample, tmp_path)
     assert found.named is not None, found

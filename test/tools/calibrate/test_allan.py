@@ -105,6 +105,7 @@ def test_the_plot_and_the_numbers_stand_beside_it(found):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
     words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "imu.yaml")]
     assert command.main(words) == 0
@@ -119,6 +120,7 @@ def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_part_of_the_record(still, tmp_path):
     result = calibrate_allan(still, tmp_path / "imu.yaml", from_s=100.0, to_s=400.0)
     assert result["samples"] == 300 * RATE_HZ + 1
@@ -151,6 +153,7 @@ def lifted(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_someone_lifts_the_drone(lifted, tmp_path):
     out = tmp_path / "imu.yaml"
     with pytest.raises(CalibrationError) as refused:
@@ -168,6 +171,7 @@ def test_someone_lifts_the_drone(lifted, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_record_that_moved_is_written_where_it_must(lifted, tmp_path, capsys):
     words = ["calibrate", "allan", str(lifted), "-o", str(tmp_path / "imu.yaml")]
     assert command.main(words) == 1
@@ -187,6 +191,7 @@ def test_a_flight_is_sent_to_calibrate_imu(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_motors_run_and_the_imu_warms_up(tmp_path):
     values = record(4)
     values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * np.arange(SIZE))
@@ -206,6 +211,7 @@ def test_a_warm_up_that_ends_is_warned_of(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_topic_faster_than_its_sensor(tmp_path):
     values = np.repeat(record(6, SIZE // 2), 2, axis=0)
     result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")

@@ -287,6 +287,7 @@ def test_half_of_the_points_serves_the_other_by_encoders(tmp_path):
     check_requirement(planted(tmp_path, 1, "{composition: encoders}\n"))
 
 
+@pytest.mark.long
 def test_by_the_reported_attitude(tmp_path):
     """What the gimbal does not report limits it: 0.48 deg of pitch that lasts 2.5 s.
 
@@ -310,6 +311,7 @@ def test_a_gimbal_that_is_steady_is_calibrated_by_its_reported_attitude(tmp_path
     check_requirement(flown)
 
 
+@pytest.mark.long
 def test_two_tilts_tell_the_gimbals_north(tmp_path):
     tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
     flown = planted(
@@ -385,6 +387,7 @@ def test_antennas_that_are_not_said_cannot_be_turned(flown):
         flown.calibrate(None, "one.yaml", estimate=["heading_offset"], out="refused.yaml")
 
 
+@pytest.mark.long
 def test_a_ground_height_is_found_if_asked_for(tmp_path):
     flown = planted(tmp_path, 5, "{composition: encoders}\n")
     survey = json.loads((tmp_path / "survey.geojson").read_text())
