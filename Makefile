@@ -52,7 +52,7 @@ test-long: $(READY)  ## what takes minutes of one kind, or wants a quiet machine
 
 test-all: test test-slow test-long  ## all three
 
-# Of the packages that call these libraries: dji/ computes by itself, nodes/ and dev/ need ROS.
+# The packages that call these libraries: dji/ hardly does, nodes/ and dev/ need ROS.
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
 	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) $(WORKERS) test/core test/io test/tools -m "not graph and not slow" --hypothesis-profile=brief
 
