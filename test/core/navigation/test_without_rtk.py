@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.reported_accuracy import ReportedAccuracy
@@ -212,6 +212,6 @@ def test_what_lasts_is_not_averaged_away_without_rtk(rtk_s, gps_s, times):
     gps = EkfConfig().gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     belief = belief_of(1.0)._replace(control=control)
-    found = GpsPosition(EkfConfig()).aid(fix(known + 9.0), belief).measurement.noise
+    found = GpsPositionAid(EkfConfig()).aid(fix(known + 9.0), belief).measurement.noise
     expected = np.eye(3) * (gps.position_noise_m**2 + 9.0 * times)
     np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -32,7 +32,7 @@ class Carried(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Record:
+class HistoryRecord:
     """Hold a measurement, its place on the time line, and the newest verdict on it."""
 
     stamp_ns: int
@@ -49,7 +49,7 @@ class Record:
         return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
     @classmethod
-    def of(cls, sample: AidSample, *, stale: bool = False) -> Record:
+    def of(cls, sample: AidSample, *, stale: bool = False) -> HistoryRecord:
         """Return the record of a sample."""
         source = source_of(sample)
         return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
@@ -68,7 +68,7 @@ class Epoch:
     mean_rate_b: Vector = (0.0, 0.0, 0.0)
     vibration: Powers = STILL
     autopilot_q_nb: Array | None = None
-    records: list[Record] = field(default_factory=list)  # of the interval, in order
+    records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
 
     @classmethod
     def first(cls, stamp_ns: int, sample: ImuSample, belief: StateEstimate) -> Epoch:
@@ -114,7 +114,7 @@ def mixed(a: Vector, b: Vector, share: float) -> Vector:
     return x + share * (b[0] - x), y + share * (b[1] - y), z + share * (b[2] - z)
 
 
-def put(records: list[Record], record: Record) -> bool:
+def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
     """Insert a record in order; return False where its source and stamp are there already."""
     at = len(records)
     while at and records[at - 1].order > record.order:

@@ -18,7 +18,13 @@ from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
-from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch, Record, between, put
+from tirgeo_ros.core.navigation.delayed_measurements import (
+    Carried,
+    Epoch,
+    HistoryRecord,
+    between,
+    put,
+)
 from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.initial_state import first_belief
 from tirgeo_ros.core.navigation.ins_error_model import (
@@ -86,7 +92,7 @@ class Ekf:
         self._solution_entries = states * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
         belief = first_belief(config, alignment)
         self._epochs = [Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)]
-        self._held: list[Record] = []
+        self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
         self._done = 0  # index of the newest epoch that is computed
@@ -128,7 +134,7 @@ class Ekf:
             return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
         if stamp_ns > newest_ns + self._hold_ns:
             return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
-        record = Record.of(sample, stale=stale)
+        record = HistoryRecord.of(sample, stale=stale)
         if stamp_ns > newest_ns:
             return self._hold(record)
         index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
@@ -136,7 +142,7 @@ class Ekf:
             return Verdict(record.source, Outcome.REPEATED)
         return self._revised(index, record)
 
-    def _hold(self, record: Record) -> Verdict:
+    def _hold(self, record: HistoryRecord) -> Verdict:
         if len(self._held) >= self._most_held:
             reason = f"{self._most_held} others wait for imu/data"
             return Verdict(record.source, Outcome.TOO_MANY, reason)
@@ -145,7 +151,7 @@ class Ekf:
             return Verdict(record.source, Outcome.REPEATED)
         return Verdict(record.source, Outcome.WAITING, "held until imu/data reaches it")
 
-    def _revised(self, index: int, record: Record) -> Verdict:
+    def _revised(self, index: int, record: HistoryRecord) -> Verdict:
         """Return the verdict on a new record in the interval that ends with epoch ``index``."""
         if self._progress is not None and self._progress.order > record.order:
             self._progress = None
@@ -159,7 +165,7 @@ class Ekf:
         assert record.verdict is not None
         return record.verdict
 
-    def _control_before(self, index: int, record: Record) -> AidStatus | None:
+    def _control_before(self, index: int, record: HistoryRecord) -> AidStatus | None:
         """Return the aid records just before ``record``, or None where they are not at hand."""
         end, progress = self._epochs[index], self._progress
         before = [r for r in end.records if r.order < record.order and r.applied]
@@ -269,7 +275,7 @@ class Ekf:
             end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
 
     def _applied(
-        self, record: Record, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
+        self, record: HistoryRecord, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
     ) -> Carried:
         belief = self._mechanisation.followed(carried).belief
         x, y, z = belief.state.gyro_bias_b
@@ -283,7 +289,7 @@ class Ekf:
         self._set_verdict(record, verdict)
         return Carried(*belief)
 
-    def _set_verdict(self, record: Record, verdict: Verdict) -> None:
+    def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
         """Store a verdict; the first on a measurement that was held also goes to the caller."""
         if record.held and record.verdict is None:
             self._resolved.append(verdict)

@@ -20,7 +20,7 @@ from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, Push, encode_push
 from tirgeo_ros.dji.simulator.answers import CommandDesk
-from tirgeo_ros.dji.simulator.gimbal_angles import GimbalAngles
+from tirgeo_ros.dji.simulator.gimbal_angles import SimulatedGimbalAngles
 from tirgeo_ros.dji.simulator.pushed_parts import (
     AircraftTime,
     Instant,
@@ -82,7 +82,7 @@ class Aircraft:
 
     def _switch_on(self) -> None:
         self._satellites = Satellites(self._config, self._places)
-        self._gimbal = GimbalAngles(
+        self._gimbal = SimulatedGimbalAngles(
             joints=self._config.gimbal == "joints",
             order=self._config.joint_order,
             max_gap_s=_AHEAD_S,

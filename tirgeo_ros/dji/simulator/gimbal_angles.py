@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.protocol.broadcast_parts import Gimbal
 
 
-class GimbalAngles:
+class SimulatedGimbalAngles:
     """Interpolate the recorded gimbal attitudes.
 
     ``joints``: combine the aircraft's attitude with the encoders' angles, so that encoder angles

@@ -20,7 +20,7 @@ from tirgeo_ros.io.bags.ros1_records import (
     Bytes,
     Lost,
     Op,
-    Record,
+    Ros1Record,
     fields_of,
     record_at,
     records,
@@ -88,7 +88,7 @@ class Ros1Contents:
         if number < chunk.indexed:
             self.lose(chunk, "is damaged")
 
-    def connect(self, data: Bytes, record: Record) -> None:
+    def connect(self, data: Bytes, record: Ros1Record) -> None:
         """Add the description of a connection."""
         described = fields_of(data[record.offset : record.end])
         if not described or b"type" not in described:
@@ -140,14 +140,14 @@ def contents_of(data: mmap, name: str) -> Ros1Contents:
     return found
 
 
-def _is_indexed(data: mmap, record: Record, name: str) -> bool:
+def _is_indexed(data: mmap, record: Ros1Record, name: str) -> bool:
     if record.fields.get(b"encryptor"):
         raise BagError(f"{name}: the bag is encrypted; decrypt it with ROS 1's rosbag")
     at = int.from_bytes(record.fields[b"index_pos"], "little")
     return at == len(data) or (0 < at < len(data) and record_at(data, at, len(data)) is not None)
 
 
-def _add_chunk(found: Ros1Contents, data: mmap, record: Record) -> None:
+def _add_chunk(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
     compression, size = record.text(b"compression"), record.number(b"size")
     chunk = Chunk(record.offset, record.end - record.offset, compression, size)
     if not chunk.length and not size and compression != "none":
@@ -157,7 +157,7 @@ def _add_chunk(found: Ros1Contents, data: mmap, record: Record) -> None:
     found.chunks.append(chunk)
 
 
-def _add_times(found: Ros1Contents, data: mmap, record: Record) -> None:
+def _add_times(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
     """Add the index of the chunk before it: seconds, nanoseconds, offset of each message."""
     whole = (record.end - record.offset) // 12 * 12
     entries = np.frombuffer(data[record.offset : record.offset + whole], "<u4").reshape(-1, 3)
@@ -168,17 +168,17 @@ def _add_times(found: Ros1Contents, data: mmap, record: Record) -> None:
         found.chunks[-1].indexed += len(entries)
 
 
-def _add_loose(found: Ros1Contents, _data: mmap, record: Record) -> None:
+def _add_loose(found: Ros1Contents, _data: mmap, record: Ros1Record) -> None:
     """Add a message outside chunks: it is in one that was not closed when the recording ended."""
     length = record.end - record.start
     found.chunks.append(Chunk(record.start, length, "none", length))
 
 
-def _connect(found: Ros1Contents, data: mmap, record: Record) -> None:
+def _connect(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
     found.connect(data, record)
 
 
-def _nothing(_found: Ros1Contents, _data: mmap, _record: Record) -> None:
+def _nothing(_found: Ros1Contents, _data: mmap, _record: Ros1Record) -> None:
     """Ignore a record that the walk does not need."""
 
 

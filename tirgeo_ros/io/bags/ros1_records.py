@@ -46,7 +46,7 @@ _FIELDS: dict[int, dict[bytes, int | None]] = {
 }
 
 
-class Record(NamedTuple):
+class Ros1Record(NamedTuple):
     """Hold a record and its position."""
 
     op: Op
@@ -78,7 +78,7 @@ class Lost(NamedTuple):
     end: int
 
 
-def records(data: Bytes, start: int, end: int) -> Iterator[Record | Lost]:
+def records(data: Bytes, start: int, end: int) -> Iterator[Ros1Record | Lost]:
     """Yield the records from a byte on; a record that is cut off ends at the next chunk."""
     while start < end:
         record = record_at(data, start, end)
@@ -92,7 +92,7 @@ def records(data: Bytes, start: int, end: int) -> Iterator[Record | Lost]:
         start = record.end
 
 
-def record_at(data: Bytes, start: int, end: int) -> Record | None:
+def record_at(data: Bytes, start: int, end: int) -> Ros1Record | None:
     """Return the record that begins at a byte; None if none does."""
     if start + 8 > end:
         return None
@@ -109,7 +109,7 @@ def record_at(data: Bytes, start: int, end: int) -> Record | None:
         if name not in fields or length not in {None, len(fields[name])}:
             return None
     (length,) = _U32.unpack_from(data, offset - 4)
-    return Record(Op(kind[0]), fields, start, offset, offset + length)
+    return Ros1Record(Op(kind[0]), fields, start, offset, offset + length)
 
 
 def next_record(data: Bytes, start: int, end: int, op: Op | None = None) -> int:

@@ -27,7 +27,7 @@ from tirgeo_ros.tools.replay import CheckSetting, FlightChecks, setting_of
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
-from tirgeo_ros.tools.replay.recorded_flight import Truth, load_truth
+from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
@@ -172,7 +172,7 @@ class _Flight:
         setups: Sequence[MethodSetup],
         given: Experiment,
         namespace: str,
-        truth: Truth | None,
+        truth: TruePoses | None,
         checks: FlightChecks,
     ) -> None:
         self.checks = checks

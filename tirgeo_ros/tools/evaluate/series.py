@@ -37,7 +37,7 @@ from tirgeo_ros.tools.evaluate.result import (
     PoseTrack,
     Sensors,
 )
-from tirgeo_ros.tools.replay.recorded_flight import BodyErrors, Truth, body_errors
+from tirgeo_ros.tools.replay.recorded_flight import BodyErrors, TruePoses, body_errors
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 #: Settling time of the filter; errors count only after it.
@@ -52,7 +52,7 @@ class MethodSeries:
     With a truth, which only simulated flights have, every body pose is compared with it.
     """
 
-    def __init__(self, truth: Truth | None = None) -> None:
+    def __init__(self, truth: TruePoses | None = None) -> None:
         self._truth = truth
         self._bodies: list[BodyPose] = []  # in the truth's plane
         self._solutions: list[NavSolution] = []

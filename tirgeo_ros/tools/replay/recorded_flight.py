@@ -72,7 +72,7 @@ def load_recording(
 
 
 @dataclass
-class PoseTrack:
+class FlightTrack:
     """Hold the poses of a whole flight in one tangent plane."""
 
     plane: TangentPlane
@@ -82,11 +82,11 @@ class PoseTrack:
     )
 
 
-def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> PoseTrack:
+def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) -> FlightTrack:
     """Compute poses with every composition; ``ekf`` must set the origin of the plane."""
     navigation = Navigation(ekf)
     assert navigation.plane is not None
-    track = PoseTrack(navigation.plane)
+    track = FlightTrack(navigation.plane)
     composers = {
         name: GimbalComposer(dataclasses.replace(gimbal, composition=name))
         for name in COMPOSITIONS
@@ -103,14 +103,14 @@ def track_of(samples: Iterable[Sample], ekf: EkfConfig, gimbal: GimbalConfig) ->
 
 
 @dataclass(frozen=True)
-class Truth:
+class TruePoses:
     """Hold the true poses of a flight and their tangent plane."""
 
     plane: TangentPlane
     bodies: PoseBuffer[BodyPose]
 
 
-def load_truth(path: Path) -> Truth:
+def load_truth(path: Path) -> TruePoses:
     """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raise BagError without them."""
     cdr, plane = Cdr(), None
     bodies: PoseBuffer[BodyPose] = PoseBuffer(_WHOLE_FLIGHT_S)
@@ -122,7 +122,7 @@ def load_truth(path: Path) -> Truth:
             bodies.add(convert.body_pose(message))
     if plane is None or not len(bodies):
         raise BagError(f"{path}: needed topic absent: /tirgeo/origin or /tirgeo/odometry")
-    return Truth(plane, bodies)
+    return TruePoses(plane, bodies)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class BodyErrors:
     position_m: float  # in space
 
 
-def body_errors(bodies: Sequence[BodyPose], truth: Truth, after_s: float) -> BodyErrors:
+def body_errors(bodies: Sequence[BodyPose], truth: TruePoses, after_s: float) -> BodyErrors:
     """Return the errors of poses in the truth's plane, from ``after_s`` after the first pose."""
     pairs = [
         (pose, true)

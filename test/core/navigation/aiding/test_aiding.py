@@ -18,9 +18,9 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import VelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition, innovation_n
+from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid, innovation_n
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
@@ -118,7 +118,7 @@ def test_position_design(optional, roll, pitch, yaw):
     config = config_of(**optional)
     belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
     sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]))
-    made = RtkPosition(config)
+    made = RtkPositionAid(config)
     design = made.aid(sample, belief)[0].measurement.design
     numeric = differences(lambda b: made.aid(sample, b)[0].measurement.innovation, belief)
     # Rounding of 1.4e-9 m over the step of 1e-4 rad gives 1e-5; metres to radians second order
@@ -135,7 +135,7 @@ def test_gps_position_design(optional, roll, pitch, yaw):
     error[GPS_ERROR] = 0.5, -0.7, 2.0
     belief = moved(belief_of(state_of(roll, pitch, yaw), states_of(config)), error)
     sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]), Source.GPS_POSITION)
-    made = GpsPosition(config)
+    made = GpsPositionAid(config)
     design = made.aid(sample, belief).measurement.design
     numeric = differences(lambda b: made.aid(sample, b).measurement.innovation, belief)
     assert design == pytest.approx(-numeric, abs=3e-5)  # as above
@@ -157,7 +157,7 @@ def test_gps_innovation_is_what_its_error_does_not_explain(roll, pitch, yaw):
     error = np.zeros(18)
     error[GPS_ERROR] = 0.5, -0.7, 2.0
     sample = position_of(belief.state, np.array([1.0, 2.0, -3.0]), Source.GPS_POSITION)
-    found = GpsPosition(config_of()).aid(sample, moved(belief, error)).measurement.innovation
+    found = GpsPositionAid(config_of()).aid(sample, moved(belief, error)).measurement.innovation
     assert found == pytest.approx([0.5, 2.7, -5.0], abs=2e-6)
 
 

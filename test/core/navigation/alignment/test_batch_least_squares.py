@@ -11,7 +11,7 @@ from flights import config_for
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
-    Observation,
+    AlignmentObservation,
     ObservationKind,
     _Terms,
 )
@@ -51,7 +51,7 @@ def observations(first_ns):
     arm_b = np.array([0.4, -0.3, -0.6])
     nothing = (np.zeros((3, 3)), np.zeros(3))
     return [
-        Observation(first_ns + at_ns, kind.value, kind, np.zeros(3), arm_b, *nothing)
+        AlignmentObservation(first_ns + at_ns, kind.value, kind, np.zeros(3), arm_b, *nothing)
         for at_ns in (3_000_000, 404_000_000, 997_000_000)
         for kind in ObservationKind
     ]

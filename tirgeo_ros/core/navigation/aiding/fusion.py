@@ -15,9 +15,9 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPosition
+from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import VelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPosition
+from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     AidSample,
@@ -66,10 +66,10 @@ class Fusion:
         states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._direct = config.position_update == "rtk_direct"
-        self._rtk_position = RtkPosition(config)
+        self._rtk_position = RtkPositionAid(config)
         self._rtk_velocity = VelocityAid(states, config.rtk, config.aircraft.rtk_lever_b)
         self._gps_velocity = VelocityAid(states, config.gps, config.aircraft.gps_lever_b)
-        self._gps_position = GpsPosition(config)
+        self._gps_position = GpsPositionAid(config)
         self._headings = HeadingAid(config)
         self._autopilot = AutopilotHeadingAid(config)
         self._resets = Resets(config)

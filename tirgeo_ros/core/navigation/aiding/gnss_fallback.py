@@ -31,7 +31,7 @@ _LEARNING_NS = 950_000_000
 _SLACK_M = 2.0
 
 
-class GpsPosition:
+class GpsPositionAid:
     """Make measurements of GPS positions."""
 
     def __init__(self, config: EkfConfig) -> None:

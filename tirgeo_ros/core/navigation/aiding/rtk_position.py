@@ -74,7 +74,7 @@ def position_design(
     return design
 
 
-class RtkPosition:
+class RtkPositionAid:
     """Make measurements of RTK positions."""
 
     def __init__(self, config: EkfConfig) -> None:

@@ -44,7 +44,7 @@ class ObservationKind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class AlignmentObservation:
     """Hold one measurement of the window; k = 3, or 1 for an azimuth."""
 
     stamp_ns: int
@@ -76,7 +76,7 @@ class _Terms:
     """Compute the model's terms by observation: scalars, body vectors, partials by IMU errors."""
 
     def __init__(
-        self, window: PreintegratedImu, seen: Sequence[Observation], powers: Powers
+        self, window: PreintegratedImu, seen: Sequence[AlignmentObservation], powers: Powers
     ) -> None:
         at = window.at([o.stamp_ns for o in seen])
         kinds = np.array([o.kind.value for o in seen])
@@ -138,7 +138,7 @@ def _coarse(window: PreintegratedImu, at: npt.NDArray[np.intp]) -> npt.NDArray[n
 
 def fit(
     window: PreintegratedImu,
-    seen: Sequence[Observation],
+    seen: Sequence[AlignmentObservation],
     start_nb: Array,
     gravity_m_s2: float,
     biases: Biases,
@@ -178,7 +178,11 @@ def fit(
 
 
 def _residual(
-    seen: Sequence[Observation], terms: _Terms, rotation: Array, rest: Array, gravity: float
+    seen: Sequence[AlignmentObservation],
+    terms: _Terms,
+    rotation: Array,
+    rest: Array,
+    gravity: float,
 ) -> Array:
     turned = (terms.body + terms.of_biases @ rest[6:]) @ rotation.T
     vectors = np.outer(terms.of_velocity, rest[:3]) + np.outer(terms.of_position, rest[3:6])
@@ -192,7 +196,7 @@ def _residual(
     return np.concatenate(parts)
 
 
-def _projections(seen: Sequence[Observation], turned: Array) -> Array:
+def _projections(seen: Sequence[AlignmentObservation], turned: Array) -> Array:
     """Return the matrix (rows, 3 m) from vectors in n to the observed components."""
     rows = sum(len(o.value) for o in seen)
     out, row = np.zeros((rows, 3 * len(seen))), 0
@@ -223,7 +227,7 @@ def _projected_noise(terms: _Terms, rotation: Array, projection: Array) -> Array
     return np.asarray(turned @ terms.imu_noise @ turned.T)
 
 
-def _measured_noise(seen: Sequence[Observation]) -> Array:
+def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:
     """Return the covariance (rows, rows) of the measurements' errors.
 
     It holds each observation's white error, and the slow error that observations of one source
@@ -250,7 +254,7 @@ def _result(
     taken: Array,
     information: Array,
     settled: bool,
-    left: tuple[Sequence[Observation], Array, Array, Array],
+    left: tuple[Sequence[AlignmentObservation], Array, Array, Array],
 ) -> WindowFit:
     covariance = np.linalg.inv(information)
     covariance = 0.5 * (covariance + covariance.T)

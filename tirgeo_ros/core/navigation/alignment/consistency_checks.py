@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import AutopilotConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, wrap_pi
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
-    Observation,
+    AlignmentObservation,
     ObservationKind,
     WindowFit,
 )
@@ -64,8 +64,8 @@ def furthest(lacks: Sequence[InsufficientError]) -> InsufficientError:
 
 
 def agreeing(
-    window: PreintegratedImu, headings: Sequence[Observation]
-) -> tuple[list[Observation], Array]:
+    window: PreintegratedImu, headings: Sequence[AlignmentObservation]
+) -> tuple[list[AlignmentObservation], Array]:
     """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
     The attitude is found as if at rest. Raises DoubtError where fewer than two thirds agree, or
@@ -101,7 +101,7 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
-def checked(found: WindowFit, seen: Sequence[Observation]) -> WindowFit:
+def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit:
     """Return the fit, where it is near every measurement and the tilt is known well enough.
 
     Raises DoubtError or LackingError.
@@ -120,7 +120,7 @@ def checked(found: WindowFit, seen: Sequence[Observation]) -> WindowFit:
     return found
 
 
-def _misfit(wrong: Observation, residual: Array, distance: float) -> str:
+def _misfit(wrong: AlignmentObservation, residual: Array, distance: float) -> str:
     size = float(np.linalg.norm(residual))
     size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
     sigmas = np.sqrt(distance)

@@ -21,7 +21,10 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import floored
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Observation, ObservationKind
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
+    AlignmentObservation,
+    ObservationKind,
+)
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import PreintegratedImu
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -57,11 +60,11 @@ def topic_of(source: Source) -> str:
 
 def position_observation(
     sample: PositionSample, plane: TangentPlane, config: EkfConfig
-) -> Observation:
+) -> AlignmentObservation:
     """Return an antenna's position in the axes of ``plane``."""
     place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
     white, slow, time_s = _position_error(sample, config)
-    return Observation(
+    return AlignmentObservation(
         sample.stamp_ns,
         topic_of(sample.source),
         ObservationKind.POSITION,
@@ -89,10 +92,10 @@ def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, A
     return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
 
 
-def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observation:
+def velocity_observation(sample: VelocitySample, config: EkfConfig) -> AlignmentObservation:
     """Return an antenna's velocity."""
     source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
-    return Observation(
+    return AlignmentObservation(
         sample.stamp_ns,
         topic_of(sample.source),
         ObservationKind.VELOCITY,
@@ -103,7 +106,9 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Observati
     )
 
 
-def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) -> list[Observation]:
+def heading_observations(
+    samples: Sequence[HeadingSample], config: EkfConfig
+) -> list[AlignmentObservation]:
     """Return the azimuths of the antenna baseline.
 
     Rounding to whole degrees errs by 1/sqrt(12) deg. Where readings spread by s degrees (their
@@ -114,7 +119,7 @@ def heading_observations(samples: Sequence[HeadingSample], config: EkfConfig) ->
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
     return [
-        Observation(
+        AlignmentObservation(
             s.stamp_ns,
             "rtk/heading",
             ObservationKind.AZIMUTH,
@@ -138,10 +143,10 @@ def _shared_rounding_rad(headings_rad: Array) -> float:
 
 def autopilot_observation(
     hint_nb: Array, stamp_ns: int, autopilot: AutopilotConfig
-) -> Observation:
+) -> AlignmentObservation:
     """Return the azimuth of the nose by the autopilot; a single one, since its errors last."""
     nose = hint_nb @ _NOSE_B
-    return Observation(
+    return AlignmentObservation(
         stamp_ns,
         "imu/data",
         ObservationKind.AZIMUTH,
@@ -154,7 +159,7 @@ def autopilot_observation(
 
 def autopilot_observations(
     imu: Sequence[ImuSample], first_ns: int, last_ns: int, autopilot: AutopilotConfig
-) -> list[Observation]:
+) -> list[AlignmentObservation]:
     """Return the autopilot's azimuths over a window.
 
     Their errors change slowly, so they show how fast the aircraft turns.
@@ -169,7 +174,7 @@ def autopilot_observations(
         nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
         azimuth = np.array([np.arctan2(nose[1], nose[0])])
         out.append(
-            Observation(
+            AlignmentObservation(
                 s.stamp_ns,
                 "imu/data",
                 ObservationKind.AZIMUTH,

@@ -14,7 +14,11 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import Observation, WindowFit, fit
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
+    AlignmentObservation,
+    WindowFit,
+    fit,
+)
 from tirgeo_ros.core.navigation.alignment.consistency_checks import InsufficientError, agreeing
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     Biases,
@@ -80,7 +84,7 @@ class Fitted(NamedTuple):
     window: PreintegratedImu
     hint_nb: Array | None  # (3, 3) the autopilot's attitude at the window's end
     gyro_bias_b: Array | None  # (3,) by the autopilot's attitudes, rad/s
-    seen: list[Observation]
+    seen: list[AlignmentObservation]
     fit: WindowFit
     vibration: Powers
 
@@ -125,7 +129,7 @@ def _linearised_at(biases: Biases, taken: Array) -> Biases:
 
 def _headings(
     measured: Measured, config: EkfConfig, hint_nb: Array | None, *, gyros_unknown: bool
-) -> list[Observation]:
+) -> list[AlignmentObservation]:
     if measured.readings:
         return heading_observations(measured.readings, config)
     if gyros_unknown:
