@@ -117,7 +117,8 @@ class LeverChecks:
         path = integrated(blocks[1:], start.autopilot_q_nb, self._rotation_bi, self._lever_b)
         stretch = _Stretch(start.stamp_ns, blocks[-1].stamp_ns, path, overlaps)
         self._stretches.append(stretch)
-        self._forget(self._stretches[0].start_ns - _LONGER_NS)
+        # The smallest: after a clock that jumped back, the first one is not the oldest.
+        self._forget(min(kept.start_ns for kept in self._stretches) - _LONGER_NS)
         self._windows.append(self._window(stretch, self._delay_s))
         self._fresh = False
 
