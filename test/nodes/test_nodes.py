@@ -156,6 +156,7 @@ def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, me
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
     await_words(ekf, "ready")
+    stranger.spin_until(lambda: stranger.received["/diagnostics"])  # they have met
     player = spawn(*player_of(flight_bag))
     stranger.spin_until(lambda: player.poll() is not None)
     stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again

@@ -21,7 +21,8 @@ from tirgeo_ros.nodes.topics import message_class
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
-pytestmark = pytest.mark.graph
+# As in test_stopped_nodes: a stop may meet a node that holds a lock.
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]
 
 IMU_HZ, FLIGHT_S, DEPTH = 400, 60.0, 200
 STOP_S = 1.5
