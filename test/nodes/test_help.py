@@ -20,7 +20,7 @@ BLOCKED = """
 import sys
 sys.modules["rclpy"] = None
 from tirgeo_ros.nodes.start import start
-sys.exit(start(sys.argv.pop(1)))
+sys.exit(start(sys.argv.pop(1), sys.argv.pop(1)))
 """
 #: Modules in which a node's topics stand, and those that stand there by another name.
 WRITTEN = {
@@ -31,18 +31,24 @@ WRITTEN = {
 }
 
 
-@pytest.mark.parametrize("name", ["ekf_node", "dji_node", "recorder"])
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [
+        *((name, "tirgeo_ros.nodes") for name in ("ekf_node", "dji_node", "recorder")),
+        ("soak_mute", "dev.nodes"),
+    ],
+)
 @pytest.mark.parametrize("option", ["-h", "--help"])
-def test_help_needs_no_ros_and_ends_well(name, option):
+def test_help_needs_no_ros_and_ends_well(name, package, option):
     run = subprocess.run(
-        [sys.executable, "-c", BLOCKED, name, option],
+        [sys.executable, "-c", BLOCKED, name, package, option],
         env=os.environ | {"PYTHONPATH": str(PROJECT)},
         check=False,
         capture_output=True,
         text=True,
     )
     assert (run.returncode, run.stderr) == (0, "")
-    assert run.stdout == help_text(name)
+    assert run.stdout == help_text(name, package=package)
 
 
 @pytest.mark.parametrize("name", NAMES)

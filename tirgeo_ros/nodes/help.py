@@ -6,7 +6,7 @@ import ast
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from importlib.resources import files
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
@@ -39,10 +39,10 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
 }
 
 
-def help_text(name: str, arguments: Sequence[str] = ()) -> str:
-    """Return the help of a node; ``arguments`` is its command line."""
+def help_text(name: str, arguments: Sequence[str] = (), package: str = "tirgeo_ros.nodes") -> str:
+    """Return the help of a node in a package; ``arguments`` is its command line."""
     whole = HELP_ALL in arguments
-    parts = [_described(name)]
+    parts = [_described(name, package)]
     if name in TOPICS:
         parts += [
             _topics(title, ts) for title, ts in zip(("in", "out"), TOPICS[name], strict=True)
@@ -52,9 +52,9 @@ def help_text(name: str, arguments: Sequence[str] = ()) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _described(name: str) -> str:
+def _described(name: str, package: str) -> str:
     """Return the name and the docstring of the node's module; reading it needs no ROS."""
-    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    source = files(package).joinpath(f"{name}.py").read_text(encoding="utf-8")
     docstring = ast.get_docstring(ast.parse(source)) or ""
     return f"{name}: {docstring}".replace("``", "")
 
