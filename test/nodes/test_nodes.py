@@ -144,11 +144,7 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     assert origins[0].header.frame_id == "map"
     # A position of the receiver, to what radians and back cost in a double.
     assert min(abs(fix.latitude - origins[0].latitude) for fix in fixes) < 1e-12
-    client = late.node.create_client(Trigger, "ekf_node/reset")
-    late.spin_until(client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
-    late.spin_until(answer.done)
-    assert answer.result().success
+    assert late.ask("ekf_node/reset", Trigger).success
     late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
 
 
