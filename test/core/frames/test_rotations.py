@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames import rotations as att
+from tirgeo_ros.core.frames.heading import wrap_pi
 
 #: Products of a few numbers of order one: some tens of roundings of 1.1e-16.
 ROUNDING = 5e-15
@@ -44,24 +45,24 @@ def series_exponential(rotvec):
 )
 def test_wrapping_of_known_angles(start, turns, expected):
     # Adding turns rounds at 20 rad: 4e-15; at pi itself the two ends are one angle.
-    gap = float(att.wrap_pi(start + turns * 2 * math.pi)) - expected
+    gap = float(wrap_pi(start + turns * 2 * math.pi)) - expected
     assert abs(math.remainder(gap, 2 * math.pi)) < 1e-14
 
 
 def test_exactly_half_a_turn_is_minus_pi():
-    assert att.wrap_pi(np.array([math.pi, -math.pi])).tolist() == [-math.pi, -math.pi]
+    assert wrap_pi(np.array([math.pi, -math.pi])).tolist() == [-math.pi, -math.pi]
 
 
 @pytest.mark.parametrize("angle", [math.pi, -math.pi, 3 * math.pi, -3 * math.pi, 7 * math.pi])
 @pytest.mark.parametrize("towards", [-math.inf, math.inf])
 def test_wrapping_next_to_half_a_turn_stays_below_pi(angle, towards):
-    wrapped = float(att.wrap_pi(np.nextafter(angle, towards)))
+    wrapped = float(wrap_pi(np.nextafter(angle, towards)))
     assert -math.pi <= wrapped < math.pi
 
 
 @given(st.floats(-1e4, 1e4))
 def test_wrapping_keeps_the_angle(angle):
-    wrapped = float(att.wrap_pi(angle))
+    wrapped = float(wrap_pi(angle))
     assert -math.pi <= wrapped < math.pi
     # The remainder is exact; adding pi at 1e4 rad rounds by 1.8e-12.
     assert abs(math.remainder(wrapped - angle, 2 * math.pi)) < 4e-12
@@ -182,7 +183,7 @@ def test_known_attitudes():
 def test_euler_angles_come_back(roll, pitch, yaw):
     found = att.euler_from_quat(att.quat_from_euler(roll, pitch, yaw))
     # Rounding over cos(1.5 rad) = 0.07.
-    np.testing.assert_allclose(att.wrap_pi(found - [roll, pitch, yaw]), 0, atol=2e-13)
+    np.testing.assert_allclose(wrap_pi(found - [roll, pitch, yaw]), 0, atol=2e-13)
 
 
 @given(

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.heading import azimuth_row, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
     euler_from_quat,
@@ -23,7 +24,6 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_y,
     rotation_z,
     rotvec_from_quat,
-    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.camera_pose import (
     Mount,
@@ -31,7 +31,6 @@ from tirgeo_ros.core.gimbal.camera_pose import (
     from_computed,
     from_joints,
     from_reported,
-    heading_row,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
@@ -142,7 +141,7 @@ def test_boresight_turns_about_camera_axes():
 def test_heading_row_against_differences(euler):
     rotation = matrix_from_quat(quat_from_euler(*euler))
     step = 1e-6
-    for k, derivative in enumerate(heading_row(rotation[:, 0])):
+    for k, derivative in enumerate(azimuth_row(rotation[:, 0])):
         turn = step * np.eye(3)[k]
         ends = [
             euler_from_matrix(matrix_from_rotvec(sign * turn) @ rotation)[2] for sign in (1, -1)

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     matrix_from_rotvec,
     rotation_x,
     rotation_y,
     rotation_z,
-    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import chain, joint_angles
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER

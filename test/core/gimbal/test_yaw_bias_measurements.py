@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     matrix_from_rotvec,
     quat_from_euler,
     quat_from_matrix,
     rotation_z,
-    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import (

@@ -8,7 +8,7 @@ import pytest
 from aircraft_readings import KIT, attitude, epoch, imu, of, rtk, wxyz
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.frames.rotations import wrap_pi
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.dji.interpret import Interpreter
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
@@ -19,7 +20,6 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_x,
     rotation_y,
     rotation_z,
-    wrap_pi,
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter

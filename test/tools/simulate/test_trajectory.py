@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
     quat_from_matrix,
     quat_multiply,
     rotvec_from_quat,
-    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import (
     EARTH_RATE_RAD_S,

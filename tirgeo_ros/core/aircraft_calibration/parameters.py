@@ -18,8 +18,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
-from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
 PARAMETERS = (

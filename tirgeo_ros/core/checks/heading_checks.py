@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.heading import azimuth, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
-from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Vector
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
@@ -119,7 +119,7 @@ class HeadingChecks:
         """Take a velocity; its course is used where there is no autopilot."""
         north, east = sample.velocity_n.tolist()[:2]
         if self._newest is not None and math.hypot(north, east) > _FORWARD_M_S:
-            self._course.add(self._newest.heading_rad - math.atan2(east, north))
+            self._course.add(self._newest.heading_rad - azimuth((north, east)))
 
     def _match(self, sample: HeadingSample) -> None:
         at = bisect.bisect_left(self._turns, sample.stamp_ns, key=lambda turn: turn.stamp_ns)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import wrap_pi
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS

@@ -14,6 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.config.schema import param
 from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.heading import azimuth
 from tirgeo_ros.core.frames.rotations import matrix_from_euler
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
@@ -167,7 +168,7 @@ class AircraftConfig:
         baseline_b = self.baseline_b
         if baseline_b is None:
             return None
-        return math.degrees(math.atan2(baseline_b[1], baseline_b[0]))
+        return math.degrees(azimuth(baseline_b))
 
     def antenna_b(self, source: Source) -> Array:
         """(3,) from the IMU, FRD, m: the antenna whose position or velocity a source gives."""

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 
 #: NED to ENU, or ENU to NED (the matrix is its own inverse).
 ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -23,8 +23,6 @@ BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
 
 _HALF = math.sqrt(0.5)
-
-Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 def flu_from_frd(v: Array) -> Array:

@@ -9,19 +9,12 @@ Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navi
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.types.arrays import Array
-
-
-def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
-    """Return angles, any shape, wrapped to [-pi, pi)."""
-    wrapped = (np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi
-    # Rounding can make the remainder 2 pi itself.
-    return np.asarray(np.where(wrapped < np.pi, wrapped, -np.pi))
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 
 
 def skew(v: Array) -> Array:
@@ -34,8 +27,10 @@ def skew(v: Array) -> Array:
     return out
 
 
-def _parts(a: Array) -> Any:
+def _parts(a: Any) -> Any:
     """Return the entries of the last axis: arrays, or floats (faster) for a single vector."""
+    if isinstance(a, tuple):
+        return a
     return a.tolist() if a.ndim == 1 else np.moveaxis(a, -1, 0)
 
 
@@ -102,23 +97,26 @@ def _canonical(q: list[float]) -> Array:
     return np.array(q) / math.copysign(math.sqrt(_dot(q, q)), q[0])
 
 
-def quat_multiply(p: Array, q: Array) -> Array:
-    """Return the Hamilton product (..., 4), with ``R(p q) = R(p) R(q)``."""
-    p, q = np.asarray(p, float), np.asarray(q, float)
-    product = hamilton(_parts(p), _parts(q))
-    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
+@overload
+def quat_multiply(p: Quaternion, q: Quaternion) -> Quaternion: ...
+@overload
+def quat_multiply(p: Array, q: Array) -> Array: ...
+def quat_multiply(p: Any, q: Any) -> Any:
+    """Return the Hamilton product, with ``R(p q) = R(p) R(q)``.
 
-
-def hamilton(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the 4 entries of ``quat_multiply``: floats, or arrays that broadcast."""
-    p0, p1, p2, p3 = p
-    q0, q1, q2, q3 = q
-    return (
+    The product of two tuples of 4 floats is one too, which is faster; that of arrays (..., 4),
+    whose leading axes broadcast, is an array.
+    """
+    (p0, p1, p2, p3), (q0, q1, q2, q3) = _parts(p), _parts(q)
+    product = (
         p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
         p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
         p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
         p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
     )
+    if isinstance(p, tuple):
+        return product
+    return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
 
 
 def quat_conjugate(q: Array) -> Array:

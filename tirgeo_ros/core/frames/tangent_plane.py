@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.frames.rotations import hamilton
+from tirgeo_ros.core.frames.rotations import quat_multiply
 from tirgeo_ros.core.frames.wgs84 import (
     _ecef,
     ecef_from_geodetic,
@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.wgs84 import (
     quat_ecef_from_ned,
     rotation_ecef_from_ned,
 )
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.poses import BodyPose, NavSolution
 
 
@@ -28,7 +28,7 @@ class TangentPlane:
     height_m: float
     _origin_e: Array = field(init=False, repr=False, compare=False)
     _rotation_en: Array = field(init=False, repr=False, compare=False)
-    _q_ne: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _q_ne: Quaternion = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Compute the plane's origin and axes in the earth-fixed frame once."""
@@ -70,12 +70,12 @@ class TangentPlane:
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
-        q_ln = hamilton(self._q_ne, quat_ecef_from_ned(latitude, longitude))
+        q_ln = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude, longitude))
         place_e = _ecef(latitude, longitude, solution.height_m)
         from_origin_e = [a - b for a, b in zip(place_e, self._origin_e.tolist(), strict=True)]
         return BodyPose(
             solution.stamp_ns,
             np.dot(np.array(from_origin_e), self._rotation_en),
-            np.array(hamilton(q_ln, solution.q_nb.tolist())),
+            np.array(quat_multiply(q_ln, tuple(solution.q_nb.tolist()))),
             np.dot(np.dot(both, solution.pose_covariance), both.T),
         )

@@ -28,23 +28,24 @@ the Jacobians.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, sin
+from math import cos, sin
 
 import numpy as np
 
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.heading import azimuth, azimuth_row
 from tirgeo_ros.core.frames.rotations import (
     canonical,
-    hamilton,
     matrix_from_euler,
     matrix_from_quat,
     quat_from_matrix,
+    quat_multiply,
     rotation_of,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import chain
-from tirgeo_ros.core.navigation.strapdown import Quaternion, Rotation, matrix, rotate
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.navigation.strapdown import matrix, rotate
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Rotation
 from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
@@ -88,7 +89,7 @@ def from_joints(mount: Mount, body: BodyPose, joints: JointSample) -> CameraPose
     rotation_nb = rotation_of(q_nb)
     q_bg, axes_b = chain(joints, mount.joint_order)
     axes_n = np.dot(matrix(rotation_nb), axes_b)
-    q_ng = hamilton(q_nb, q_bg)
+    q_ng = quat_multiply(q_nb, q_bg)
     return _camera_pose(mount, body, rotation_nb, q_ng, None, axes_n, mount.joint_variance)
 
 
@@ -109,7 +110,7 @@ def from_computed(mount: Mount, body: BodyPose, joints: JointSample, north: YawB
     q_nb: Quaternion = tuple(body.q_nb.tolist())
     q_bg, _ = chain(joints)
     swing = _about_vertical(-north.bias_rad)
-    q_ng = hamilton(swing, hamilton(q_nb, q_bg))
+    q_ng = quat_multiply(swing, quat_multiply(q_nb, q_bg))
     axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _AXES_N], 1)
     tilt = mount.tilt_variance
     variances = np.append(mount.reported_variance, (tilt, tilt, north.variance))
@@ -140,12 +141,12 @@ def from_reported(
     autopilot_nose = matrix_from_quat(autopilot_q_nb)[:, 0]
     if not (_has_heading(nose) and _has_heading(autopilot_nose)):
         return None
-    angle = atan2(nose[1], nose[0]) - atan2(autopilot_nose[1], autopilot_nose[0])
+    angle = azimuth(nose) - azimuth(autopilot_nose)
     angle -= north.bias_rad
     swing = _about_vertical(angle)
-    q_ng = hamilton(swing, tuple(canonical(reported.q_ng).tolist()))
+    q_ng = quat_multiply(swing, tuple(canonical(reported.q_ng).tolist()))
     vertical = np.zeros((3, 3))
-    vertical[2] = heading_row(nose)
+    vertical[2] = azimuth_row(nose)
     axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
     variances = np.append(mount.reported_variance, north.variance)
     return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, variances)
@@ -153,15 +154,6 @@ def from_reported(
 
 def _has_heading(nose_n: Array) -> bool:
     return bool(np.hypot(nose_n[0], nose_n[1]) > _LEAST_HORIZONTAL)
-
-
-def heading_row(nose_n: Array) -> Array:
-    """Return the (3,) derivative of the heading by phi_n; ``nose_n`` (3,) is the body's x axis.
-
-    This is the last row of Equation 9: [tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1].
-    """
-    x, y, z = nose_n
-    return np.asarray(np.array([-z * x, -z * y, x * x + y * y]) / (x * x + y * y))
 
 
 def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
@@ -207,6 +199,6 @@ def _camera_pose(
     return CameraPose(
         body.stamp_ns,
         body.position_n + np.array((a + x, b + y, c + z)),
-        canonical(np.array(hamilton(q_ng, tuple(mount.q_gc.tolist())))),
+        canonical(np.array(quat_multiply(q_ng, tuple(mount.q_gc.tolist())))),
         covariance,
     )

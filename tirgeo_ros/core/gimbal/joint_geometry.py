@@ -11,9 +11,8 @@ from math import cos, sin
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import hamilton, rotation_of
-from tirgeo_ros.core.navigation.strapdown import Quaternion
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.frames.rotations import quat_multiply, rotation_of
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, JOINTS, USUAL_ORDER
 from tirgeo_ros.core.types.measurements import JointSample
 
@@ -50,8 +49,8 @@ def _turns(joints: JointSample, order: str) -> tuple[Quaternion, Quaternion, Qua
     """Return the rotations by the first joint, by the first two, and by all three."""
     angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
     first, middle, last = (_turn(joint, angles[joint]) for joint in _CHAINS[order])
-    both = hamilton(first, middle)
-    return first, both, hamilton(both, last)
+    both = quat_multiply(first, middle)
+    return first, both, quat_multiply(both, last)
 
 
 def _turn(joint: int, angle_rad: float) -> Quaternion:

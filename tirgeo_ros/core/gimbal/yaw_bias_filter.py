@@ -22,6 +22,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import NorthConfig
+from tirgeo_ros.core.frames.heading import wrapped
 from tirgeo_ros.core.types.verdicts import Outcome
 
 #: Variance of an unknown heading: uniform over the circle.
@@ -82,7 +83,7 @@ class YawBiasFilter:
             return Outcome.INVALID
         self.advance(stamp_ns)
         design = np.array([1.0, 1.0 if centred else 0.0])
-        innovation = math.remainder(reading_rad - float(design @ self._state), math.tau)
+        innovation = wrapped(reading_rad - float(design @ self._state))
         cross = self._covariance @ design
         spread = float(design @ cross) + variance
         if innovation**2 > self._gate_sigma**2 * spread:
@@ -96,7 +97,7 @@ class YawBiasFilter:
         self.updates += 1
         self._refusals.clear()
         self._suspect_rad2 = 0.0
-        self._state[0] = math.remainder(self._state[0], math.tau)
+        self._state[0] = wrapped(self._state[0])
 
     def _refuse(
         self, stamp_ns: int, reading: float, variance: float, innovation: float, *, centred: bool
@@ -119,7 +120,7 @@ class YawBiasFilter:
         if stamp_ns <= before_ns:
             return False
         spread = 2 * variance + self._walk_rad2_s * 1e-9 * (stamp_ns - before_ns)
-        return math.remainder(reading - before, math.tau) ** 2 <= self._gate_sigma**2 * spread
+        return wrapped(reading - before) ** 2 <= self._gate_sigma**2 * spread
 
     def _start_again(self, reading: float, variance: float, *, centred: bool) -> None:
         """Reset b to the measurement, as if nothing had been known of it; keep c."""

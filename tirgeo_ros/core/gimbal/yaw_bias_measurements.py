@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import NorthConfig
+from tirgeo_ros.core.frames.heading import azimuth, wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_conjugate, quat_multiply
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.types.arrays import Array
@@ -47,7 +48,7 @@ class YawBiasMeasurements:
         nose_n = matrix_from_quat(q_nb)[:, 0]
         if math.hypot(nose_n[0], nose_n[1]) < _LEAST_HORIZONTAL:
             return
-        nose = math.atan2(nose_n[1], nose_n[0])
+        nose = azimuth(nose_n)
         if q_bg is not None:
             self._read_joints(north, stamp_ns, nose, q_ng, quat_multiply(q_nb, q_bg))
         if self._centred is not None:
@@ -73,7 +74,7 @@ def heading_of_right(q_ng: Array) -> float | None:
     right_n = matrix_from_quat(q_ng)[:, 1]
     if math.hypot(right_n[0], right_n[1]) < _LEAST_HORIZONTAL:
         return None
-    return math.atan2(right_n[1], right_n[0]) - math.pi / 2
+    return azimuth(right_n) - math.pi / 2
 
 
 def vertical_turn(q_from: Array, q_to: Array) -> float | None:
@@ -114,7 +115,7 @@ class SteadyMean:
     def _still(self, stamp_ns: int, nose_rad: float) -> bool:
         if self._since_ns is None or not 0 <= stamp_ns - self._newest_ns < _LONGEST_GAP_S * 1e9:
             return False
-        turned = math.remainder(nose_rad - self._nose, math.tau)
+        turned = wrapped(nose_rad - self._nose)
         self._low, self._high = min(self._low, turned), max(self._high, turned)
         return self._high - self._low <= _STILL_RAD
 
@@ -123,8 +124,8 @@ class SteadyMean:
             self._begun_ns, self._first = stamp_ns, angle_rad
             self._offsets = []
         # Differences from the first, so that angles on both sides of a half turn average right.
-        self._offsets.append(math.remainder(angle_rad - self._first, math.tau))
+        self._offsets.append(wrapped(angle_rad - self._first))
         if stamp_ns - self._begun_ns < _MEAN_S * 1e9:
             return None
         self._begun_ns = None
-        return math.remainder(self._first + float(np.mean(self._offsets)), math.tau)
+        return wrapped(self._first + float(np.mean(self._offsets)))

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
-from tirgeo_ros.core.navigation.strapdown import NavState, Rates, Vector
+from tirgeo_ros.core.navigation.strapdown import NavState, Rates
 from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers, VibrationMeter
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

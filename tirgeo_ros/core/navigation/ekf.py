@@ -38,9 +38,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.propagation import Propagation
 from tirgeo_ros.core.navigation.solution_at_antenna import at_antenna
-from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.navigation.vibration_noise import Powers, VibrationMeter, clipped_powers
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict

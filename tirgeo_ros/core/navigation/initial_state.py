@@ -20,8 +20,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import Vector, matrix, rotate
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.navigation.strapdown import matrix, rotate
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import Source
 
 

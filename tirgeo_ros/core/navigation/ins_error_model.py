@@ -28,18 +28,11 @@ from typing import cast
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
-from tirgeo_ros.core.frames.rotations import hamilton
+from tirgeo_ros.core.frames.rotations import quat_multiply
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.strapdown import (
-    NavState,
-    Rates,
-    Rotation,
-    Vector,
-    normalised,
-    quaternion_of,
-)
+from tirgeo_ros.core.navigation.strapdown import NavState, Rates, normalised, quaternion_of
 from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Rotation, Vector
 
 STATES = 15  # states of the INS itself, without the receivers'
 ATTITUDE = slice(0, 3)
@@ -292,7 +285,7 @@ def feedback(state: NavState, error: Array) -> NavState:
     v, c, p = state.velocity_n, state.correction_n, state.push_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
-        normalised(hamilton(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
+        normalised(quat_multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
         (v[0] + e[3], v[1] + e[4], v[2] + e[5]),
         latitude,
         state.longitude_rad + east / ((transverse + state.height_m) * cosine),

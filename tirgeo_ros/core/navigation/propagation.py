@@ -18,7 +18,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     VELOCITY,
     CovariancePropagation,
 )
-from tirgeo_ros.core.navigation.strapdown import Vector, propagate, rotate
+from tirgeo_ros.core.navigation.strapdown import propagate, rotate
+from tirgeo_ros.core.types.arrays import Vector
 
 #: Longest single step of the state.
 _LARGEST_STEP_S = 0.02

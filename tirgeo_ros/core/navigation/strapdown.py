@@ -12,12 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, earth_at
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Rotation, Vector
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-#: R_nb row by row.
-Rotation = tuple[float, float, float, float, float, float, float, float, float]
+__all__ = ["NavState", "Quaternion", "Rates", "Rotation", "Vector"]
+__all__ += ["cross", "matrix", "normalised", "propagate", "quaternion_of", "rotate"]
 
 
 class NavState(NamedTuple):

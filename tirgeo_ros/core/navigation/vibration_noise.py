@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 
 #: Power densities: gyroscopes x, y, z in rad2/s, accelerometers x, y, z in m2/s3.

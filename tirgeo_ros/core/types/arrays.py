@@ -1,4 +1,4 @@
-"""Define the array types that the whole package uses."""
+"""Define the array types and the tuples of floats that the whole package uses."""
 
 from __future__ import annotations
 
@@ -14,3 +14,9 @@ IntArray = npt.NDArray[np.int64]
 Pixels = npt.NDArray[np.uint8]
 #: A picture as a camera delivers it: (h, w) or (h, w, 3), uint8 or uint16.
 RawPixels = npt.NDArray[Any]
+
+# Tuples of floats: at 3 x 3 their arithmetic costs a fraction of array calls.
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+#: R_nb row by row.
+Rotation = tuple[float, float, float, float, float, float, float, float, float]

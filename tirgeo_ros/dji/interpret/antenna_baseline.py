@@ -12,7 +12,8 @@ import math
 from collections import deque
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, heading_of
+from tirgeo_ros.core.frames.heading import heading_of
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
 
 #: DJI's kits: the first antenna left, the second right.
 KIT_DEG = 90.0

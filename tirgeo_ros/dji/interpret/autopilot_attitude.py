@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import hamilton, slerp
+from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.navigation.strapdown import quaternion_of
 from tirgeo_ros.core.types.arrays import Array
@@ -36,12 +36,6 @@ def unit_quaternion(q: Quaternion) -> Array | None:
         return None
     scale = math.copysign(1.0 / norm, w)
     return np.array((w * scale, x * scale, y * scale, z * scale))
-
-
-def heading_of(q_nb: Array) -> float:
-    """Return the heading of the nose (rad) from a unit quaternion (4,) wxyz."""
-    w, x, y, z = q_nb.tolist()
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 class AutopilotAttitudes:
@@ -109,7 +103,7 @@ class AutopilotAttitudes:
             return None
         step_s = (stamp_ns - newest_ns) * 1e-9
         x, y, z = angular_rate_b
-        q_nb = hamilton(
+        q_nb = quat_multiply(
             tuple(self._newest(newest_ns).tolist()),
             quaternion_of(x * step_s, y * step_s, z * step_s),
         )

@@ -15,13 +15,14 @@ from collections import Counter, deque
 import numpy as np
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.frames.rotations import canonical, hamilton, quat_conjugate, rotation_of
+from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.frames.rotations import canonical, quat_conjugate, quat_multiply, rotation_of
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
-from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, heading_of
+from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
 from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
@@ -117,7 +118,7 @@ class GimbalInterpreter:
         nose = heading_of(q_nb)
         if self._from_nose:
             yaw += nose
-        self._psi_coder = math.remainder(yaw - nose, math.tau)
+        self._psi_coder = wrapped(yaw - nose)
         q_ng = _camera_attitude(roll, pitch, yaw)
         return [self._camera(stamp_ns, q_ng), self._joint(stamp_ns, q_nb, q_ng)]
 
@@ -125,7 +126,7 @@ class GimbalInterpreter:
         return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
 
     def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
-        q_bg = hamilton(tuple(quat_conjugate(q_nb).tolist()), q_ng)
+        q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
         if math.cos(roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
@@ -147,4 +148,4 @@ def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quate
     yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
     pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
     roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)
-    return hamilton(hamilton(yaw, pitch), roll)
+    return quat_multiply(quat_multiply(yaw, pitch), roll)

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.strapdown import Vector, cross
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.navigation.strapdown import cross
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,

@@ -18,11 +18,11 @@ from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
+from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_euler,
     matrix_from_quat,
-    wrap_pi,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
@@ -190,7 +190,7 @@ def camera_track(cameras: Sequence[CameraPose], plane: TangentPlane) -> CameraTr
         float(np.median(height_m)),
         float(np.arcsin(np.clip(np.median(axes_n[:, 2]), -1, 1))),
         float(np.median(speeds)),
-        _mean_covariance(cameras, np.arctan2(axes_n[:, 1], axes_n[:, 0])),
+        _mean_covariance(cameras, azimuths(axes_n)),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import wrap_pi
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.plot import WIDTH_IN, Plot, thinned
 from tirgeo_ros.tools.evaluate.result import AttitudeSeries, Evaluation, Innovations, MethodResult

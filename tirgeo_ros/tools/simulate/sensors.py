@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
     quat_from_euler,
-    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.types.arrays import Array
@@ -204,7 +204,7 @@ def _headings(
     assert baseline_b is not None  # a scenario has two antennas
     assert direction_deg is not None
     baseline_n = rotation_nb @ baseline_b
-    heading_deg = np.degrees(np.arctan2(baseline_n[:, 1], baseline_n[:, 0]))
+    heading_deg = np.degrees(azimuths(baseline_n))
     noise = generator(seed, "rtk heading").standard_normal(len(heading_deg))
     heading_deg = heading_deg + config.sigma_deg * noise
     if config.step_deg > 0:

@@ -13,16 +13,14 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import rotate
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
 
-_NOSE_B = (1.0, 0.0, 0.0)
 #: It is used where the state's heading sigma exceeds this multiple of its own.
 _SIGMAS = 3.0
 _GATE_SIGMA = 5.0
@@ -52,12 +50,11 @@ class AutopilotHeadingAid:
         if newest_ns is not None and 0 <= imu.stamp_ns - newest_ns < _AGAIN_NS:
             return None
         self._newest_ns = imu.stamp_ns
-        heading = azimuth(rotate(rotation_of(tuple(q_nb.tolist())), _NOSE_B))
-        return AutopilotHeading(imu.stamp_ns, heading, self._variance_rad2)
+        return AutopilotHeading(imu.stamp_ns, heading_of(q_nb), self._variance_rad2)
 
     def aid(self, sample: AutopilotHeading, belief: StateEstimate) -> AidMeasurement:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
-        nose_n = rotate(rotation_of(belief.state.q_nb), _NOSE_B)
+        nose_n = rotation_of(belief.state.q_nb)[0::3]
         off = wrapped(sample.heading_rad - azimuth(nose_n))
         design = np.zeros((1, len(belief.covariance)))
         design[0, 2] = 1.0

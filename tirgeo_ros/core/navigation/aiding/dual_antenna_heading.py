@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
@@ -48,17 +49,7 @@ class Baseline(NamedTuple):
         if baseline_b is None:
             return cls((1.0, 0.0, 0.0), 0.0)
         x, y, z = (baseline_b / np.linalg.norm(baseline_b)).tolist()
-        return cls((x, y, z), -math.atan2(y, x))
-
-
-def azimuth(direction_n: Vector) -> float:
-    """Return the azimuth of a NED vector, radians from north, clockwise."""
-    return math.atan2(direction_n[1], direction_n[0])
-
-
-def wrapped(angle_rad: float) -> float:
-    """Return the same angle in -pi to pi."""
-    return math.remainder(angle_rad, 2 * math.pi)
+        return cls((x, y, z), -azimuth((x, y)))
 
 
 def heading_innovation(
@@ -71,17 +62,11 @@ def heading_innovation(
 
 
 def heading_design(states: int, u: Vector) -> Array | None:
-    """Return H (1, states) of a baseline ``u`` in ``n``, or None where it is near the vertical.
-
-    With ``u = R u_b`` and ``du = phi x u`` the azimuth moves by
-    ``phi_D - u_D (u_N phi_N + u_E phi_E) / (u_N^2 + u_E^2)``; with a baseline along the nose it is
-    ``[tan(pitch) cos(yaw), tan(pitch) sin(yaw), 1] phi``.
-    """
-    horizontal = u[0] * u[0] + u[1] * u[1]
-    if horizontal < _LEAST_HORIZONTAL**2:
+    """Return H (1, states) of a baseline ``u`` in ``n``, or None where it is near the vertical."""
+    if u[0] * u[0] + u[1] * u[1] < _LEAST_HORIZONTAL**2:
         return None
     design = np.zeros((1, states))
-    design[0, :3] = -u[2] * u[0] / horizontal, -u[2] * u[1] / horizontal, 1.0
+    design[0, :3] = azimuth_row(u)
     at = heading_error(states)
     if at is not None:
         design[0, at] = 1.0

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec
-from tirgeo_ros.core.navigation.strapdown import Vector
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 
 

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.config import AutopilotConfig, EkfConfig
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_from_matrix,
     rotvec_from_quat,
-    wrap_pi,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
