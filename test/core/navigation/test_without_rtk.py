@@ -18,7 +18,7 @@ from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.reported_accuracy import ReportedAccuracy
+from tirgeo_ros.core.navigation.filter_status import ReportedAccuracy
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,

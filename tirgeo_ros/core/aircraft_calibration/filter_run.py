@@ -27,7 +27,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.imu_axes import ImuAxes
+from tirgeo_ros.core.navigation.imu_checks import in_body_axes
 from tirgeo_ros.core.navigation.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -87,8 +87,7 @@ class FlightRuns:
     """Run the filter over one flight."""
 
     def __init__(self, recorded: Recorded, config: EkfConfig) -> None:
-        axes = ImuAxes(config.aircraft)
-        imu = [axes.to_body(sample) for sample in recorded.imu]
+        imu = [in_body_axes(sample, config.aircraft.rotation_bi) for sample in recorded.imu]
         self.recorded, self.config = replace(recorded, imu=imu), config
         self._averages = _Averages(imu)
 

@@ -57,9 +57,12 @@ class AutopilotBaseline:
             return f"no {self._position_source.value} within {_LARGEST_AGE_S:g} s"
         return ""
 
-    def add_imu(self, sample: ImuSample) -> None:
-        """Store an IMU sample; its autopilot attitude and angular rate enter the solution."""
+    def add_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
+        """Store an IMU sample, of which the attitude and the rate enter the solution."""
         self._imu = sample
+        if usable_attitude(sample.autopilot_q_nb):
+            return Outcome.USED, ""
+        return Outcome.INVALID, "no orientation"
 
     def add_aiding(self, sample: PositionSample | VelocitySample | HeadingSample) -> Verdict:
         """Store a position or a velocity of the chosen receiver; any other sample is UNUSED."""

@@ -7,32 +7,30 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aid_clocks import AidClocks
 from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
-from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
+from tirgeo_ros.core.navigation.alignment.aligner import Biases
 from tirgeo_ros.core.navigation.autopilot_baseline import AutopilotBaseline
-from tirgeo_ros.core.navigation.clock_offsets import ClockOffsets
-from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
+from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.filter_status import FilterHealth
-from tirgeo_ros.core.navigation.imu_axes import ImuAxes
-from tirgeo_ros.core.navigation.imu_checks import ImuClock
+from tirgeo_ros.core.navigation.imu_checks import ImuClock, in_body_axes
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.navigation.imu_silence import ImuSilence
 from tirgeo_ros.core.navigation.map_origin import MapOrigin
-from tirgeo_ros.core.navigation.measurement_order import StampOrder
+from tirgeo_ros.core.navigation.start_up import StartUp
 from tirgeo_ros.core.navigation.verdict_log import VerdictLog
 from tirgeo_ros.core.navigation.vibration_noise import densities
 from tirgeo_ros.core.streams.rate_limit import RateLimit
-from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -43,8 +41,6 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 
-#: The fix status of a receiver that has been silent for longer is NONE.
-_STATUS_AGE_NS = 2_000_000_000
 #: Interval between two checks of the filter's health.
 _WATCH_NS = 100_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
@@ -82,46 +78,33 @@ class Navigation:
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
         self._delays = Delays.from_config(config)
-        self._imu_axes = ImuAxes(config.aircraft)
+        self._rotation_bi = config.aircraft.rotation_bi
         self._health = FilterHealth(config)
         self._clipping = Clipping()
         self._resets: Counter[Source] = Counter()  # of all filters before the current one
         self._last_reset = ""
         self._origin = MapOrigin(config, self._position_source)
         self._ekf: Ekf | None = None
-        self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
         self.reset()
 
     def reset(self) -> None:
         """Start again from alignment. The origin of ``map`` stays where it is."""
         self._imu_clock = ImuClock(self._config.max_imu_gap_s)
-        self._entered = (FilterState.WAITING, 0)
+        self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
         self._begin("", None)
 
     def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
-        """Discard the state and start aligning.
-
-        ``why`` is the reason, ``prior`` what is known of the IMU's biases, and ``lost`` tells that
-        the state before was lost.
-        """
+        """Discard the state, which may be lost, and align; ``prior`` is of the IMU's biases."""
         self._resets, self._last_reset = self._reset_counts()
         self._ekf = None
         self._why_again, self._lost = why, lost
-        use_heading = self._config.method == "ekf_heading"
-        self._aligner = Aligner(self._config, use_heading=use_heading, prior=prior)
-        self._order = StampOrder(
-            self._config.max_delay_s, longest_hold_s(self._config), self._aligner.keep_s
-        )
+        self._start_up = StartUp(self._config, prior)
         self._passthrough = AutopilotBaseline(self._config, self._position_source)
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()
         self._newest: NavSolution | None = None
-        self._rtk_status = FixStatus.NONE
-        self._rtk_status_ns = 0
-        self._newest_aid_ns = 0
-        self._silence = ImuSilence()
-        self._clocks = ClockOffsets(self._config)
+        self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
         self._autopilot = AutopilotHeadingAid(self._config)
         self._watched_ns = 0
 
@@ -133,24 +116,7 @@ class Navigation:
     @property
     def rtk_status(self) -> FixStatus:
         """Return the RTK receiver's newest fix status; NONE once it is silent."""
-        silent = self._now_ns - self._rtk_status_ns > _STATUS_AGE_NS
-        return FixStatus.NONE if silent else self._rtk_status
-
-    @property
-    def _now_ns(self) -> int:
-        """Return the newest time known, ns.
-
-        It is the newest IMU stamp, plus the length of the silence while the IMU is silent. Before
-        the first IMU sample it is the newest stamp of an aid.
-        """
-        imu_ns = self._imu_clock.newest_ns
-        if imu_ns is None:
-            return self._newest_aid_ns
-        return imu_ns + self._silence.length_ns if self._imu_is_silent else imu_ns
-
-    @property
-    def _imu_is_silent(self) -> bool:
-        return self._silence.length_ns > self._config.trust.aid_timeout_s * 1e9
+        return self._health.rtk_status(self._clocks.now_ns)
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample; return its verdict, and a solution where one is due.
@@ -158,16 +124,14 @@ class Navigation:
         Whatever is in the sample, the state stays finite.
         """
         fault = fault_of(sample)
-        if isinstance(sample, ImuSample):
-            if fault:
-                step = Step(Verdict(Source.IMU, Outcome.INVALID, fault))
-            else:
-                step = self._process_imu(sample)
+        if fault:
+            source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
+            step = Step(Verdict(source, Outcome.INVALID, fault))
+        elif isinstance(sample, ImuSample):
+            step = self._process_imu(sample)
             if step.verdict is _IMU_USED:  # nearly always
                 self._log.counts[_IMU_KEY] += 1
                 return step
-        elif fault:
-            step = Step(Verdict(source_of(sample), Outcome.INVALID, fault))
         else:
             step = Step(self._process_aiding(sample))
         self._count(step.verdict)
@@ -178,20 +142,24 @@ class Navigation:
         state, reason = self._state()
         self._enter(state)
         resets, last_reset = self._reset_counts()
+        now_ns, newest = self._clocks.now_ns, self._newest
+        sigma_rad = math.nan
+        if newest is not None and state.navigating:
+            sigma_rad = math.sqrt(newest.covariance[5, 5])
         return NavigationStatus(
             self._config.method,
             state,
             reason,
             self.rtk_status,
-            self._heading_sigma_rad if state.navigating else math.nan,
+            sigma_rad,
             {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
             {source.value: ratio for source, ratio in self._log.test_ratios.items()},
-            (self._now_ns - self._entered[1]) * 1e-9,
+            (now_ns - self._entered[1]) * 1e-9,
             {source.value: number for source, number in resets.items()},
             last_reset,
             dict(self._clipping.counts),
-            (*self._clipping.warnings(self._now_ns), *self._log.warnings(self._now_ns)),
-            self._log.nis(self._now_ns),
+            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns)),
+            self._log.nis(now_ns),
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
         )
@@ -205,48 +173,42 @@ class Navigation:
         last = str(control.last_reset) if control.last_reset else self._last_reset
         return self._resets + counts, last
 
-    @property
-    def _heading_sigma_rad(self) -> float:
-        return math.nan if self._newest is None else math.sqrt(self._newest.covariance[5, 5])
-
     def _enter(self, state: FilterState) -> None:
-        if state is not self._entered[0] or self._now_ns < self._entered[1]:
-            self._entered = (state, self._now_ns)
+        now_ns = self._clocks.now_ns
+        if state is not self._entered[0] or now_ns < self._entered[1]:
+            self._entered = (state, now_ns)
 
     def _state(self) -> tuple[FilterState, str]:
-        if self._imu_clock.newest_ns is not None and self._imu_is_silent:
-            silent_s = self._silence.length_ns * 1e-9
-            return FilterState.WAITING, f"no imu/data for {silent_s:.1f} s"
+        clocks = self._clocks
+        if clocks.imu_ns is not None and clocks.silence_ns:
+            return FilterState.WAITING, f"no imu/data for {clocks.silence_ns * 1e-9:.1f} s"
         if not self._filtering:
             reason = self._passthrough.reason
             return (FilterState.WAITING if reason else FilterState.RUNNING), reason
-        clocks = self._clocks.text(self._imu_clock.newest_ns)
+        offsets = clocks.offsets
         if self._ekf is not None:
-            state, reason = self._health.state(
-                self._ekf.control, self._ekf.newest_ns, self._log.unused
-            )
-            return state, "; ".join(filter(None, (reason, clocks if reason else "")))
-        reason = "; ".join(filter(None, (self._why_again, clocks or self._aligner.reason)))
+            control, newest_ns = self._ekf.control, self._ekf.newest_ns
+            state, reason = self._health.state(control, newest_ns, self._log.unused)
+            return state, "; ".join(filter(None, (reason, offsets if reason else "")))
+        reason = "; ".join(filter(None, (self._why_again, offsets or self._start_up.reason)))
         if self._lost:
             return FilterState.LOST, reason
-        begun = self._imu_clock.newest_ns is not None and self._newest_aid_ns
+        begun = clocks.imu_ns is not None and clocks.aid_ns
         return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
 
     def _process_imu(self, sample: ImuSample) -> Step:
         if self._delays.imu_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
         self._clipping.add(sample)  # in the sensor's own axes
-        if self._imu_axes.turned:
-            sample = self._imu_axes.to_body(sample)
+        sample = in_body_axes(sample, self._rotation_bi)
         checked = self._imu_clock.check(sample)
         if not checked.use:
             return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
         begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
         if begins:
             self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
-        self._silence.end()
-        outcome, reason = self._take_imu(checked.use[0])
-        for held in checked.use[1:]:
+        self._clocks.hear_imu(sample.stamp_ns)
+        for held in checked.use:
             outcome, reason = self._take_imu(held)
         if begins:
             outcome, reason = checked.outcome, checked.reason
@@ -267,24 +229,18 @@ class Navigation:
         if self._filtering:
             self._align(sample)
             return Outcome.WAITING, ""
-        self._passthrough.add_imu(sample)
-        if usable_attitude(sample.autopilot_q_nb):
-            return Outcome.USED, ""
-        return Outcome.INVALID, "no orientation"
+        return self._passthrough.add_imu(sample)
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = source_of(sample)
         delay_ns = self._delays.aid_ns[source]
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
-        self._silence.hear(source, sample.stamp_ns, self._imu_clock.newest_ns)
-        self._newest_aid_ns = sample.stamp_ns
+        self._clocks.hear_aid(source, sample.stamp_ns)
         if source not in METHOD_SOURCES[self._config.method]:
             return Verdict(source, Outcome.UNUSED)
         if isinstance(sample, PositionSample):
             self._health.hear(sample)
-            if source is Source.RTK_POSITION:
-                self._rtk_status, self._rtk_status_ns = sample.status, sample.stamp_ns
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the value of the one before")
@@ -292,46 +248,24 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
+        elif far := self._start_up.out_of_reach(sample.stamp_ns):
+            verdict = Verdict(source, *far)
         else:
-            verdict = self._waiting(sample, source)
-        self._clocks.hear(verdict, sample.stamp_ns, self._imu_clock.newest_ns)
+            self._align(sample)
+            verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
+        self._clocks.judge(verdict, sample.stamp_ns)
         self._origin.see(sample, verdict)
         return verdict
 
-    def _waiting(self, sample: Aiding, source: Source) -> Verdict:
-        """Give a sample to the alignment, unless its stamp is too far from the IMU's."""
-        far = self._order.out_of_reach(sample.stamp_ns)
-        if far is not None:
-            return Verdict(source, *far)
-        self._align(sample)
-        return Verdict(source, Outcome.WAITING, "not aligned yet")
-
     def _align(self, sample: NavigationInput) -> None:
-        """Give the samples that are due to the alignment; once it succeeds, start the filter."""
-        due = iter(self._order.add(sample))
-        for verdict in self._order.given_up():
+        """Give a sample to the alignment; once it succeeds, run the filter."""
+        verdicts = self._start_up.add(sample)
+        self._ekf = self._start_up.ekf
+        if self._ekf is not None and self._start_up.first_state is not None:
+            self._why_again, self._lost = "", False
+            self._origin.start_at(self._start_up.first_state)
+        for verdict in verdicts:
             self._count(verdict)
-        for earlier in due:
-            alignment = self._aligner.add(earlier)
-            if alignment is not None:
-                self._start(alignment, [*due, *self._order.rest()])
-                return
-
-    def _start(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> None:
-        """Start the filter; ``rest`` are samples that the alignment has not seen."""
-        self._ekf = Ekf(self._config, alignment)
-        self._why_again, self._lost = "", False
-        self._origin.start_at(alignment.state)
-        later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
-        unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
-        for sample in (*later, *unseen):
-            verdicts = (
-                self._ekf.add_imu(sample)
-                if isinstance(sample, ImuSample)
-                else [self._ekf.add_aiding(sample)]
-            )
-            for verdict in verdicts:
-                self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
         """Check the filter's health; restart it where it is lost.
@@ -356,13 +290,10 @@ class Navigation:
         """Return a solution, at most ``publish_rate_hz`` times a second, else None."""
         if not self._rate.due(stamp_ns):
             return None
-        if self._filtering:
-            solution = self._ekf.solution() if self._ekf else None
-        else:
-            solution = self._passthrough.solution()
-        if solution is not None:
-            self._newest = solution
+        source = self._ekf if self._filtering else self._passthrough
+        solution = source.solution() if source else None
+        self._newest = solution or self._newest
         return solution
 
     def _count(self, verdict: Verdict) -> None:
-        self._log.add(verdict, self._imu_clock.newest_ns or self._newest_aid_ns)
+        self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)

@@ -10,7 +10,6 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
-from tirgeo_ros.core.navigation.reported_accuracy import ReportedAccuracy
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
@@ -18,6 +17,10 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 #: In units of the autopilot's heading sigma. Its heading is used again from three sigmas on, so
 #: a state is lost only beyond that, with a margin.
 _HEADING_SIGMAS = 3.5
+#: Bound over reported sigma: a state with a position of some sigma may drift by about as much.
+_DRIFT_RATIO = 1.5
+#: The fix status of a receiver that has been silent for longer is NONE.
+_STATUS_AGE_NS = 2_000_000_000
 _PREFIXES = {
     Outcome.GATED: "refused: ",
     Outcome.INVALID: "refused: ",
@@ -44,6 +47,37 @@ def unused(verdict: Verdict, now_ns: int) -> Unused | None:
     return None if lead is None else Unused(now_ns, lead + verdict.reason)
 
 
+class ReportedAccuracy:
+    """Hold the variances that receivers report: a poor one is no reason to call a state lost."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._bound_m = config.trust.lost_position_sigma_m
+        self.least_m2 = self._bound_m**2  # smaller variances are within the bounds
+        self._variances: dict[Source, tuple[float, float, float]] = {}  # NED, m2
+
+    def hear(self, sample: PositionSample) -> None:
+        """Take a position; it counts where it has a fix and a covariance."""
+        north, east, down = sample.covariance_n.diagonal().tolist()
+        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
+            self._variances[sample.source] = north, east, down
+
+    def bounds_m2(self) -> tuple[float, ...]:
+        """Return the variances (3,) NED, m2, beyond which a state is lost."""
+        most = [max(axis, default=0.0) for axis in zip(*self._variances.values(), strict=True)]
+        least_m2 = self.least_m2
+        return tuple(max(least_m2, _DRIFT_RATIO**2 * axis) for axis in most) or (least_m2,) * 3
+
+    def text(self) -> str:
+        """Return what is poor about the ordinary GPS, or an empty string."""
+        variances = self._variances.get(Source.GPS_POSITION)
+        if variances is None:
+            return ""
+        across, down = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
+        told = [f"{across:.0f} m"] if across > self._bound_m else []
+        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
+        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
+
+
 class FilterHealth:
     """Judge the filter by the records of its aids and by its covariance."""
 
@@ -51,6 +85,7 @@ class FilterHealth:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
         self._reported = ReportedAccuracy(config)
+        self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
         self._patience_s = config.rtk.reset_after_s
@@ -59,8 +94,15 @@ class FilterHealth:
             self._wanted.append(Source.RTK_HEADING)
 
     def hear(self, sample: PositionSample) -> None:
-        """Take a position, for the accuracy that its receiver reports."""
+        """Take a position, for the status and the accuracy that its receiver reports."""
         self._reported.hear(sample)
+        if sample.source is Source.RTK_POSITION:
+            self._rtk = sample.status, sample.stamp_ns
+
+    def rtk_status(self, now_ns: int) -> FixStatus:
+        """Return the RTK receiver's newest fix status; NONE once it is silent."""
+        status, stamp_ns = self._rtk
+        return status if abs(now_ns - stamp_ns) <= _STATUS_AGE_NS else FixStatus.NONE
 
     def state(
         self, control: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None

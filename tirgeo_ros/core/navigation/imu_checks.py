@@ -8,8 +8,10 @@ line.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -112,6 +114,20 @@ class ImuClock:
         self.newest_ns, self._force_b, self._rate_b = stamp_ns, force_b, rate_b
         self._held, self._odd_number = None, 0
         return checked
+
+
+def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
+    """Return a sample in body axes, where ``aircraft.imu_rpy_deg`` says that the IMU's differ.
+
+    The autopilot's attitude is that of the body already and is not changed.
+    """
+    if rotation_bi is None:
+        return sample
+    return replace(
+        sample,
+        specific_force_b=rotation_bi @ sample.specific_force_b,
+        angular_rate_b=rotation_bi @ sample.angular_rate_b,
+    )
 
 
 def _continuous(sample: ImuSample) -> Checked:

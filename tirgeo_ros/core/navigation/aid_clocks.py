@@ -1,0 +1,104 @@
+"""Compare the aids' time stamps with the IMU's: its silence, and clocks that differ.
+
+An aid's clock may differ from the IMU's, so only the advance of its stamps measures a silence.
+"""
+
+from __future__ import annotations
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
+from tirgeo_ros.core.navigation.alignment.observations import topic_of
+from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+#: Fewer aiding samples than this without an IMU sample may have arrived in one burst.
+_LEAST_AIDS = 5
+#: Longest silence assumed before the first aid; a larger difference is an offset of the clocks.
+_LONGEST_LEAD_NS = 500_000_000
+#: Offsets observed longer ago than this are not reported.
+_AGE_NS = 2_000_000_000
+#: Offsets that differ by less than this are reported as one clock.
+_SAME_NS = 500_000_000
+#: A shorter lag is reported as a latency, a longer one as another clock.
+_LONGEST_DELAY_NS = 5_000_000_000
+#: GPS time minus UTC: the leap seconds since 1980 (unchanged since 2017).
+_GPS_LESS_UTC_NS = 18_000_000_000
+
+
+class AidClocks:
+    """Follow the stamps of IMU and aids; ``imu_ns`` is the IMU's newest, None before the first."""
+
+    def __init__(self, config: EkfConfig, imu_ns: int | None) -> None:
+        self._max_delay_s = config.max_delay_s
+        self._timeout_ns = config.trust.aid_timeout_s * 1e9
+        self.imu_ns = imu_ns
+        self.aid_ns = 0  # of the newest aid to arrive
+        self._aids = self._length_ns = 0  # since the newest IMU sample
+        self._begun: dict[Source, tuple[int, int]] = {}  # first stamp, its lead over the IMU
+        self._offsets: dict[Source, tuple[int, int]] = {}  # offset and IMU time
+
+    @property
+    def now_ns(self) -> int:
+        """Return the newest IMU stamp plus the IMU's silence; before it the newest aid's stamp."""
+        return self.aid_ns if self.imu_ns is None else self.imu_ns + self.silence_ns
+
+    @property
+    def silence_ns(self) -> int:
+        """Return for how long the IMU has been silent; 0 within ``trust.aid_timeout_s``."""
+        silent = self._aids >= _LEAST_AIDS and self._length_ns > self._timeout_ns
+        return self._length_ns if silent else 0
+
+    def hear_imu(self, stamp_ns: int) -> None:
+        """Take the stamp of an IMU sample; it ends a silence."""
+        self.imu_ns = stamp_ns
+        if self._aids:
+            self._aids = self._length_ns = 0
+            self._begun.clear()
+
+    def hear_aid(self, source: Source, stamp_ns: int) -> None:
+        """Take the stamp of an aiding sample."""
+        self.aid_ns = stamp_ns
+        self._aids += 1
+        begun = self._begun.get(source)
+        if begun is None:
+            ahead_ns = 0 if self.imu_ns is None else max(stamp_ns - self.imu_ns, 0)
+            begun = self._begun[source] = stamp_ns, min(ahead_ns, _LONGEST_LEAD_NS)
+        self._length_ns = max(self._length_ns, stamp_ns - begun[0] + begun[1])
+
+    def judge(self, verdict: Verdict, stamp_ns: int) -> None:
+        """Take the verdict on an aiding sample: one refused for its stamp shows an offset."""
+        imu_ns = self.imu_ns
+        if verdict.outcome not in {Outcome.TOO_NEW, Outcome.TOO_OLD} or imu_ns is None:
+            self._offsets.pop(verdict.source, None)
+        elif stamp_ns > imu_ns or stamp_ns < imu_ns - self._max_delay_s * 1e9:
+            self._offsets[verdict.source] = stamp_ns - imu_ns, imu_ns
+
+    @property
+    def offsets(self) -> str:
+        """Return the topics out of the IMU's reach, with their offset and its likely cause.
+
+        The string is empty where there are none. Topics with one offset share a phrase.
+        """
+        imu_ns = self.imu_ns
+        if not self._offsets or imu_ns is None:
+            return ""
+        recent = {s: off for s, (off, at) in self._offsets.items() if imu_ns - at <= _AGE_NS}
+        phrases = []
+        left = sorted(recent, key=PLACE.__getitem__)
+        while left:
+            offset_ns = recent[left[0]]
+            alike = [s for s in left if abs(recent[s] - offset_ns) <= _SAME_NS]
+            phrases.append(self._phrase([topic_of(s) for s in alike], offset_ns))
+            left = [s for s in left if s not in alike]
+        return "; ".join(phrases)
+
+    def _phrase(self, topics: list[str], offset_ns: int) -> str:
+        off = f"{abs(offset_ns) * 1e-9:.1f} s {'ahead of' if offset_ns > 0 else 'behind'} imu/data"
+        if -_LONGEST_DELAY_NS < offset_ns < 0:
+            why = f"more than max_delay_s, {self._max_delay_s:g} s"
+        else:
+            why = "same clock?"
+            if abs(abs(offset_ns) - _GPS_LESS_UTC_NS) <= 2 * _SAME_NS:
+                why += " (GPS time is 18 s ahead of UTC)"
+        too = f"; {', '.join(topics[1:])} too" if topics[1:] else ""
+        return f"{topics[0]} is {off}: {why}{too}"
