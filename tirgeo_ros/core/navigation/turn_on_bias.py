@@ -15,11 +15,15 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotvec_from_quat
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
-    InconsistentError,
-    InsufficientError,
+    MOTION_STAGE,
+    NotAlignedError,
+    Recurrence,
     checked,
+    differences,
+    tilt_between,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
@@ -43,8 +47,9 @@ _LEAN_SIGMAS = 3.0
 _LARGEST_LEAN_RAD = np.radians(10.0)  # 0.17 g: beyond it the autopilot's axes are wrong
 _LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
 _GRAVITY_M_S2 = 9.81
-#: Stage of an alignment that lacks nothing but motion (see LackingError).
-MOTION_STAGE = 5
+#: Biases are accepted after this time; one wrong measurement leaves the second window sooner.
+_SURE_S = 2.6
+_LONG_WINDOW_S = 2.4  # the second window, but for a sample
 
 
 class Surprise(NamedTuple):
@@ -66,7 +71,7 @@ def surprise(biases: Array, covariance: Array, prior: Biases) -> Surprise:
     """Return how far biases (6,) with their covariance (6, 6) are from their prior."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     shown, axes = np.linalg.eigh(np.eye(6) - root @ covariance @ root.T)  # prior less posterior
-    apart = axes.T @ root @ (biases - _vector(prior))
+    apart = axes.T @ root @ (biases - prior.vector)
     keep = shown > _LEAST_SHOWN
     return Surprise(float(np.sum(apart[keep] ** 2 / shown[keep])), int(keep.sum()))
 
@@ -89,24 +94,18 @@ def lean_rad(found: Fitted, tilt_sigma_deg: float) -> float:
     if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
         return 0.0
     apart = _apart_rad(found)
-    own_rad, sped = _tilt_sigma_rad(found.fit), _acceleration_m_s2(found)
-    told_rad = np.radians(tilt_sigma_deg + _HINT_DEG_PER_M_S2 * sped)
-    limit = _LEAN_SIGMAS * float(np.hypot(told_rad, own_rad))
+    window, fit = found.window, found.fit
+    force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
+    # The mean acceleration over the window.
+    sped = np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2]))
+    told_rad = np.radians(tilt_sigma_deg + _HINT_DEG_PER_M_S2 * float(sped))
+    limit = _LEAN_SIGMAS * float(np.hypot(told_rad, _tilt_sigma_rad(fit)))
     return apart if limit < apart < _LARGEST_LEAN_RAD else 0.0
 
 
 def _apart_rad(found: Fitted) -> float:
     """Return the angle between the vertical found and the autopilot's; pi without the latter."""
-    if found.hint_nb is None:
-        return np.pi
-    return float(np.arccos(np.clip(found.fit.rotation_nb[2] @ found.hint_nb[2], -1, 1)))
-
-
-def _acceleration_m_s2(found: Fitted) -> float:
-    """Return the mean acceleration over the window."""
-    window, fit = found.window, found.fit
-    force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
-    return float(np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2])))
+    return np.pi if found.hint_nb is None else tilt_between(found.fit.rotation_nb, found.hint_nb)
 
 
 class TurnOnBiases:
@@ -118,57 +117,86 @@ class TurnOnBiases:
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
         self._prior = prior or _unknown(config)
-        self._taken = _vector(self._prior)
+        self._taken = self._prior.vector
         self.widened = False
+        self._doubt = Recurrence()
+        self._suspected_ns = NEVER_NS
 
-    def fitted(self, measured: Measured) -> Fitted:
-        """Fit a window with this prior; raises DoubtError or LackingError."""
-        found = fitted(
-            measured, self._config, self._prior, self._taken, gyros_unknown=self.widened
-        )
-        if not self.widened:
+    def fitted(self, measured: Measured, now_ns: int) -> Fitted:
+        """Fit a window with the prior or, if need be, a wider one; raises NotAlignedError."""
+        if self.widened:
+            return self._fitted_widely(measured)
+        found = fitted(measured, self._config, self._prior, self._taken)
+        if self._turned(found) or not self._contradicted(found):
+            checked(found.fit, found.seen)
+            self._look_longer(found, now_ns)
             return found
+        loose = self._loosely(measured)
+        if loose is None:  # biases are not the cause, or not the only one
+            checked(found.fit, found.seen)
+            raise NotAlignedError("imu/data does not fit the motion measured")
+        if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
+            checked(found.fit, found.seen)
+            self._suspected_ns = now_ns
+            raise NotAlignedError(self._reason(found, loose))
+        self._widen(found, loose)
+        return self._fitted_widely(measured)
+
+    def _fitted_widely(self, measured: Measured) -> Fitted:
+        found = fitted(measured, self._config, self._prior, self._taken, gyros_unknown=True)
         checked(found.fit, found.seen)
         self._taken = found.fit.biases
         if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
-            raise InsufficientError(self._motion_reason, MOTION_STAGE)
+            raise NotAlignedError(self._motion_reason, MOTION_STAGE)
         return found
 
-    def contradicted(self, found: Fitted) -> bool:
+    def _turned(self, found: Fitted) -> bool:
+        """Return whether the heading contradicts the autopilot's.
+
+        With a wrong heading the accelerations do not fit either, so that biases are not the cause.
+        """
+        hint_nb, autopilot = found.hint_nb, self._config.autopilot
+        return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
+
+    def _contradicted(self, found: Fitted) -> bool:
         """Return whether a fit contradicts the prior beyond chance."""
         beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
         return beyond or self._lean_rad(found) > 0
 
-    def suspected(self, found: Fitted) -> bool:
-        """Return whether a fit makes a contradiction likely; a longer window must confirm it."""
-        return _surprise_of(found, self._prior).beyond(_SUSPECT_SIGMA)
+    def _look_longer(self, found: Fitted, now_ns: int) -> None:
+        """Raise NotAlignedError on a short window, where one has lately raised a suspicion."""
+        if _surprise_of(found, self._prior).beyond(_SUSPECT_SIGMA):
+            self._suspected_ns = now_ns
+        lately = now_ns - self._suspected_ns < _SURE_S * 1e9
+        if lately and found.window.before_s[0] < _LONG_WINDOW_S:
+            raise NotAlignedError("imu/data: looks longer for its biases", 4)
 
-    def loosely(self, measured: Measured) -> Fitted | None:
+    def _loosely(self, measured: Measured) -> Fitted | None:
         """Fit a window with a prior for any IMU; None where biases do not explain the data."""
-        any_imu = _diagonal(_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2)
+        any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
         try:
             found = fitted(measured, self._config, any_imu, self._taken, gyros_unknown=True)
             checked(found.fit, found.seen)
-        except (InconsistentError, InsufficientError):
+        except NotAlignedError:
             return None
         return found
 
-    def widen(self, plain: Fitted, loose: Fitted) -> None:
+    def _widen(self, plain: Fitted, loose: Fitted) -> None:
         """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""
         gyro, accel = self._sizes(plain, loose)
         sigma = np.sqrt(np.diag(_unknown(self._config).covariance))
         ratio = max(1.0, *(gyro / sigma[:3]))
         larger = max(ratio, *(accel / sigma[3:]))
         scale = _MARGIN * np.repeat([ratio, larger], 3)
-        self._prior = Biases((0.0,) * 3, (0.0,) * 3, np.diag((scale * sigma) ** 2))
+        self._prior = Biases.unknown(scale * sigma)
         self._taken = loose.fit.biases
         self._motion_reason = (
-            f"{self.told(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
+            f"{self._reason(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
             "sigmas"
         )
         self.widened = True
 
-    def told(self, plain: Fitted, loose: Fitted) -> str:
+    def _reason(self, plain: Fitted, loose: Fitted) -> str:
         """Describe the biases that the parameters do not cover."""
         gyro, accel = self._sizes(plain, loose)
         return (
@@ -188,15 +216,6 @@ class TurnOnBiases:
 def _tilt_sigma_rad(found: WindowFit) -> float:
     """Return the larger sigma of the two tilt angles, with the uncertainty of the biases in it."""
     return float(np.sqrt(max(found.covariance[0, 0], found.covariance[1, 1])))
-
-
-def _vector(biases: Biases) -> Array:
-    return np.array([*biases.gyro_b, *biases.accel_b])
-
-
-def _diagonal(gyro_rad_s: float, accel_m_s2: float) -> Biases:
-    sigma = np.repeat([gyro_rad_s, accel_m_s2], 3)
-    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag(sigma**2))
 
 
 def _unknown(config: EkfConfig) -> Biases:

@@ -15,7 +15,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     ObservationKind,
     _Terms,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, integrate
+from tirgeo_ros.core.navigation.alignment.imu_preintegration import integrate
 from tirgeo_ros.core.navigation.alignment.observations import heading_observations
 from tirgeo_ros.core.navigation.vibration_noise import STILL
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
@@ -64,8 +64,7 @@ def test_partials_by_the_biases_are_those_of_differences():
     stamps = [o.stamp_ns for o in seen]
 
     def terms(biases):
-        b = Biases(tuple(biases[:3]), tuple(biases[3:]), np.eye(6))
-        return _Terms(integrate(imu, stamps, b), seen, STILL)
+        return _Terms(integrate(imu, stamps, biases), seen, STILL)
 
     wanted = terms(np.zeros(6)).of_biases
     for k, size in enumerate([1e-4] * 3 + [1e-2] * 3):

@@ -156,7 +156,7 @@ def fit(
     measured = _measured_noise(seen)
     prior = np.zeros((15, 15))
     prior[9:, 9:] = np.linalg.inv(biases.covariance)
-    beside = window.taken - np.array([*biases.gyro_b, *biases.accel_b])
+    beside = window.taken - biases.vector
     rotation, rest = start_nb, np.zeros(12)
     for _ in range(_ITERATIONS):
         projection = _projections(seen, terms.body @ rotation.T)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.config import AutopilotConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
@@ -16,7 +17,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     WindowFit,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import PreintegratedImu
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Squared misfit per degree of freedom: six sigma is not chance.
 _LARGEST_DISTANCE = 36.0
@@ -28,6 +29,7 @@ _HEADINGS_APART_RAD = np.radians(6.0)
 _LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
 _AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
 _AUTOPILOT_SIGMAS = 5.0
+_DOUBT_ENDS_NS = 1_000_000_000
 _LOOK_AT_ANTENNAS = (
     ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
     "much: autopilot.attitude_sigma_deg)"
@@ -39,29 +41,48 @@ _UNITS = {
 }
 
 
-class InsufficientError(Exception):
-    """Report that something needed is missing; ``stage`` says how far the alignment came."""
+#: Stages of an alignment that lacks nothing but motion, and of one that nothing is lacking.
+MOTION_STAGE, CONTRADICTION = 5, 6
 
-    def __init__(self, reason: str, stage: int) -> None:
-        """Set the reason and the stage.
 
-        Stages: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion.
-        """
+class NotAlignedError(Exception):
+    """Report why a window gives no alignment, and how far it came.
+
+    Lacking at its stage: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision,
+    5 motion. At 6 the measurements contradict each other; ``lasting``: waiting does not help.
+    """
+
+    def __init__(self, reason: str, stage: int = CONTRADICTION, *, lasting: bool = False) -> None:
         super().__init__(reason)
-        self.stage = stage
+        self.stage, self.lasting = stage, lasting
 
 
-class InconsistentError(Exception):
-    """Report a contradiction in the measurements; ``lasting``: waiting does not resolve it."""
+class Recurrence:
+    """Measure for how long a doubt has come again and again, with pauses of a second at most."""
 
-    def __init__(self, reason: str, *, lasting: bool = False) -> None:
-        super().__init__(reason)
-        self.lasting = lasting
+    def __init__(self) -> None:
+        self._since_ns = self._latest_ns = NEVER_NS
+
+    def again_s(self, now_ns: int) -> float:
+        """Note the doubt; return for how long it has recurred, s."""
+        if now_ns - self._latest_ns > _DOUBT_ENDS_NS:
+            self._since_ns = now_ns
+        self._latest_ns = now_ns
+        return (now_ns - self._since_ns) * 1e-9
 
 
-def furthest(lacks: Sequence[InsufficientError]) -> InsufficientError:
-    """Return what was missing where the alignment came furthest; of equals the first."""
-    return max(lacks, key=lambda lack: lack.stage)
+def furthest(errors: Sequence[NotAlignedError]) -> NotAlignedError:
+    """Return the error of the alignment that came furthest; of equals the first."""
+    return max(errors, key=lambda error: error.stage)
+
+
+def central(apart: Array, limit: float) -> tuple[int, BoolArray]:
+    """Return the index of the most central of n things, and which (n,) are within a limit of it.
+
+    ``apart`` (n, n) are their distances from each other.
+    """
+    middle = int(np.argmin(np.median(apart, axis=1)))
+    return middle, apart[middle] < limit
 
 
 def agreeing(
@@ -69,18 +90,17 @@ def agreeing(
 ) -> tuple[list[AlignmentObservation], Array]:
     """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
-    The attitude is found as if at rest. Raises DoubtError where fewer than two thirds agree, or
-    the mean force is not gravity.
+    The attitude is found as if at rest. Raises NotAlignedError where fewer than two thirds agree,
+    or the mean force is not gravity.
     """
     level_nb = _shortest_turn(_down_b(window), np.array([0.0, 0.0, 1.0]))
     at = window.at([o.stamp_ns for o in headings])
     turned = [level_nb @ window.to_end[k] @ o.arm_b for k, o in zip(at, headings, strict=True)]
-    turns = [o.value[0] - np.arctan2(d[1], d[0]) for o, d in zip(headings, turned, strict=True)]
+    turns = [o.value[0] - azimuth(d) for o, d in zip(headings, turned, strict=True)]
     apart = np.abs(wrap_pi(np.subtract.outer(turns, turns)))
-    middle = int(np.argmin(np.median(apart, axis=1)))
-    near = apart[middle] < _HEADINGS_APART_RAD
+    middle, near = central(apart, _HEADINGS_APART_RAD)
     if near.sum() * 3 < 2 * len(near):
-        raise InconsistentError("the headings of rtk/heading disagree with each other")
+        raise NotAlignedError("the headings of rtk/heading disagree with each other")
     start_nb = matrix_from_rotvec(np.array([0.0, 0.0, turns[middle]])) @ level_nb
     return [o for o, good in zip(headings, near, strict=True) if good], start_nb
 
@@ -89,7 +109,7 @@ def _down_b(window: PreintegratedImu) -> Array:
     """Return the unit vector (3,) against the mean force: down, as if at rest."""
     force = float(np.linalg.norm(window.velocity[0])) / float(window.before_s[0])
     if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
-        raise InconsistentError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
+        raise NotAlignedError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
     return np.asarray(-window.velocity[0] / np.linalg.norm(window.velocity[0]))
 
 
@@ -105,51 +125,48 @@ def _shortest_turn(a: Array, b: Array) -> Array:
 def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit:
     """Return the fit, where it is near every measurement and the tilt is known well enough.
 
-    Raises DoubtError or LackingError.
+    Raises NotAlignedError.
     """
     worst = int(np.argmax(found.distances))
     if found.distances[worst] > _LARGEST_DISTANCE:
-        raise InconsistentError(
-            _misfit(seen[worst], found.residuals[worst], found.distances[worst])
-        )
+        raise _misfit(seen[worst], found.residuals[worst], found.distances[worst])
     if not found.settled:
-        raise InconsistentError("imu/data does not fit the motion measured")
+        raise NotAlignedError("imu/data does not fit the motion measured")
     if found.rotation_nb[2, 2] <= 0:
-        raise InconsistentError("imu/data says upside down: check its axes and signs")
+        raise NotAlignedError("imu/data says upside down: check its axes and signs")
     if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
-        raise InsufficientError("the motion is not measured well enough to find the tilt", 4)
+        raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
     return found
 
 
-def _misfit(wrong: AlignmentObservation, residual: Array, distance: float) -> str:
+def _misfit(wrong: AlignmentObservation, residual: Array, distance: float) -> NotAlignedError:
     size = float(np.linalg.norm(residual))
     size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
-    sigmas = np.sqrt(distance)
-    return (
-        f"imu/data and {wrong.name} differ by {size:.2g} {_UNITS[wrong.kind]} ({sigmas:.0f} sigma)"
-    )
+    off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(distance):.0f} sigma)"
+    return NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
+
+
+def tilt_between(a_nb: Array, b_nb: Array) -> float:
+    """Return the angle between the verticals of two attitudes (3, 3), rad."""
+    return float(np.arccos(np.clip(a_nb[2] @ b_nb[2], -1, 1)))
 
 
 def differences(
     found: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
-) -> dict[str, InconsistentError]:
+) -> dict[str, NotAlignedError]:
     """Return doubts where the fit differs too much from the autopilot's attitude (3, 3).
 
     The keys are "tilt" and "heading".
     """
-    tilt = float(np.arccos(np.clip(found.rotation_nb[2] @ hint_nb[2], -1, 1)))
-    heading = abs(float(wrap_pi(_nose(found.rotation_nb) - _nose(hint_nb))))
+    tilt = tilt_between(found.rotation_nb, hint_nb)
+    heading = abs(float(wrap_pi(azimuth(found.rotation_nb[:, 0]) - azimuth(hint_nb[:, 0]))))
     own = np.sqrt(found.covariance[2, 2])
     sigma = np.hypot(np.radians(autopilot.attitude_sigma_deg[2]), own)
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
     if tilt > _AUTOPILOT_TILT_RAD:
-        out["tilt"] = InconsistentError(text.format("the tilt found", np.degrees(tilt)))
+        out["tilt"] = NotAlignedError(text.format("the tilt found", np.degrees(tilt)))
     if heading > _AUTOPILOT_SIGMAS * sigma:
         told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
-        out["heading"] = InconsistentError(told, lasting=heading > LARGE_TURN_RAD)
+        out["heading"] = NotAlignedError(told, lasting=heading > LARGE_TURN_RAD)
     return out
-
-
-def _nose(rotation_nb: Array) -> float:
-    return float(np.arctan2(rotation_nb[1, 0], rotation_nb[0, 0]))

@@ -25,6 +25,16 @@ class Biases(NamedTuple):
     accel_b: Vector  # m/s2, subtracted from the reading
     covariance: Array  # (6, 6) gyroscope, then accelerometer
 
+    @property
+    def vector(self) -> Array:
+        """Return the biases as (6,), gyroscope, then accelerometer."""
+        return np.array([*self.gyro_b, *self.accel_b])
+
+    @classmethod
+    def unknown(cls, sigmas: Array) -> Biases:
+        """Return biases of zero with standard deviations (6,)."""
+        return cls((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag(sigmas**2))
+
 
 @dataclass(frozen=True, slots=True)
 class PreintegratedImu:
@@ -44,9 +54,9 @@ class PreintegratedImu:
 
 
 def integrate(
-    imu: Sequence[ImuSample], stamps_ns: Sequence[int], biases: Biases
+    imu: Sequence[ImuSample], stamps_ns: Sequence[int], taken: Array
 ) -> PreintegratedImu:
-    """Integrate readings over the instants of the observations, first to last.
+    """Integrate readings, less biases ``taken`` (6,), over the instants of the observations.
 
     ``imu`` must begin no later and end no earlier than they do.
     """
@@ -55,7 +65,6 @@ def integrate(
     inside = known[(known > first) & (known < last)]
     nodes = np.unique(np.concatenate([inside, np.array(stamps_ns, np.int64)]))
     readings = [[*s.angular_rate_b, *s.specific_force_b] for s in imu]
-    taken = np.array([*biases.gyro_b, *biases.accel_b])
     columns = np.array(readings).T - taken[:, None]
     # Seconds from the first: a float holds today's nanoseconds to a quarter of a microsecond.
     known_s, seconds = (known - first) * 1e-9, (nodes - first) * 1e-9

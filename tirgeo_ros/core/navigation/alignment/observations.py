@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.config import AutopilotConfig, EkfConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_from_matrix,
@@ -25,6 +25,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
     ObservationKind,
 )
+from tirgeo_ros.core.navigation.alignment.consistency_checks import central
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import PreintegratedImu
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -49,7 +50,6 @@ _PICKED = 9
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
 _AUTOPILOT_APART_RAD = np.radians(5.0)
-_NOSE_B = np.array([1.0, 0.0, 0.0])
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 
 
@@ -145,16 +145,8 @@ def autopilot_observation(
     hint_nb: Array, stamp_ns: int, autopilot: AutopilotConfig
 ) -> AlignmentObservation:
     """Return the azimuth of the nose by the autopilot; a single one, since its errors last."""
-    nose = hint_nb @ _NOSE_B
-    return AlignmentObservation(
-        stamp_ns,
-        "imu/data",
-        ObservationKind.AZIMUTH,
-        np.array([np.arctan2(nose[1], nose[0])]),
-        _NOSE_B,
-        np.array([[np.radians(autopilot.attitude_sigma_deg[2]) ** 2]]),
-        np.zeros(1),
-    )
+    variance = np.radians(autopilot.attitude_sigma_deg[2]) ** 2
+    return _of_nose(stamp_ns, hint_nb, variance, 0.0, np.inf)
 
 
 def autopilot_observations(
@@ -164,35 +156,41 @@ def autopilot_observations(
 
     Their errors change slowly, so they show how fast the aircraft turns.
     """
+    usable = _usable(imu, first_ns, last_ns)
+    slow = np.radians(autopilot.attitude_sigma_deg[2])
+    return [
+        _of_nose(s.stamp_ns, rotation, _AZIMUTH_NOISE_RAD**2, slow, _AZIMUTH_TIME_S)
+        for s, rotation in zip(usable, _rotations(usable), strict=True)
+    ]
+
+
+def _of_nose(
+    stamp_ns: int, rotation_nb: Array, variance: float, slow: float, time_s: float
+) -> AlignmentObservation:
+    return AlignmentObservation(
+        stamp_ns,
+        "imu/data",
+        ObservationKind.AZIMUTH,
+        np.array([azimuth(rotation_nb[:, 0])]),
+        np.array([1.0, 0.0, 0.0]),
+        np.array([[variance]]),
+        np.array([slow]),
+        time_s,
+    )
+
+
+def _usable(imu: Sequence[ImuSample], first_ns: int, last_ns: int) -> list[ImuSample]:
+    """Return some samples of a window with an attitude, evenly spaced."""
     usable = [
         s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
     ]
-    slow = np.array([np.radians(autopilot.attitude_sigma_deg[2])])
-    noise = np.array([[_AZIMUTH_NOISE_RAD**2]])
-    out = []
-    for s in _evenly_spaced(usable):
-        nose = matrix_from_quat(np.asarray(s.autopilot_q_nb)) @ _NOSE_B
-        azimuth = np.array([np.arctan2(nose[1], nose[0])])
-        out.append(
-            AlignmentObservation(
-                s.stamp_ns,
-                "imu/data",
-                ObservationKind.AZIMUTH,
-                azimuth,
-                _NOSE_B,
-                noise,
-                slow,
-                _AZIMUTH_TIME_S,
-            )
-        )
-    return out
+    last = len(usable) - 1
+    return [usable[k] for k in np.unique(np.linspace(0, last, _PICKED, dtype=int)) if usable]
 
 
-def _evenly_spaced(samples: Sequence[ImuSample]) -> list[ImuSample]:
-    """Return some of the samples, evenly spaced."""
-    if not samples:
-        return []
-    return [samples[k] for k in np.unique(np.linspace(0, len(samples) - 1, _PICKED, dtype=int))]
+def _rotations(samples: Sequence[ImuSample]) -> Array:
+    """Return the autopilot's attitudes (n, 3, 3)."""
+    return matrix_from_quat(np.array([s.autopilot_q_nb for s in samples], float).reshape(-1, 4))
 
 
 def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
@@ -200,24 +198,14 @@ def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> A
 
     Carried to the window's end, each attitude is turned by the bias times the time to the end.
     """
-    picked = _usable(window, imu)
+    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
     if len(picked) < _PICKED:
         return None
     at = window.at([s.stamp_ns for s in picked])
-    at_end = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked])) @ (
-        window.to_end[at].swapaxes(1, 2)
-    )
+    at_end = _rotations(picked) @ window.to_end[at].swapaxes(1, 2)
     turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
     before_s = window.before_s[at] - window.before_s[at].mean()
     return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
-
-
-def _usable(window: PreintegratedImu, imu: Sequence[ImuSample]) -> list[ImuSample]:
-    """Return some samples of the window with an attitude, evenly spaced."""
-    first, last = window.stamps_ns[0], window.stamps_ns[-1]
-    return _evenly_spaced(
-        [s for s in imu if first <= s.stamp_ns <= last and usable_attitude(s.autopilot_q_nb)]
-    )
 
 
 def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
@@ -227,14 +215,11 @@ def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Ar
     than half of them are within 5 deg of the central one. So one glitch does no harm, and an
     attitude that does not follow the body's turn is not used.
     """
-    picked = _usable(window, imu)
+    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
     if not picked:
         return None
     to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
-    reported = matrix_from_quat(np.array([s.autopilot_q_nb for s in picked]))
-    at_end = reported @ to_end.swapaxes(1, 2)
+    at_end = _rotations(picked) @ to_end.swapaxes(1, 2)
     cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
-    apart = np.arccos(np.clip(cosines, -1, 1))
-    middle = int(np.argmin(np.median(apart, axis=1)))
-    near = apart[middle] < _AUTOPILOT_APART_RAD
+    middle, near = central(np.arccos(np.clip(cosines, -1, 1)), _AUTOPILOT_APART_RAD)
     return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None

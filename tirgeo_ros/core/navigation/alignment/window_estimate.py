@@ -19,7 +19,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     WindowFit,
     fit,
 )
-from tirgeo_ros.core.navigation.alignment.consistency_checks import InsufficientError, agreeing
+from tirgeo_ros.core.navigation.alignment.consistency_checks import NotAlignedError, agreeing
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     Biases,
     PreintegratedImu,
@@ -100,7 +100,7 @@ def fitted(
     """Fit a window; ``taken`` (6,) are the biases to subtract first, ``biases`` their prior.
 
     With ``gyros_unknown`` and without antennas, the autopilot's headings over the window observe
-    its turn. Raises DoubtError or LackingError.
+    its turn. Raises NotAlignedError.
     """
     vibration = mean_powers(measured.imu)
     powers = NoisePowers(config.imu).under((0.0, 0.0, 0.0, *vibration[3:]))
@@ -109,7 +109,7 @@ def fitted(
     motion += [velocity_observation(s, config) for s in measured.velocities]
     stamps = [s.stamp_ns for s in motion] + [s.stamp_ns for s in measured.readings]
     for _ in range(_PASSES):
-        window = integrate(measured.imu, stamps, _linearised_at(biases, taken))
+        window = integrate(measured.imu, stamps, taken)
         hint_nb = autopilot_attitude(window, measured.imu)
         headings = _headings(measured, config, hint_nb, gyros_unknown=gyros_unknown)
         headings, start_nb = agreeing(window, headings)
@@ -119,12 +119,8 @@ def fitted(
         if turned < _TURN_RAD:
             break
         taken = found.biases
-    turning_b = autopilot_gyro_bias(window, measured.imu)
-    return Fitted(window, hint_nb, turning_b, seen, found, vibration)
-
-
-def _linearised_at(biases: Biases, taken: Array) -> Biases:
-    return Biases(tuple(taken[:3].tolist()), tuple(taken[3:].tolist()), biases.covariance)
+    gyro_bias_b = autopilot_gyro_bias(window, measured.imu)
+    return Fitted(window, hint_nb, gyro_bias_b, seen, found, vibration)
 
 
 def _headings(
@@ -140,5 +136,5 @@ def _headings(
         if found:
             return found
     if hint_nb is None:
-        raise InsufficientError(measured.needs_heading, 3)
+        raise NotAlignedError(measured.needs_heading, 3)
     return [autopilot_observation(hint_nb, measured.last_ns, config.autopilot)]
