@@ -76,13 +76,6 @@ def test_batches_of_angles_equal_their_elements(shape):
     assert att.rotation_z(yaw).shape == (*shape, 3, 3)
 
 
-def test_angles_broadcast():
-    yaw = np.array([0.1, 0.2, 0.3])
-    found = att.matrix_from_euler(0.5, -0.2, yaw)
-    for k in range(3):
-        np.testing.assert_array_equal(found[k], att.matrix_from_euler(0.5, -0.2, yaw[k]))
-
-
 def test_one_quaternion_times_a_batch():
     one, many = random_quats(6), random_quats(7, 4)
     found = att.quat_multiply(one, many)

@@ -32,6 +32,11 @@ CONFIG = config_from(
     {"aircraft.rtk_antenna_m": [0.3, 0.4, 0.5], "aircraft.gps_antenna_m": [-0.1, 0.2, 0.6]},
 )
 COVARIANCE = np.array([[4.0, 1, 0], [1, 9, 0], [0, 0, 16]])
+#: Of RTK and GPS, where a message has no covariance.
+DEFAULTS = (
+    CONFIG.rtk.position_sigma_floor_m**2 * np.eye(3),
+    np.diag(np.square(CONFIG.gps.position_sigma_m)),
+)
 LEVEL = np.array([1.0, 0, 0, 0])
 RATE_B = np.array([0.1, -0.2, 0.3])
 
@@ -93,13 +98,6 @@ def test_position_is_carried_to_the_imu_s_time(age_s):
     np.testing.assert_array_equal(solution.covariance[6:, 6:], 0.01 * np.eye(3))
 
 
-def test_without_velocity_the_position_stands():
-    solution = fed(position(NOW_NS - SECOND_NS // 2), imu()).solution()
-    np.testing.assert_allclose(place_n(solution), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
-    np.testing.assert_array_equal(solution.velocity_n, 0)
-    np.testing.assert_array_equal(solution.covariance[6:, 6:], np.eye(3))
-
-
 def test_old_velocity_is_as_none():
     old = velocity(NOW_NS - SECOND_NS - 1)
     solution = fed(position(NOW_NS - SECOND_NS // 2), old, imu()).solution()
@@ -120,44 +118,38 @@ def test_longitude_goes_on_behind_the_date_line():
     assert beyond[1] == pytest.approx(10 + 0.4 - 1e-9 * parallel_m, abs=5e-5)
 
 
-@pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.GPS_POSITION])
-def test_covariance_of_a_message_is_taken(source):
-    covariance = fed(imu(), position(source=source), source=source).solution().covariance
-    np.testing.assert_array_equal(covariance[:3, :3], COVARIANCE)
-    expected = np.radians(CONFIG.autopilot.attitude_sigma_deg) ** 2
-    np.testing.assert_allclose(np.diag(covariance)[3:6], expected)
-    np.testing.assert_array_equal(covariance, covariance.T)
-    assert np.linalg.eigvalsh(covariance)[0] > 0
-
-
-@pytest.mark.parametrize("variance", [0.0, -1.0])
-def test_covariance_that_is_not_known_has_a_default(variance):
-    unknown = variance * np.eye(3)
-    gps = fed(
-        imu(),
-        position(source=Source.GPS_POSITION, covariance=unknown),
-        velocity(source=Source.GPS_VELOCITY, covariance=unknown),
-        source=Source.GPS_POSITION,
-    ).solution()
-    expected = np.array(CONFIG.gps.position_sigma_m) ** 2
-    np.testing.assert_allclose(np.diag(gps.covariance)[:3], expected)
-    np.testing.assert_array_equal(gps.covariance[6:, 6:], np.eye(3))
-    rtk = fed(imu(), position(covariance=unknown)).solution()
-    expected = CONFIG.rtk.position_sigma_floor_m**2
-    np.testing.assert_allclose(np.diag(rtk.covariance)[:3], expected)
+@pytest.mark.parametrize(
+    ("covariance", "expected"),
+    [
+        (COVARIANCE, (COVARIANCE, COVARIANCE)),
+        *((known * np.eye(3), DEFAULTS) for known in (0.0, -1.0)),
+    ],
+)
+def test_covariance_of_a_message_is_taken_or_has_a_default(covariance, expected):
+    for source, other, wanted in zip(
+        (Source.RTK_POSITION, Source.GPS_POSITION),
+        (Source.RTK_VELOCITY, Source.GPS_VELOCITY),
+        expected,
+        strict=True,
+    ):
+        given_ = (imu(), position(source=source, covariance=covariance))
+        moving = velocity(source=other, covariance=covariance)
+        found = fed(*given_, moving, source=source).solution().covariance
+        np.testing.assert_allclose(found[:3, :3], wanted)
+        attitude = np.radians(CONFIG.autopilot.attitude_sigma_deg) ** 2
+        np.testing.assert_allclose(np.diag(found)[3:6], attitude)
+        of_velocity = covariance if covariance is COVARIANCE else np.eye(3)
+        np.testing.assert_array_equal(found[6:, 6:], of_velocity)
 
 
 @pytest.mark.parametrize("q", [None, np.zeros(4), np.full(4, math.nan), np.ones(4)])
 def test_missing_attitude_is_said(q):
-    made = fed(position(), imu(q))
-    assert made.reason == "imu/data has no orientation"
-    assert made.solution() is None
-
-
-def test_nothing_yet_is_said():
     made = fed(position())
-    assert made.reason == "imu/data has no orientation"
-    assert made.solution() is None
+    for _ in range(2):  # without an IMU sample, and with one that has no attitude
+        assert made.reason == "imu/data has no orientation"
+        assert made.solution() is None
+        assert made.add_imu(imu(q)) == (Outcome.INVALID, "no orientation")
+    assert made.add_imu(imu()) == (Outcome.USED, "")
 
 
 @pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.GPS_POSITION])
@@ -167,12 +159,6 @@ def test_age_of_the_position(source, age_ns, good):
         made = fed(position(stamp_ns, source), imu(), source=source)
         assert (made.solution() is not None) is good
         assert made.reason == ("" if good else f"no {source.value} within 1 s")
-
-
-def test_no_position_is_said():
-    made = fed(imu(), velocity())
-    assert made.reason == "no rtk_position within 1 s"
-    assert made.solution() is None
 
 
 def test_only_the_chosen_receiver_is_used():
@@ -193,12 +179,3 @@ def test_only_the_chosen_receiver_is_used():
             assert verdict.source is source
             expected = Outcome.USED if source in used else Outcome.UNUSED
             assert verdict.outcome is expected
-
-
-def test_samples_of_the_other_receiver_leave_the_solution():
-    other = PositionSample(
-        NOW_NS, Source.GPS_POSITION, FixStatus.SINGLE, 0.8, 1.0, 99.0, np.eye(3)
-    )
-    made = fed(position(), imu(), other, velocity(source=Source.GPS_VELOCITY))
-    np.testing.assert_allclose(place_n(made.solution()), -CONFIG.aircraft.rtk_lever_b, atol=2e-7)
-    np.testing.assert_array_equal(made.solution().velocity_n, 0)

@@ -84,16 +84,6 @@ def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s):
     assert set(taken) == {epoch for epoch, _ in found}
 
 
-def test_whole_degrees_of_a_receiver_that_is_not_polled():
-    """Every heading is a new one, however often it says the same."""
-    repeats = DuplicateDetector()
-    for k in range(100):
-        repeats.compared(position(0.2 * k, 0.6 * k))
-        same = repeats.compared(heading(0.2 * k, 20.0))
-        if k >= 8:
-            assert same is Same.VALUE
-
-
 def test_two_fixes_of_a_burst_do_not_make_a_fast_receiver():
     """A serial line that held one back: its headings' repeats are still known."""
     repeats, found = DuplicateDetector(), []
@@ -119,13 +109,6 @@ def test_at_rest_with_constant_values_something_is_taken():
     assert 0.8 < gaps.min() <= gaps.max() <= 1.0
 
 
-def test_one_value_again_later_is_a_measurement():
-    repeats = DuplicateDetector()
-    assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
-    assert repeats.compared(position(0.2, 2.0)) is Same.NOTHING
-    assert repeats.compared(position(0.4, 1.0)) is Same.NOTHING
-
-
 @pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
 def test_the_same_position_with_a_worse_fix_is_news(worse):
     """Whoever learns of it with the next position only believes centimetres until then."""
@@ -139,22 +122,28 @@ def test_the_same_position_with_a_worse_fix_is_news(worse):
     assert repeats.compared(replace(fixed, stamp_ns=60_000_000)) is Same.MEASUREMENT
 
 
-def test_sources_are_apart():
+NEW, AGAIN, VALUE = Same.NOTHING, Same.MEASUREMENT, Same.VALUE
+
+
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        ([position(0.0, 1.0), position(0.2, 2.0), position(0.4, 1.0)], [NEW, NEW, NEW]),
+        # Each source by itself.
+        (
+            [position(0.0, 1.0), position(0.01, 1.0, Source.GPS_POSITION), position(0.02, 1.0)],
+            [NEW, NEW, AGAIN],
+        ),
+        # The same stamp: what was held or refused may come again; the time line judges that.
+        ([position(0.0, 1.0), position(0.0, 1.0)], [NEW, VALUE]),
+        ([heading(0.0, 20.0), heading(0.02, 20.0 + 1e-9)], [NEW, NEW]),
+        # Whole degrees of a receiver that is not polled: every heading is a new one.
+        (
+            [one for k in range(9) for one in (position(0.2 * k, k), heading(0.2 * k, 20.0))],
+            [NEW, NEW, *[NEW, VALUE] * 8],
+        ),
+    ],
+)
+def test_sequences(samples, expected):
     repeats = DuplicateDetector()
-    assert repeats.compared(position(0.0, 1.0)) is Same.NOTHING
-    assert repeats.compared(position(0.01, 1.0, Source.GPS_POSITION)) is Same.NOTHING
-    assert repeats.compared(position(0.02, 1.0)) is Same.MEASUREMENT
-
-
-def test_the_same_message_twice_is_the_time_line_s_concern():
-    """Not another stamp: what has been held or refused may come again."""
-    repeats = DuplicateDetector()
-    repeats.compared(position(0.0, 1.0))
-    assert repeats.compared(position(0.0, 1.0)) is Same.VALUE
-
-
-def test_headings_are_compared_as_they_are_sent():
-    repeats = DuplicateDetector()
-    assert repeats.compared(heading(0.0, 20.0)) is Same.NOTHING
-    assert repeats.compared(heading(0.02, 20.0 + 1e-9)) is Same.NOTHING
-    assert repeats.compared(heading(0.04, 20.0 + 1e-9)) is Same.MEASUREMENT
+    assert [repeats.compared(sample) for sample in samples] == expected

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flights import (
-    NAVIGATION_SAMPLES,
     config_for,
     errors,
     flight,
@@ -17,7 +16,6 @@ from flights import (
 )
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, VelocitySample
 from tirgeo_ros.tools.simulate.flight import fly
 
 
@@ -81,25 +79,3 @@ def test_lost_heading_and_gap_start_again():
     assert counts["imu", "gap"] == 1
     late = errors(flown, solutions(flown, config_for(flown), gap)).after(9.0)
     assert np.degrees(rms(late.rpy)).max() < 1.0
-
-
-def test_bridged_gap_keeps_the_state():
-    flown = flight(duration_s=12.0)
-    samples = navigation_samples(flown)
-    start = samples[0].stamp_ns
-    gap = [
-        s
-        for s in samples
-        if not (isinstance(s, ImuSample) and 5.0 < (s.stamp_ns - start) * 1e-9 < 5.15)
-    ]
-    navigation = Navigation(config_for(flown))
-    for sample in gap:
-        navigation.process(sample)
-    assert ("imu", "gap") not in navigation.status().counts
-    late = errors(flown, solutions(flown, config_for(flown), gap)).after(9.0)
-    assert np.degrees(rms(late.rpy)).max() < 0.5
-
-
-def test_only_these_samples_are_for_the_filter():
-    assert {type(s) for s in navigation_samples(flight())} == set(NAVIGATION_SAMPLES)
-    assert {HeadingSample, VelocitySample} <= set(NAVIGATION_SAMPLES)

@@ -63,11 +63,6 @@ def test_state_names_what_is_missing(sources, state, reason):
     assert health().state(control_of(*sources), NOW_NS) == (state, reason)
 
 
-def test_a_method_without_headings_does_not_miss_them():
-    found = health(method="ekf").state(control_of(*RTK[:2]), NOW_NS)
-    assert found == (FilterState.RUNNING, "")
-
-
 @pytest.mark.parametrize(
     ("age_ns", "state"),
     [(TIMEOUT_NS, FilterState.RUNNING), (TIMEOUT_NS + 1, FilterState.DEAD_RECKONING)],
@@ -93,13 +88,6 @@ def test_what_comes_and_is_refused_is_said_to_be_refused():
     assert found == (FilterState.DEGRADED, reason)
     silent = health().state(control_of(Source.GPS_POSITION), NOW_NS + 1, told)
     assert silent == (FilterState.DEGRADED, "no rtk/fix, rtk/vel, rtk/heading")
-
-
-@pytest.mark.parametrize(
-    "outcome", [Outcome.USED, Outcome.RESET, Outcome.STANDBY, Outcome.WAITING, Outcome.REPEATED]
-)
-def test_other_verdicts_explain_no_absence(outcome):
-    assert unused(Verdict(Source.RTK_POSITION, outcome), NOW_NS) is None
 
 
 # Lost
@@ -130,19 +118,17 @@ def test_lost_beyond_the_sigmas(sigmas, why):
     assert health().lost(control, covariance_of(**sigmas)) == why
 
 
-@pytest.mark.parametrize("place", range(18))
-@pytest.mark.parametrize("variance", [math.nan, math.inf])
-def test_lost_where_a_variance_is_no_number(place, variance):
+@pytest.mark.parametrize(
+    ("place", "variance", "why"),
+    [
+        *((place, bad, "not finite") for place in range(18) for bad in (math.nan, math.inf)),
+        *((place, 10.1**2, "position sigma 10.1 m") for place in (6, 7, 8)),
+    ],
+)
+def test_lost_for_one_variance(place, variance, why):
     covariance = covariance_of()
     covariance[place, place] = variance
-    assert health().lost(control_of(*RTK), covariance) == "not finite"
-
-
-@pytest.mark.parametrize("place", [6, 7, 8])
-def test_lost_on_any_axis(place):
-    covariance = covariance_of()
-    covariance[place, place] = 10.1**2
-    assert health().lost(control_of(*RTK), covariance) == "position sigma 10.1 m"
+    assert health().lost(control_of(*RTK), covariance) == why
 
 
 def test_lost_after_resets_that_do_not_help():

@@ -75,11 +75,3 @@ def test_error_over_sigma_of_heading_and_its_error():
     # Nine flights, each hardly more than one draw: 24 % one sigma.
     assert 0.5 < math.sqrt(np.mean(headings)) < 1.6
     assert 0.5 < math.sqrt(np.mean(estimated)) < 1.6
-
-
-def test_without_an_error_little_is_lost():
-    """Headings that are right: the state costs accuracy, it does not invent an error."""
-    found, estimates, _ = flown_with(0.0, "figure_eight", 63)
-    estimate, sigma = estimates[-1]
-    assert abs(estimate) < 3 * sigma
-    assert np.degrees(np.abs(found.rpy[-20:, 2])).max() < 0.8

@@ -64,16 +64,13 @@ def outage(sample, t_s):
     return None if not is_gps(sample) and 4.0 < t_s < 8.0 else sample
 
 
-def float_phase(sample, t_s):
-    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
-        return replace(sample, status=FixStatus.FLOAT)
-    return sample
+def rtk_status(status):
+    def change(sample, t_s):
+        if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
+            return replace(sample, status=status)
+        return sample
 
-
-def no_fix_phase(sample, t_s):
-    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
-        return replace(sample, status=FixStatus.NONE)
-    return sample
+    return change
 
 
 def jump_of_position(sample, t_s):
@@ -112,31 +109,20 @@ def shuffled_by(rng, samples):
     return [samples[i] for i in np.argsort(arrival, kind="stable")]
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda sample, _: sample,
-        between_imu_samples,
-        gps_between_imu_samples,
-        outage,
-        float_phase,
-        no_fix_phase,
-        jump_of_position,
-        wrong_headings,
-        lambda sample, t_s: outage(gps_between_imu_samples(sample, t_s), t_s),
-    ],
-    ids=[
-        "plain",
-        "between",
-        "gps_between",
-        "outage",
-        "float",
-        "no_fix",
-        "jump",
-        "wrong_headings",
-        "outage_between",
-    ],
-)
+CHANGES = {
+    "plain": lambda sample, _: sample,
+    "between": between_imu_samples,
+    "gps_between": gps_between_imu_samples,
+    "outage": outage,
+    "float": rtk_status(FixStatus.FLOAT),
+    "no_fix": rtk_status(FixStatus.NONE),
+    "jump": jump_of_position,
+    "wrong_headings": wrong_headings,
+    "outage_between": lambda sample, t_s: outage(gps_between_imu_samples(sample, t_s), t_s),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_late_measurements_give_the_timely_result(change):
     """Each measurement delayed by its own 0 to 0.45 s, any order: the state of timely arrival.
 
@@ -167,14 +153,14 @@ def test_the_changes_above_change_what_is_done():
         rest = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
         return Counter((v.source, v.outcome) for v in run(filter_, rest))
 
-    plain = counts(lambda sample, _: sample)
+    plain = counts(CHANGES["plain"])
     assert plain[Source.GPS_VELOCITY, Outcome.USED] == 0
     assert plain[Source.GPS_POSITION, Outcome.STANDBY] > 60
     assert counts(outage)[Source.GPS_VELOCITY, Outcome.USED] > 20
-    floating = counts(float_phase)
+    floating = counts(CHANGES["float"])
     assert floating[Source.RTK_HEADING, Outcome.NOT_FIXED] > 15
     assert floating[Source.GPS_POSITION, Outcome.USED] > 30
-    assert counts(no_fix_phase)[Source.RTK_VELOCITY, Outcome.NOT_FIXED] > 15
+    assert counts(CHANGES["no_fix"])[Source.RTK_VELOCITY, Outcome.NOT_FIXED] > 15
     assert counts(jump_of_position)[Source.RTK_POSITION, Outcome.GATED] > 5
     assert counts(wrong_headings)[Source.RTK_HEADING, Outcome.GATED] > 15
 

@@ -88,24 +88,6 @@ def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
     assert np.abs(correlations).max() < 0.02
 
 
-def test_the_covariance_is_never_further_behind_than_its_step():
-    epochs = epochs_of(np.arange(0, 1.0, 0.01))
-    mechanisation, carried, lags = Propagation(CONFIG), epochs[0].carried, []
-    for start, end in pairwise(epochs):
-        carried = mechanisation.whole(carried, start, end)
-        lags.append(carried.lag_s)
-    assert max(lags) < 0.05 - 1e-9  # in whole samples, five of 100 Hz
-    assert lags.count(0.0) == pytest.approx(99 / 5, abs=1)
-
-
-def test_followed_twice_is_followed_once():
-    carried, found = carried_through(epochs_of(np.arange(0, 0.035, 0.01)))
-    assert carried.lag_s == pytest.approx(0.03)
-    again = Propagation(CONFIG).followed(found)
-    assert again is found
-    assert found.lag_s == 0.0
-
-
 @pytest.mark.parametrize("cuts_s", [(0.004,), (0.001, 0.0035, 0.0081), (0.01,)])
 def test_parts_of_an_interval_are_the_whole(cuts_s):
     """Readings are linear in between, so the way does not matter to second order."""
@@ -121,25 +103,6 @@ def test_parts_of_an_interval_are_the_whole(cuts_s):
     np.testing.assert_allclose(carried.state.velocity_n, whole.state.velocity_n, atol=1e-6)
     np.testing.assert_allclose(carried.state.q_nb, whole.state.q_nb, atol=1e-7)
     assert carried.lag_s == pytest.approx(whole.lag_s, abs=1e-12)
-
-
-def test_an_empty_part_is_nothing():
-    start, end = epochs_of([0.0, 0.01])
-    mechanisation = Propagation(CONFIG)
-    assert mechanisation.part(start.carried, start, end, 4_000_000, 4_000_000) is start.carried
-
-
-def test_with_and_without_an_error_of_the_headings():
-    """A state more that nothing ties to the others changes nothing of them."""
-    config = config_from(
-        EkfConfig, {"heading.bias_sigma_deg": 2.0, "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
-    )
-    stamps = np.arange(0, 1.0, 0.01)
-    _, plain = carried_through(epochs_of(stamps))
-    _, more = carried_through(epochs_of(stamps, first=belief(states=19)), config)
-    assert more.state == plain.state
-    # The same sums over rows that are longer by a zero may be taken in another order.
-    np.testing.assert_allclose(more.covariance[:18, :18], plain.covariance, rtol=1e-12, atol=1e-20)
 
 
 # Gaps

@@ -51,11 +51,6 @@ def test_biases_ten_times_the_prior_are_beyond_chance():
     assert np.mean(found) > 0.9
 
 
-def test_what_shows_nothing_is_no_surprise():
-    prior = Biases((0.0,) * 3, (0.0,) * 3, np.eye(6))
-    assert not surprise(np.full(6, 9.0), np.eye(6), prior).beyond(4.0)
-
-
 def biased(samples, gyro_b, accel_b):
     """Samples of an IMU with so much more bias."""
     return [

@@ -33,12 +33,6 @@ def test_the_mean_is_that_of_half_a_minute():
     assert log.nis(now_ns)["rtk_velocity"] == pytest.approx((75 * 9 + 76) / 151)
 
 
-def test_one_refusal_weighs_no_more_than_twenty_five():
-    log, now_ns = filled([1.0] * 99 + [1e6])
-    assert log.nis(now_ns)["rtk_velocity"] == pytest.approx(1.24)
-    assert not list(log.warnings(now_ns))
-
-
 @pytest.mark.parametrize("number", [19, 20])
 def test_few_say_nothing(number):
     log, now_ns = filled([9.0] * number)
@@ -53,13 +47,6 @@ def test_what_is_high_is_named_with_what_to_look_at():
     assert ";" not in told  # which parts warnings in diagnostics
     assert not list(filled([3.9] * 100)[0].warnings(now_ns))
     assert not list(log.warnings(now_ns + 31 * SECOND_NS))  # silent since
-
-
-def test_a_clock_that_goes_back_begins_anew():
-    log, _ = filled([9.0] * 100)
-    for k in range(30):
-        log.add(Verdict(Source.RTK_VELOCITY, Outcome.USED, "", 0.1, (), 1.0), k * SECOND_NS // 10)
-    assert log.nis(3 * SECOND_NS) == {"rtk_velocity": pytest.approx(1.0)}
 
 
 @pytest.mark.slow

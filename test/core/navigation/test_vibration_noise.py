@@ -12,9 +12,7 @@ from tirgeo_ros.core.navigation.vibration_noise import (
     STILL,
     VibrationMeter,
     densities,
-    mean_powers,
 )
-from tirgeo_ros.core.types.measurements import ImuSample
 
 RATE_HZ = 100.0
 GYRO, ACCEL = np.array([1e-3, 3e-3, 5e-4]), np.array([0.1, 0.05, 0.4])
@@ -59,18 +57,6 @@ def test_motion_is_no_noise():
     assert np.all(found[3:] * imu.accel_vibration_share < imu.velocity_random_walk)
 
 
-def test_the_first_seconds_count_evenly():
-    rates, forces = white(0.5, 2)
-    found = measured(rates, forces)
-    samples = [
-        ImuSample(round(k * 1e9 / RATE_HZ), force, rate)
-        for k, (rate, force) in enumerate(zip(rates, forces, strict=True))
-    ]
-    whole = np.array(densities(mean_powers(samples)))
-    # Each difference once, up to the share of one of fifty at the ends.
-    assert found == pytest.approx(whole, rel=0.05)
-
-
 def test_calm_is_believed_again_after_some_seconds():
     meter = VibrationMeter()
     shaken = measured(*white(6.0, 3), meter=meter)
@@ -105,9 +91,3 @@ def test_never_below_the_configured_noise():
     shaken = np.array(powers.under((1.0,) * 6))
     shares = config.imu.gyro_vibration_share, config.imu.accel_vibration_share
     assert shaken == pytest.approx(np.repeat(shares, 3) ** 2)
-
-
-def test_too_few_samples_show_nothing():
-    assert mean_powers([]) == STILL
-    samples = [ImuSample(k * 100_000_000, np.ones(3) * k**2, np.zeros(3)) for k in range(5)]
-    assert mean_powers(samples) == STILL

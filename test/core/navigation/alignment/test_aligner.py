@@ -83,17 +83,6 @@ def known_biases(flown, t_s):
     return Biases(tuple(guess[:3].tolist()), tuple(guess[3:].tolist()), root @ root.T)
 
 
-def test_tilt_and_accelerometer_bias_err_together():
-    """A level start: a bias b tilts the vertical by b / g, so both share most of the error."""
-    flown = flight(3, 50.0, "hover")
-    config = config_for(flown, rtk__velocity_sigma_floor_m_s=1e-3, imu__gyro_turn_on_bias=1e-3)
-    found, _ = aligned(samples_from(flown), config)
-    sigma = np.sqrt(np.diag(found.covariance))
-    correlation = found.covariance / np.outer(sigma, sigma)
-    assert np.hypot(*correlation[0, 12:14]) > 0.5
-    assert np.hypot(*correlation[1, 12:14]) > 0.5
-
-
 @pytest.mark.parametrize(
     ("values", "longest_s"),
     [
@@ -191,20 +180,6 @@ def test_what_is_missing_is_named(missing, length_s, reason):
     found, aligner = aligned(samples_from(flown, 0.0, missing, length_s), config_for(flown))
     assert found is None
     assert reason in aligner.reason
-
-
-def test_samples_of_one_instant_in_any_order():
-    """Each instant's RTK samples turned round: the same start."""
-    flown = flight(4, 50.0, "figure_eight")
-    samples = samples_from(flown, 5.0)
-    turned = sorted(samples, key=lambda s: (s.stamp_ns, RTK[::-1].index(source_of(s)))
-                    if source_of(s) in RTK else (s.stamp_ns, -1))  # fmt: skip
-    for order in (samples, turned):
-        found, _ = aligned(order, config_for(flown))
-        assert_right(flown, found)
-        assert found.imu[0].stamp_ns <= found.stamp_ns
-        assert all(s.stamp_ns > found.stamp_ns for s in found.imu[1:])
-        assert all(s.stamp_ns > found.stamp_ns for s in found.later)
 
 
 def test_what_came_after_the_stamp_is_kept():
