@@ -20,8 +20,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import BagPlayerConfig
-from tirgeo_ros.core.types.errors import BagError, ConfigError
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.live_stamps import moved

@@ -12,8 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.nodes.monitor import Monitor
 
 _THROTTLE_S = 10.0

@@ -14,7 +14,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus, Outcome, Verdict

@@ -15,8 +15,7 @@ from rclpy.node import Node
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
-from tirgeo_ros.core.types.errors import MapError, TirgeoError
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import MapError, TirgeoError, shown
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
 from tirgeo_ros.nodes.unless_stopped import done_or_stopped

@@ -18,8 +18,8 @@ from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.errors import cut, shown
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.quoted_text import cut, shown
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,

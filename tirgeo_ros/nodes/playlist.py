@@ -9,8 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from tirgeo_ros.core.types.errors import BagError, ConfigError
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
 from tirgeo_ros.nodes.topics import message_class

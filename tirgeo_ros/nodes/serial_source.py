@@ -9,7 +9,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkReport, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.package_table import package_table

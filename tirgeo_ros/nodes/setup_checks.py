@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 from rclpy.node import Node
 
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
-from tirgeo_ros.core.types.quoted_text import shown
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import item_name

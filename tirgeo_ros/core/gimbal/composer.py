@@ -33,8 +33,8 @@ from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer, StampedBuffer
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import YawBiasMeasurements
+from tirgeo_ros.core.streams.rates import StreamPresence
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
-from tirgeo_ros.core.streams.stream_presence import StreamPresence
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose

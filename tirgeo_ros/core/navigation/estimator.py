@@ -29,7 +29,7 @@ from tirgeo_ros.core.navigation.map_origin import MapOrigin
 from tirgeo_ros.core.navigation.start_up import StartUp
 from tirgeo_ros.core.navigation.verdict_log import VerdictLog
 from tirgeo_ros.core.navigation.vibration_noise import densities
-from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -20,7 +20,7 @@ from tirgeo_ros.core.overlay.text_rendering import (
     text_px,
 )
 from tirgeo_ros.core.types.arrays import Pixels
-from tirgeo_ros.core.types.quoted_text import cut
+from tirgeo_ros.core.types.errors import cut
 
 NOTICE_BGR: Colour = (80, 200, 255)
 LONGEST_NOTICE = 300  # characters; more would cover a small picture with text

@@ -17,8 +17,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
-from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.quoted_text import cut
+from tirgeo_ros.core.types.errors import ConfigError, cut
 
 Colour = tuple[int, int, int]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.map.layers import GeoFeature
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
 from tirgeo_ros.io.maps.condition import Condition
 from tirgeo_ros.io.maps.feature_faults import Faults

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.errors import MessageError, cut
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.core.types.quoted_text import cut
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 OK, WARN, ERROR = 0, 1, 2

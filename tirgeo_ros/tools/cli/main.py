@@ -17,8 +17,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 import tirgeo_ros
-from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.core.types.quoted_text import shown
+from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines

@@ -26,7 +26,7 @@ from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.streams.rate_limit import RateLimit
+from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages

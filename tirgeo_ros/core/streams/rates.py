@@ -1,4 +1,4 @@
-"""Detect when a stream of samples has become steady and when it has fallen silent."""
+"""Limit the rate of outputs that follow inputs; tell when a stream is steady and when silent."""
 
 from __future__ import annotations
 
@@ -8,6 +8,31 @@ _STEADY_NS = 2_000_000_000
 #: A steady stream is gone after this silence. Before that, a gap of this length or a step back of
 #: the stamps restarts the count.
 _SILENT_NS = 2_000_000_000
+
+
+class RateLimit:
+    """Select from a stream of time stamps those at which an output is due at a rate (Hz).
+
+    A stamp may be early by a quarter of a period, so that all inputs at the rate itself are due.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(1e9 / rate_hz)
+        self._next_ns: int | None = None
+
+    def due(self, stamp_ns: int) -> bool:
+        """Return whether an output is due at a stamp (ns).
+
+        If it is, the next one is scheduled a period later. If the stamp is more than
+        two periods from the schedule (after a pause, or when stamps go back), the schedule
+        restarts at this stamp.
+        """
+        if self._next_ns is None or abs(stamp_ns - self._next_ns) > 2 * self._period_ns:
+            self._next_ns = stamp_ns
+        if stamp_ns < self._next_ns - self._period_ns // 4:
+            return False
+        self._next_ns += self._period_ns
+        return True
 
 
 class StreamPresence:

@@ -1,10 +1,9 @@
-"""Text from outside: how much of it is shown, and in what form."""
+"""Errors and text from outside: how much of it is shown, and in what form."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.quoted_text import MOST, cut, shown
+from tirgeo_ros.core.types.errors import MOST, MapError, cut, shown
 
 
 def test_what_is_short_and_plain_stays():
