@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import operator
 from typing import NamedTuple
 
 import numpy as np
@@ -45,9 +46,9 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
-_NO_VERDICTS: list[Verdict] = []
 _MOST_HZ = 500  # bound on held measurements: five sources at 100 Hz
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
+_stamp_of = operator.attrgetter("stamp_ns")
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
@@ -117,8 +118,6 @@ class Ekf:
         self._catch_up(len(epochs) - 1)
         if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
             self._forget()
-        if not self._resolved:
-            return _NO_VERDICTS
         found, self._resolved = self._resolved, []
         return found
 
@@ -225,8 +224,7 @@ class Ekf:
     @property
     def control(self) -> AidStatus:
         """Return the records of the aids at the newest IMU sample."""
-        self._catch_up(len(self._epochs) - 1)
-        return self._epochs[-1].carried.control
+        return self.belief().control
 
     @property
     def vibration(self) -> Powers:
@@ -295,15 +293,8 @@ class Ekf:
         record.verdict = verdict
 
     def _forget(self) -> None:
-        """Drop the epochs that no measurement can reach any more.
-
-        They are dropped in batches: to cut the list at every sample would cost more than it frees.
-        """
+        """Drop the epochs that no measurement can reach any more, in batches: that is faster."""
         oldest_ns = self.newest_ns - self._keep_ns
         drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1
         del self._epochs[:drop]
         self._done -= drop
-
-
-def _stamp_of(epoch: Epoch) -> int:
-    return epoch.stamp_ns
