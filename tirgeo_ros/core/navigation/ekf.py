@@ -209,7 +209,7 @@ class Ekf:
         It is the white noise of one reading plus the variance of the bias.
         """
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
-        x, y, z = self._noise_powers.of_gyroscopes(last.vibration)
+        x, y, z, *_ = self._noise_powers.under(last.vibration)
         item = covariance.item
         if count == 0:  # with one sample there is no sampling rate
             return item(9, 9), item(10, 10), item(11, 11)

@@ -164,13 +164,6 @@ class NoisePowers:
         """Return whether a vibration makes any density larger than configured."""
         return self.under(vibration) != self._least
 
-    def of_gyroscopes(self, vibration: Powers) -> Vector:
-        """Return the three of the gyroscopes, rad2/s; called at every solution."""
-        share, least = self._gyro, self._least
-        x, y, z = vibration[0] * share, vibration[1] * share, vibration[2] * share
-        a, b, c = least[0], least[1], least[2]
-        return (x if x > a else a, y if y > b else b, z if z > c else c)  # noqa: FURB136 faster
-
     def under(self, vibration: Powers) -> Powers:
         """Return all six under a vibration: never less than the configured ones."""
         a, b, c, d, e, f = self._least

@@ -22,7 +22,7 @@ class MapOrigin:
 
     def __init__(self, config: EkfConfig, position_source: Source) -> None:
         """Read the configured origin; without one ``position_source`` will set it."""
-        self.plane = _configured_plane(config)
+        self.plane = _plane_at(*config.origin_lat_lon_h) if config.origin_lat_lon_h else None
         self._source = position_source
         gps = position_source is Source.GPS_POSITION
         self._least_status = FixStatus.SINGLE if gps else FixStatus.FLOAT
@@ -42,10 +42,7 @@ class MapOrigin:
             self.plane = TangentPlane(state.latitude_rad, state.longitude_rad, state.height_m)
 
 
-def _configured_plane(config: EkfConfig) -> TangentPlane | None:
-    if not config.origin_lat_lon_h:
-        return None
-    latitude_deg, longitude_deg, height_m = config.origin_lat_lon_h
+def _plane_at(latitude_deg: float, longitude_deg: float, height_m: float) -> TangentPlane:
     if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
         raise ConfigError(
             f"parameter origin_lat_lon_h: {latitude_deg:g}, {longitude_deg:g} deg is no latitude "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import operator
 from collections import defaultdict
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
@@ -87,11 +88,7 @@ class StampOrder:
         found: list[_Entry] = []
         for held in self._held.values():
             if held and held[0][0] <= end_ns:
-                due = bisect.bisect_right(held, end_ns, key=_stamp_of)
+                due = bisect.bisect_right(held, end_ns, key=operator.itemgetter(0))
                 found += held[:due]
                 del held[:due]
         return [entry[3] for entry in sorted(found)]
-
-
-def _stamp_of(entry: _Entry) -> int:
-    return entry[0]

@@ -88,21 +88,6 @@ def _surprise_of(found: Fitted, prior: Biases) -> Surprise:
     return surprise(biases, covariance, prior)
 
 
-def lean_rad(found: Fitted, tilt_sigma_deg: float) -> float:
-    """Return by how much the tilt differs from the autopilot's; 0 where that may be chance."""
-    turned = rotvec_from_quat(quat_from_matrix(found.window.to_end[0]))
-    if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
-        return 0.0
-    apart = _apart_rad(found)
-    window, fit = found.window, found.fit
-    force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
-    # The mean acceleration over the window.
-    sped = np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2]))
-    told_rad = np.radians(tilt_sigma_deg + _HINT_DEG_PER_M_S2 * float(sped))
-    limit = _LEAN_SIGMAS * float(np.hypot(told_rad, _tilt_sigma_rad(fit)))
-    return apart if limit < apart < _LARGEST_LEAN_RAD else 0.0
-
-
 def _apart_rad(found: Fitted) -> float:
     """Return the angle between the vertical found and the autopilot's; pi without the latter."""
     return np.pi if found.hint_nb is None else tilt_between(found.fit.rotation_nb, found.hint_nb)
@@ -210,7 +195,19 @@ class TurnOnBiases:
         return gyro, max(accel, _GRAVITY_M_S2 * self._lean_rad(plain))
 
     def _lean_rad(self, found: Fitted) -> float:
-        return lean_rad(found, max(self._config.autopilot.attitude_sigma_deg[:2]))
+        """Return by how much the tilt differs from the autopilot's; 0 where that may be chance."""
+        window, fit = found.window, found.fit
+        turned = rotvec_from_quat(quat_from_matrix(window.to_end[0]))
+        if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
+            return 0.0
+        force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
+        # The mean acceleration over the window.
+        sped = np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2]))
+        sigma_deg = max(self._config.autopilot.attitude_sigma_deg[:2])
+        told_rad = np.radians(sigma_deg + _HINT_DEG_PER_M_S2 * float(sped))
+        limit = _LEAN_SIGMAS * float(np.hypot(told_rad, _tilt_sigma_rad(fit)))
+        apart = _apart_rad(found)
+        return apart if limit < apart < _LARGEST_LEAN_RAD else 0.0
 
 
 def _tilt_sigma_rad(found: WindowFit) -> float:

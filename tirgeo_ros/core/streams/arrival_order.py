@@ -47,8 +47,4 @@ class ArrivalOrder(Generic[T]):
         waiting = [entries for entries in self._lanes.values() if entries]
         if not waiting:
             return None
-        return min(waiting, key=_head).popleft()[2]
-
-
-def _head(entries: deque[Entry[T]]) -> tuple[int, int]:
-    return entries[0][:2]
+        return min(waiting, key=lambda entries: entries[0][:2]).popleft()[2]

@@ -162,7 +162,8 @@ def fit(
         projection = _projections(seen, terms.body @ rotation.T)
         residual = _residual(seen, terms, rotation, rest, gravity_m_s2)
         design = _design(terms, rotation, projection)
-        noise = measured + _projected_noise(terms, rotation, projection)
+        turned = (projection.reshape(-1, len(seen), 3) @ rotation).reshape(projection.shape)
+        noise = measured + turned @ terms.imu_noise @ turned.T
         root = np.linalg.inv(np.linalg.cholesky(noise))
         white = root @ design
         information = white.T @ white + prior
@@ -219,13 +220,6 @@ def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
     blocks[:, :, 6:9] = terms.of_position[:, None, None] * np.eye(3)
     blocks[:, :, 9:] = rotation @ terms.of_biases
     return np.asarray(projection @ blocks.reshape(-1, 15))
-
-
-def _projected_noise(terms: _Terms, rotation: Array, projection: Array) -> Array:
-    count = len(terms.body)
-    turned = projection.reshape(-1, count, 3) @ rotation
-    turned = turned.reshape(-1, 3 * count)
-    return np.asarray(turned @ terms.imu_noise @ turned.T)
 
 
 def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:

@@ -69,12 +69,7 @@ def integrate(
     # Seconds from the first: a float holds today's nanoseconds to a quarter of a microsecond.
     known_s, seconds = (known - first) * 1e-9, (nodes - first) * 1e-9
     values = np.stack([np.interp(seconds, known_s, column) for column in columns], -1)
-    return _integrated(nodes, seconds, values[:, :3], values[:, 3:], taken)
-
-
-def _integrated(
-    nodes: npt.NDArray[np.int64], seconds: Array, rate_b: Array, force_b: Array, taken: Array
-) -> PreintegratedImu:
+    rate_b, force_b = values[:, :3], values[:, 3:]
     steps = np.diff(seconds)[:, None]
     turns = 0.5 * (rate_b[1:] + rate_b[:-1]) * steps
     to_first = [np.eye(3)]

@@ -66,16 +66,18 @@ class AlignmentSamples:
                 queue.popleft()
 
     def _add_imu(self, sample: ImuSample) -> None:
-        if not self._imu:
+        before = self._imu[-1] if self._imu else None
+        if before is None:
             self._first_ns = self._changed_ns = sample.stamp_ns
-        elif not _same_reading(self._imu[-1], sample):
+        elif (before.specific_force_b != sample.specific_force_b).any() or (
+            before.angular_rate_b != sample.angular_rate_b
+        ).any():
             self._changed_ns = sample.stamp_ns
         # Readings that never changed are a bench without noise; those of a live sensor have
         # changed.
         lived = self._changed_ns > self._first_ns
         self.frozen = lived and sample.stamp_ns - self._changed_ns > self._gap_ns
-        gap = self._imu and sample.stamp_ns - self._imu[-1].stamp_ns > self._gap_ns
-        if gap or self.frozen:
+        if self.frozen or (before and sample.stamp_ns - before.stamp_ns > self._gap_ns):
             self._imu.clear()
         self._imu.append(sample)
 
@@ -151,10 +153,3 @@ def _fixed_around(fixes: list[PositionSample], stamp_ns: int, settled_ns: int) -
     before = [s for s in fixes if stamp_ns - settled_ns <= s.stamp_ns < stamp_ns]
     after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
     return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
-
-
-def _same_reading(a: ImuSample, b: ImuSample) -> bool:
-    return bool(
-        (a.specific_force_b == b.specific_force_b).all()
-        and (a.angular_rate_b == b.angular_rate_b).all()
-    )
