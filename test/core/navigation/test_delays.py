@@ -11,7 +11,6 @@ from flights import config_for, errors, flight, navigation_samples, rms, solutio
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
-from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -88,33 +87,6 @@ def test_stamps_less_their_delay_are_those_of_measurement(by_s):
 
 def _is_gps(sample):
     return getattr(sample, "source", None) in {Source.GPS_POSITION, Source.GPS_VELOCITY}
-
-
-def test_the_alignment_and_the_filter_wait_for_the_imu():
-    """IMU samples come 1.2 s after RTK's: the delay says so, and none is refused for it."""
-    flown = flight(duration_s=DURATION_S)
-    fed = sorted(
-        (s for s in navigation_samples(flown) if not _is_gps(s)),
-        key=lambda s: s.stamp_ns + (round(1.2e9) if isinstance(s, ImuSample) else 0),
-    )
-    early = [
-        s if isinstance(s, ImuSample) else replace(s, stamp_ns=s.stamp_ns - 1_200_000_000)
-        for s in fed
-    ]
-    navigation = Navigation(config_for(flown, rtk__delay_s=-1.2))
-    found = [navigation.process(sample).solution for sample in early]
-    counts = navigation.status().counts
-    assert not [key for key in counts if key[1] in {"too_new", "too_old"}]
-    assert counts["rtk_position", "used"] > 40
-    late = errors(flown, [one for one in found if one is not None]).after(4.0)
-    timely = errors(flown, solutions(flown, config_for(flown), navigation_samples(flown)))
-    # Alignments at two instants: the errors are of one size, not the same.
-    for k in range(3):
-        assert rms(late.state)[6 + k] < 2 * rms(timely.after(4.0).state)[6 + k] + 0.01
-    plain = Navigation(config_for(flown))
-    for sample in fed:  # as without the parameter
-        plain.process(sample)
-    assert plain.status().counts["rtk_position", "too_new"] > 40
 
 
 def heading_rms_deg(averages, delay_s, seeds):

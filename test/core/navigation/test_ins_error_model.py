@@ -230,12 +230,3 @@ def test_propagation_gives_what_it_gave_whatever_came_between():
     assert np.array_equal(again, kept)
     assert np.array_equal(first, kept)  # nor is what was given out written over
     assert np.array_equal(covariance, np.eye(18))
-
-
-def test_states_as_the_parameters_ask():
-    assert states_of(CONFIG) == 18
-    assert states_of(WITH_HEADING_ERROR) == 19
-    assert states_of(WITH_ANTENNA) == 21
-    assert states_of(WITH_BOTH) == 22
-    assert [heading_error(states) for states in (18, 19, 21, 22)] == [None, 18, None, 21]
-    assert [has_antenna(states) for states in (18, 19, 21, 22)] == [False, False, True, True]

@@ -165,28 +165,6 @@ def test_the_changes_above_change_what_is_done():
     assert counts(wrong_headings)[Source.RTK_HEADING, Outcome.GATED] > 15
 
 
-def test_headings_of_a_float_fix_are_refused_whatever_comes_first():
-    """The receiver's status holds from its own time on, not from its arrival."""
-    flown = flight(duration_s=8.0)
-    filter_, rest = started(flown, changed_samples(flown, lambda sample, _: sample))
-    run(filter_, rest)
-    newest_ns = filter_.newest_ns
-    fix = next(s for s in rest[::-1] if isinstance(s, PositionSample) and not is_gps(s))
-    heading = next(s for s in rest[::-1] if isinstance(s, HeadingSample))
-    late = replace(heading, stamp_ns=newest_ns - 40_000_000)
-    assert filter_.add_aiding(late).outcome is Outcome.USED
-    before = filter_.belief().state
-    floating = replace(fix, stamp_ns=newest_ns - 60_000_000, status=FixStatus.FLOAT)
-    filter_.add_aiding(floating)
-    # The heading that was used does not count any more.
-    assert filter_.control.track(Source.RTK_HEADING).used_ns == heading.stamp_ns
-    assert filter_.belief().state != before
-    earlier = replace(heading, stamp_ns=newest_ns - 80_000_000)
-    assert filter_.add_aiding(earlier).outcome is Outcome.USED
-    later = replace(heading, stamp_ns=newest_ns - 20_000_000)
-    assert filter_.add_aiding(later).outcome is Outcome.NOT_FIXED
-
-
 def test_a_measurement_before_its_imu_sample_is_held_and_used():
     flown = flight(duration_s=8.0)
     filter_, rest = started(flown, navigation_samples(flown))
@@ -203,22 +181,6 @@ def test_a_measurement_before_its_imu_sample_is_held_and_used():
     found = run(filter_, imu[len(early) : len(early) + 2])
     assert [(v.source, v.outcome) for v in found] == [(Source.RTK_POSITION, Outcome.USED)]
     assert run(filter_, imu[len(early) + 2 : len(early) + 4]) == []
-
-
-def test_a_held_gps_position_gets_its_verdict():
-    """Those that turn out to be spare too."""
-    flown = flight(duration_s=8.0)
-    filter_, rest = started(flown, navigation_samples(flown))
-    held = [
-        between_imu_samples(s, 0)
-        for s in rest
-        if isinstance(s, PositionSample) and is_gps(s) and s.stamp_ns < rest[-1].stamp_ns - 10**9
-    ]
-    rest = [s for s in rest if not (isinstance(s, PositionSample) and is_gps(s))]
-    both = sorted([*rest, *held], key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
-    found = Counter(v.outcome for v in run(filter_, both) if v.source is Source.GPS_POSITION)
-    assert found[Outcome.WAITING] == len(held)
-    assert found[Outcome.USED] + found[Outcome.STANDBY] == len(held)
 
 
 def test_refusals():

@@ -120,18 +120,6 @@ def test_lost_samples_make_less_certain(gap_s, bridged):
     assert widened.all() == bridged
 
 
-def test_a_gap_is_widened_once_however_it_is_parted():
-    start, end = epochs_of([0.0, 0.1])
-    mechanisation = Propagation(CONFIG)
-    whole = mechanisation.followed(mechanisation.whole(start.carried, start, end))
-    first = mechanisation.part(start.carried, start, end, 0, 50_000_000)
-    second = mechanisation.part(first, start, end, 50_000_000, 100_000_000)
-    found = mechanisation.followed(second)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(whole.covariance)), rtol=0.01
-    )
-
-
 def flown(rng, seconds, rate_hz=400):
     """A manoeuvre drawn at random: sums of sines as the gusts and the pilot make them."""
     times = np.arange(0, seconds + 1e-9, 1 / rate_hz)

@@ -27,10 +27,8 @@ def skew(v: Array) -> Array:
     return out
 
 
-def _parts(a: Any) -> Any:
+def _parts(a: Array) -> Any:
     """Return the entries of the last axis: arrays, or floats (faster) for a single vector."""
-    if isinstance(a, tuple):
-        return a
     return a.tolist() if a.ndim == 1 else np.moveaxis(a, -1, 0)
 
 
@@ -107,14 +105,17 @@ def quat_multiply(p: Any, q: Any) -> Any:
     The product of two tuples of 4 floats is one too, which is faster; that of arrays (..., 4),
     whose leading axes broadcast, is an array.
     """
-    (p0, p1, p2, p3), (q0, q1, q2, q3) = _parts(p), _parts(q)
+    tuples = isinstance(p, tuple) and isinstance(q, tuple)
+    if not tuples:
+        p, q = np.asarray(p, float), np.asarray(q, float)
+    (p0, p1, p2, p3), (q0, q1, q2, q3) = (p, q) if tuples else (_parts(p), _parts(q))
     product = (
         p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
         p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
         p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
         p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
     )
-    if isinstance(p, tuple):
+    if tuples:
         return product
     return np.array(product) if p.ndim == q.ndim == 1 else np.stack(product, -1)
 
