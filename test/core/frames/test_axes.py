@@ -40,10 +40,3 @@ def test_vectors_come_back(v):
     np.testing.assert_array_equal(frames.flu_from_frd(frames.flu_from_frd(v)), v)
     np.testing.assert_array_equal(frames.ENU_NED @ frames.ENU_NED @ v, v)
     np.testing.assert_array_equal(frames.flu_from_frd(v), frames.FLU_FRD @ v)
-
-
-@pytest.mark.parametrize("count", [1, 3, 4])
-def test_batches_equal_their_elements(count):
-    v = np.random.default_rng(2).normal(size=(count, 3))
-    expected = np.array([frames.flu_from_frd(row) for row in v])
-    np.testing.assert_array_equal(frames.flu_from_frd(v), expected)

@@ -50,16 +50,6 @@ def test_found_in_turns(error_deg):
     assert plain_error.max() < 3.0
 
 
-@pytest.mark.parametrize("shape", ["figure_eight", "lawnmower", "hover"])
-def test_honest_from_the_start(shape):
-    """A start with headings has their error: the filter says so until the flight has told."""
-    for seed, error_deg in ((61, 2.0), (62, -1.5)):
-        found, _, _ = flown_with(error_deg, shape, seed)
-        ratio = np.abs(found.state[:, 5] / found.sigma[:, 5])
-        # One draw of the error, of one sigma: 3 sigma of the whole is beyond it by far.
-        assert ratio.max() < 3.0
-
-
 def test_error_over_sigma_of_heading_and_its_error():
     """Monte Carlo: errors drawn as the parameter says, over three shapes."""
     rng = np.random.default_rng(11)

@@ -66,14 +66,6 @@ def test_an_accelerometer_at_its_end_is_counted(range_m_s2):
     assert warning.endswith(" samples in 1 s): vibration beyond its range")
 
 
-def test_a_gyroscope_alike():
-    values = shaken(sigma_m_s2=1.0, sigma_rad_s=2.0)
-    clipping = followed(np.clip(values, [-1e3] * 3 + [-4.363] * 3, [1e3] * 3 + [4.363] * 3))
-    assert list(clipping.counts) == ["gyroscope x"]
-    (warning,) = clipping.warnings(clipping.newest_ns)
-    assert "gyroscope x clipped at 4.36 rad/s" in warning
-
-
 def test_it_ends():
     values = np.clip(shaken(sigma_m_s2=30.0), -39.2, 39.2)
     clipping = followed(values)

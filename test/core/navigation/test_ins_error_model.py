@@ -151,26 +151,6 @@ def test_gauss_markov_errors_keep_their_standard_deviation(config):
     assert np.diag(covariance)[9:] == pytest.approx(sigmas[9:] ** 2, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("place", "time_s"), [(GPS_ERROR.start, 45.0), (GPS_ERROR.start + 2, 45.0), (18, 600.0)]
-)
-def test_receivers_errors_lose_what_was_learned(place, time_s):
-    """From certain, the variance of a Gauss-Markov error is s^2 (1 - exp(-2 t / tau))."""
-    config = WITH_HEADING_ERROR
-    sigma = math.radians(2.0) if place == 18 else config.gps.position_sigma_m[place - 15]
-    covariance = np.zeros((19, 19))
-    state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
-    propagation = CovariancePropagation(config)
-    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.04)
-    for _ in range(1000):
-        covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
-    expected = sigma**2 * (1 - math.exp(-2 * 40.0 / time_s))
-    assert covariance[place, place] == pytest.approx(expected, rel=2e-3)  # dt / tau
-    # Nothing ties a receiver's error to the others until a measurement does.
-    others = np.delete(covariance[place], place)
-    assert not others.any()
-
-
 def test_step_is_the_transition_of_the_dynamics():
     """P to F P F' of I + F dt + (F dt)^2 / 2, with the random walks turned to n."""
     state = state_of(0.7, 0.3, -0.2, 1.0, (5.0, -3.0, 0.5))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from motions import angle_between, state_at, steady_readings
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, radii_of_curvature
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.strapdown import propagate
 
 STEP_S = 0.01
@@ -50,22 +49,6 @@ class Circle:
         for k in range(round(seconds / step_s)):
             state, _ = propagate(state, *self.readings((k + 0.5) * step_s), step_s)
         return state
-
-
-def test_turning_on_the_spot():
-    """Yaw turns about the force's own axis: no coning, nothing to approximate."""
-    circle = Circle(0.0)
-    end, truth = circle.flown(10.0, STEP_S), circle.state(10.0)
-    # The step's exponential takes the earth's rate, level and in the middle of a turn, smaller by
-    # a twenty-fourth of the square of that turn; the same way in n at every step.
-    turn, level_rate = 0.5 * STEP_S, EARTH_RATE_RAD_S * math.cos(0.7)
-    tilt = 10 * level_rate * turn**2 / 24  # 5.8e-10 rad
-    assert angle_between(truth.q_nb, end.q_nb) == pytest.approx(tilt, rel=0.01)
-    # That tilt lets gravity in to the east. To the north: the earth's part of the force's half
-    # turn is read half a turn late. Both are of second order in the step.
-    north = 10 * 9.8 * level_rate * STEP_S / 2 * turn / 2
-    np.testing.assert_allclose(end.velocity_n, [north, -9.8 * tilt * 10 / 2, 0], atol=2e-9)
-    assert end.height_m == pytest.approx(50.0, abs=1e-9)
 
 
 def test_circle_is_flown_as_its_closed_form():

@@ -23,17 +23,6 @@ def rest(order: ArrivalOrder[str]) -> list[str]:
     return found
 
 
-def test_lanes_are_merged_by_arrival():
-    order = order_of(9, "imu", "fix")
-    for arrived_ns in (1, 3, 5):
-        order.put("imu", arrived_ns, f"imu {arrived_ns}")
-    for arrived_ns in (2, 4):
-        order.put("fix", arrived_ns, f"fix {arrived_ns}")
-    assert len(order) == 5
-    assert rest(order) == ["imu 1", "fix 2", "imu 3", "fix 4", "imu 5"]
-    assert order.given_up == {}
-
-
 def test_a_lane_keeps_its_order_where_the_clock_of_arrivals_was_set_back():
     order = order_of(9, "imu", "fix")
     for arrived_ns in (100, 5, 6):
