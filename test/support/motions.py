@@ -44,3 +44,23 @@ def steady_readings(state):
 def angle_between(p, q):
     difference = att.quat_multiply(att.quat_conjugate(np.array(p)), np.array(q))
     return float(np.linalg.norm(att.rotvec_from_quat(difference)))
+
+
+def difference(truth: NavState, estimate: NavState) -> np.ndarray:
+    """The 15 error states between two nominal states."""
+    meridian, transverse = radii_of_curvature(estimate.latitude_rad)
+    return np.concatenate(
+        [
+            att.rotvec_from_quat(att.quat_multiply(truth.q_nb, att.quat_conjugate(estimate.q_nb))),
+            np.subtract(truth.velocity_n, estimate.velocity_n),
+            [
+                (truth.latitude_rad - estimate.latitude_rad) * (meridian + estimate.height_m),
+                (truth.longitude_rad - estimate.longitude_rad)
+                * (transverse + estimate.height_m)
+                * math.cos(estimate.latitude_rad),
+                estimate.height_m - truth.height_m,
+            ],
+            np.subtract(truth.gyro_bias_b, estimate.gyro_bias_b),
+            np.subtract(truth.accel_bias_b, estimate.accel_bias_b),
+        ]
+    )

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from motions import difference, state_at
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
-    quat_conjugate,
-    quat_from_euler,
-    quat_multiply,
-    rotvec_from_quat,
 )
-from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
@@ -31,7 +27,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     noise_density,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import NavState, propagate
+from tirgeo_ros.core.navigation.strapdown import propagate
 
 IMU = ImuConfig()
 MEASURED = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
@@ -45,31 +41,9 @@ BIASES = ((1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03))
 STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [10.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
 
 
-def state_of(lat: float, roll: float, pitch: float, yaw: float, velocity) -> NavState:
-    q = tuple(quat_from_euler(roll, pitch, yaw).tolist())
-    return NavState(
-        q, tuple(velocity), lat, 1.0, 120.0, (1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03), (0.0,) * 3
-    )
-
-
-def difference(truth: NavState, estimate: NavState) -> np.ndarray:
-    """The 15 error states between two nominal states."""
-    meridian, transverse = radii_of_curvature(estimate.latitude_rad)
-    return np.concatenate(
-        [
-            rotvec_from_quat(quat_multiply(truth.q_nb, quat_conjugate(np.array(estimate.q_nb)))),
-            np.subtract(truth.velocity_n, estimate.velocity_n),
-            [
-                (truth.latitude_rad - estimate.latitude_rad) * (meridian + estimate.height_m),
-                (truth.longitude_rad - estimate.longitude_rad)
-                * (transverse + estimate.height_m)
-                * math.cos(estimate.latitude_rad),
-                estimate.height_m - truth.height_m,
-            ],
-            np.subtract(truth.gyro_bias_b, estimate.gyro_bias_b),
-            np.subtract(truth.accel_bias_b, estimate.accel_bias_b),
-        ]
-    )
+def state_of(lat, roll, pitch, yaw, velocity_n):
+    biases = {"gyro_bias_b": BIASES[0], "accel_bias_b": BIASES[1]}
+    return state_at(lat, 1.0, 120.0, tuple(velocity_n), (roll, pitch, yaw), **biases)
 
 
 angles = st.floats(-0.5, 0.5)

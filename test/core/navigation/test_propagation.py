@@ -7,33 +7,21 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from motions import difference, state_at
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.frames.rotations import (
-    quat_conjugate,
-    quat_from_euler,
-    quat_multiply,
-    rotvec_from_quat,
-)
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch
 from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
 from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.strapdown import NavState, propagate
+from tirgeo_ros.core.navigation.strapdown import propagate
 from tirgeo_ros.core.navigation.vibration_noise import VibrationMeter
 from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
-START = NavState(
-    tuple(quat_from_euler(0.05, -0.03, 0.4).tolist()),
-    (3.0, -1.0, 0.2),
-    0.695,
-    2.04,
-    31.5,
-    *[(0.0,) * 3] * 3,
-)
+START = state_at(0.695, 2.04, 31.5, (3.0, -1.0, 0.2), (0.05, -0.03, 0.4))
 SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
 
 
@@ -156,19 +144,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
         end = Epoch.after(start, ends[1], VibrationMeter())
         mechanisation = Propagation(CONFIG)
         found = mechanisation.followed(mechanisation.whole(Carried(*certain), start, end))
-        turned = quat_multiply(np.array(truth.q_nb), quat_conjugate(np.array(found.state.q_nb)))
-        metres = 6.37e6
-        error = np.concatenate(
-            [
-                rotvec_from_quat(turned),
-                np.subtract(truth.velocity_n, found.state.velocity_n),
-                [
-                    (truth.latitude_rad - found.state.latitude_rad) * metres,
-                    (truth.longitude_rad - found.state.longitude_rad) * metres * math.cos(0.695),
-                    found.state.height_m - truth.height_m,
-                ],
-            ]
-        )
+        error = difference(truth, found.state)[:9]
         ratios.append(error / np.sqrt(np.diag(found.covariance)[:9]))
     blocks = np.sqrt(np.mean(np.square(ratios), axis=0)).reshape(3, 3)
     assert (blocks <= 1.1).all()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
@@ -31,20 +30,14 @@ _PREFIXES = {
 }
 
 
-class Unused(NamedTuple):
-    """Hold when and why a sample was not used."""
-
-    stamp_ns: int
-    why: str
+#: When a sample was not used, and why.
+Unused = tuple[int, str]
 
 
-_NOTHING = Unused(NEVER_NS, "")
-
-
-def unused(verdict: Verdict, now_ns: int) -> Unused | None:
-    """Return why an aid that arrives is not used; None for any other verdict."""
+def disuse(verdict: Verdict) -> str:
+    """Return why an aid that arrives is not used, or an empty string for any other verdict."""
     lead = _PREFIXES.get(verdict.outcome)
-    return None if lead is None else Unused(now_ns, lead + verdict.reason)
+    return "" if lead is None else lead + verdict.reason
 
 
 class ReportedAccuracy:
@@ -135,7 +128,7 @@ class FilterHealth:
         """Return what is refused and why, then what does not arrive at all."""
         told, absent = [], []
         for source in missing:
-            stamp_ns, why = unused.get(source, _NOTHING)
+            stamp_ns, why = unused.get(source, (NEVER_NS, ""))
             if now_ns - stamp_ns <= self._timeout_ns:
                 told.append(f"{topic_of(source)} {why}")
             else:

@@ -12,7 +12,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 
 from tirgeo_ros.core.navigation.alignment.observations import topic_of
-from tirgeo_ros.core.navigation.filter_status import Unused, unused
+from tirgeo_ros.core.navigation.filter_status import Unused, disuse
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -32,33 +32,6 @@ _LOOK_AT = {
 }
 
 
-class _Window:
-    """Hold the NIS of one source over the last 30 s."""
-
-    def __init__(self) -> None:
-        self._values: deque[tuple[int, float]] = deque()
-        self._sum = 0.0
-
-    def add(self, stamp_ns: int, nis: float) -> None:
-        """Add a value; drop the old ones, and all of them where the clock went back."""
-        values = self._values
-        if values and stamp_ns < values[-1][0]:
-            values.clear()
-            self._sum = 0.0
-        nis = min(nis, _NIS_CAP)
-        values.append((stamp_ns, nis))
-        self._sum += nis
-        while values[0][0] < stamp_ns - _WINDOW_NS:
-            self._sum -= values.popleft()[1]
-
-    def mean(self, now_ns: int) -> float:
-        """Return the mean; nan where there are too few values or the newest is old."""
-        values = self._values
-        if len(values) < _LEAST_VALUES or now_ns - values[-1][0] > _WINDOW_NS:
-            return math.nan
-        return max(self._sum, 0.0) / len(values)
-
-
 class VerdictLog:
     """Record every verdict but that on an IMU sample that was used, and give it to ``heard``."""
 
@@ -66,13 +39,13 @@ class VerdictLog:
         self.counts: Counter[tuple[Source, Outcome]] = Counter()
         self.test_ratios: dict[Source, float] = {}
         self.unused: dict[Source, Unused] = {}
-        self._windows: dict[Source, _Window] = {}
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, 30 s of each
         self._heard = heard
 
     def begin(self) -> None:
         """Forget what belongs to the former state."""
         self.unused = {}
-        self._windows = {}
+        self._nis = {}
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""
@@ -81,23 +54,31 @@ class VerdictLog:
         if not math.isnan(verdict.test_ratio):
             self.test_ratios[source] = verdict.test_ratio
         if not math.isnan(verdict.nis):
-            self._windows.setdefault(source, _Window()).add(now_ns, verdict.nis)
-        found = unused(verdict, now_ns)
-        if found is not None:
-            self.unused[source] = found
+            values = self._nis.setdefault(source, deque())
+            if values and now_ns < values[-1][0]:  # the clock went back
+                values.clear()
+            values.append((now_ns, min(verdict.nis, _NIS_CAP)))
+            while values[0][0] < now_ns - _WINDOW_NS:
+                values.popleft()
+        why = disuse(verdict)
+        if why:
+            self.unused[source] = now_ns, why
         if self._heard is not None:
             self._heard(verdict)
 
     def nis(self, now_ns: int) -> dict[str, float]:
         """Return the mean NIS over degrees of freedom by source, where there are enough values."""
-        means = {source.value: window.mean(now_ns) for source, window in self._windows.items()}
-        return {name: mean for name, mean in means.items() if not math.isnan(mean)}
+        return {
+            source.value: sum(nis for _, nis in values) / len(values)
+            for source, values in self._nis.items()
+            if len(values) >= _LEAST_VALUES and now_ns - values[-1][0] <= _WINDOW_NS
+        }
 
     def warnings(self, now_ns: int) -> Iterator[str]:
         """Yield a warning for each source whose NIS is too high, with the parameters to check."""
+        means = self.nis(now_ns)
         for source, parameters in _LOOK_AT.items():
-            window = self._windows.get(source)
-            mean = math.nan if window is None else window.mean(now_ns)
+            mean = means.get(source.value, 0.0)
             if mean > _NIS_WARNING:
                 times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
                 yield (
