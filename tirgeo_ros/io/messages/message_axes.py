@@ -10,11 +10,10 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import ENU_NED, Quaternion, quat_turned_both
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.frames.axes import ENU_NED, quat_turned_both
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 
 __all__ = [
-    "Quaternion",
     "covariance_turned_world",
     "positive",
     "quat_turned_both",

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.io.messages.message_axes import Quaternion, covariance_turned_world, positive
+from tirgeo_ros.io.messages.message_axes import covariance_turned_world, positive
 
 _SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
