@@ -444,7 +444,7 @@ def test_the_aircraft_of_the_demo_takes_the_usual_packages(activation):
         for frame in reader.feed(desk.answer(session.due(now_s))):
             session.take(frame, now_s)
     assert session.state is HostState.READY, session.message
-    assert list(desk.packages) == list(table) == list(USUAL_PACKAGES)
+    assert list(desk.packages.values()) == list(table.values()) == list(USUAL_PACKAGES)
 
 
 def test_acks_that_are_too_short_are_none():

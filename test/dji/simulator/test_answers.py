@@ -134,7 +134,7 @@ def test_dji_nodes_own_host_gets_what_it_asks_for():
         road.take(aircraft.answer(road.due(now_s)), time_ns, now_s)
     assert aircraft.desk.activated
     assert aircraft.desk.rates[:5] == (4, 4, 4, 0, 4)
-    assert list(aircraft.desk.packages) == list(USUAL_PACKAGES)
+    assert list(aircraft.desk.packages.values()) == list(USUAL_PACKAGES)
     assert road.diagnostics["host state"] == "ready"
     assert int(road.diagnostics["telemetry subscription"]) > 400
     assert aircraft.counts["pushes"] > 400

@@ -139,7 +139,8 @@ def test_the_fused_position_is_made_with_another_pi():
 
 def test_the_velocity_that_is_what_its_frame_says():
     """East 1, north 2, up 3."""
-    assert psdk.velocity_enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)
+    fused = psdk.READERS["velocity_ground_fused"](7, (1.0, 2.0, 3.0))
+    assert fused.velocity_n == (2.0, 1.0, -3.0)
 
 
 def test_accuracies_are_millimetres_and_centimetres_a_second():

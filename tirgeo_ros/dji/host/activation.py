@@ -5,14 +5,13 @@ Without an activated application the aircraft only broadcasts.
 
 from __future__ import annotations
 
-from tirgeo_ros.dji.host.requests import Dialogue, NoAnswerError, Pause, ask
+from tirgeo_ros.dji.host.requests import Dialogue, NoAnswerError, Pause, ask, ask_code
 from tirgeo_ros.dji.protocol.commands import (
     NOT_ACTIVATED,
     Activate,
     Firmware,
     GetVersion,
     VersionAck,
-    decode_code,
     decode_version_ack,
     explain,
 )
@@ -51,18 +50,12 @@ class Activation:
 
     def _activate(self, version: VersionAck) -> Dialogue[str]:
         request = Activate(self._app_id, version.firmware or _UNTOLD)
-        code = yield from self._code(request)
+        code = yield from ask_code(request)
         if code == _NEW_DEVICE:
             yield Pause(_SECOND_TRY_S)
-            code = yield from self._code(request)
+            code = yield from ask_code(request)
         self.is_done = code == _DONE
         return "" if self.is_done else f"activation failed, {explain(request, code)}"
-
-    def _code(self, request: Activate) -> Dialogue[int]:
-        code = decode_code(request, (yield from ask(request)))
-        if code is None:
-            raise NoAnswerError(request)
-        return code
 
     @property
     def aircraft(self) -> str:

@@ -19,7 +19,7 @@ from tirgeo_ros.dji.protocol.commands import (
     decode_code,
     decode_request,
 )
-from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.protocol.subscription import Package, PackageTable
 
 # A host waits for an answer before it asks again, so few are open; the oldest is dropped.
 _MAX_OPEN = 32
@@ -29,7 +29,7 @@ _DONE = 0
 
 class _Open(NamedTuple):
     request: Request
-    before: PackageTable  # the packages that were known when it was sent
+    before: dict[int, Package]  # the packages that were known when it was sent
 
 
 class HostTraffic:
@@ -78,10 +78,8 @@ class HostTraffic:
     def _undo(self, asked: _Open) -> None:
         match asked.request:
             case ResetPackages():
-                for package in asked.before:
-                    self._packages.add(package)
+                self._packages.update(asked.before)
             case AddPackage(number) | RemovePackage(number):
-                before = asked.before.get(number)
-                self._packages.remove(number)
-                if before is not None:
-                    self._packages.add(before)
+                self._packages.pop(number, None)
+                if number in asked.before:
+                    self._packages[number] = asked.before[number]

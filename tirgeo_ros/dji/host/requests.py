@@ -10,7 +10,7 @@ from collections.abc import Generator
 from typing import NamedTuple, TypeVar
 
 from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
-from tirgeo_ros.dji.protocol.commands import Request, encode_request
+from tirgeo_ros.dji.protocol.commands import Request, decode_code, encode_request
 
 #: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
 SESSION = 2
@@ -49,6 +49,14 @@ def ask(request: Request) -> Dialogue[bytes]:
     if value is None:
         raise NoAnswerError(request)
     return value
+
+
+def ask_code(request: Request) -> Dialogue[int]:
+    """Return the code of the ack. Raises NoAnswerError if none came, or one without a code."""
+    code = decode_code(request, (yield from ask(request)))
+    if code is None:
+        raise NoAnswerError(request)
+    return code
 
 
 class Exchange:

@@ -148,17 +148,13 @@ class HostSession:
         self._rounds += 1
         unanswered = ""
         for part in (self._activate, self._set_rates, self._subscribe):
-            unanswered = (yield from self._tried(part())) or unanswered
+            try:
+                yield from part()
+            except NoAnswerError:  # noqa: PERF203  the rest is asked for all the same
+                unanswered = self._unanswered()
         self._note("answer", unanswered)
         self._busy = HostState.READY
         self._failures = self._failures + 1 if self._is_open else 0
-
-    def _tried(self, part: Dialogue[None]) -> Dialogue[str]:
-        try:
-            yield from part
-        except NoAnswerError:
-            return self._unanswered()
-        return ""
 
     def _activate(self) -> Dialogue[None]:
         if self._activation is not None and not self._activation.is_done:

@@ -155,7 +155,7 @@ class Aircraft:
 
     def _broadcast(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
         due = {bit for bit, code in enumerate(self.desk.rates) if self._is_due(bit, code, imu)}
-        broadcast = broadcast_of(self._instant(imu), self._layout, due.__contains__)
+        broadcast = broadcast_of(self._instant(imu), self._layout, due)
         if not broadcast.mask:
             return []
         self._counts["broadcasts"] += 1
@@ -180,7 +180,7 @@ class Aircraft:
             start_ns = imu.stamp_ns - 1
         due = sorted(
             (stamp_ns, package)
-            for package in self.desk.packages
+            for package in self.desk.packages.values()
             for stamp_ns in _grid(self._first_ns, start_ns, imu.stamp_ns, package.rate_hz)
         )
         frames = []

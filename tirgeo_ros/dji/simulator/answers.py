@@ -115,14 +115,11 @@ class CommandDesk:
             code = self._fault(request)
             if not code:
                 topics = tuple(BY_UID[uid] for uid in request.uids)
-                self.packages.add(
-                    Package(request.id, request.rate_hz, request.with_timestamp, topics)
-                )
+                head = request.id, request.rate_hz, request.with_timestamp
+                self.packages[request.id] = Package(*head, topics)
             return code
         if isinstance(request, RemovePackage):
-            known = self.packages.get(request.id) is not None
-            self.packages.remove(request.id)
-            return 0 if known else _UNKNOWN
+            return 0 if self.packages.pop(request.id, None) else _UNKNOWN
         assert isinstance(request, ResetPackages)
         self.packages.clear()
         return 0
@@ -131,12 +128,12 @@ class CommandDesk:
         """Return the code of why a package is refused, 0 if it is accepted."""
         known = {topic.uid for topic in TOPICS if topic.name in TOLD_TOPICS}
         topics = tuple(BY_UID[uid] for uid in request.uids if uid in known)
-        taken = {topic.uid for package in self.packages for topic in package.topics}
+        taken = {topic.uid for package in self.packages.values() for topic in package.topics}
         made = Package(request.id, request.rate_hz, request.with_timestamp, topics)
         slowest_hz = min((topic.max_hz or _ANY_HZ for topic in topics), default=0)
         faults = {
             _ID: request.id not in PACKAGE_IDS,
-            _EXISTS: self.packages.get(request.id) is not None,
+            _EXISTS: request.id in self.packages,
             _EMPTY: not request.uids,
             _UID: len(topics) < len(request.uids),
             _TOPIC_TAKEN: taken.intersection(request.uids)
