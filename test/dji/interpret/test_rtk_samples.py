@@ -104,15 +104,6 @@ def test_a_flag_of_another_message_holds_for_a_while():
     assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
 
 
-def test_without_any_flag_there_is_no_fix():
-    meant = interpreter()
-    samples = meant.take(rtk(0, place=place(), velocity_n=(1.0, 0.0, 0.0), yaw_deg=3))
-    (position,) = samples
-    assert position.status is FixStatus.NONE
-    assert meant.counts == {"rtk_velocity_without_fix": 1, "rtk_yaw_not_fixed": 1}
-    assert meant.diagnostics["rtk_flag"] == "not told"
-
-
 # Places
 
 
@@ -140,15 +131,6 @@ def test_what_is_no_place_is_refused(bad):
     assert positions(samples) == []
     assert len(samples) == 2  # velocity and heading are judged by themselves
     assert meant.counts == {"rtk_position_refused": 1}
-
-
-def test_on_the_equator_and_on_the_first_meridian_it_is_a_place():
-    for where in (
-        GeodeticPlace(0.0, 1.0, 5.0),
-        GeodeticPlace(1.0, 0.0, 5.0),
-        GeodeticPlace(-1.0, -math.pi, -400.0),
-    ):
-        assert len(positions(interpreter().take(rtk(0, place=where)))) == 1
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e3, 1e300])

@@ -48,15 +48,6 @@ REQUESTS = st.one_of(
 )
 
 
-def test_activation_is_44_bytes():
-    data = encode_request(Activate(0x01020304, M600))
-    assert data[:2] == b"\x00\x01"
-    assert len(data[2:]) == 44
-    # app id, 2, 3.2.41.13 as one number, 32 times the digit 0
-    assert data[2:14].hex() == "04030201" + "02000000" + "0d290203"
-    assert data[14:] == b"0" * 32
-
-
 RATES = (4, 3, 4, 3, 4, 3, 0, 3, 2, 3, 3, 3, 2, 2, 5, 5)
 HARD_SYNC, ACCELERATION_RAW, RATE_RAW = 0xECBEF06D, 0xC3503A6E, 0x700389EE
 
@@ -79,19 +70,9 @@ def test_bytes_of_requests(request_, expected):
     assert encode_request(request_) == bytes.fromhex(expected)
 
 
-def test_a_reset_is_set_0b_id_02():
-    assert encode_request(ResetPackages())[:2] == b"\x0b\x02"
-
-
 @given(REQUESTS)
 def test_requests_come_back_as_they_went(request_):
     assert decode_request(encode_request(request_)) == request_
-
-
-@given(st.binary(max_size=60))
-def test_any_bytes_are_a_request_or_none(data):
-    request_ = decode_request(data)
-    assert request_ is None or OPCODES[type(request_)] == (data[0], data[1])
 
 
 @given(st.sampled_from(sorted(OPCODES.values())), st.binary(max_size=60))
@@ -147,24 +128,6 @@ def test_version_of_old_firmware_holds_a_crc():
     value = b"\0\0" + bytes.fromhex("00ff3100") + b"M1SERIAL\0" + b"SDK-v1.0 BETA M100-3.1.10.0\0"
     ack = decode_version_ack(value)
     assert ack == (0, "M1SERIAL", "SDK-v1.0 BETA M100-3.1.10.0", "M100", (3, 1, 10, 0), 0x0031FF00)
-
-
-def test_a_name_cut_at_32_characters_keeps_what_it_has():
-    name = b"SDK-v1.0 BETA PM820V3PRO-3.2.41.13"[:32]
-    ack = decode_version_ack(b"\0\0" + b"S\0" + name)
-    assert (ack.hardware, ack.firmware) == ("PM820V3PRO", (3, 2, 41, 0))
-
-
-@pytest.mark.parametrize(
-    ("value", "serial", "name"),
-    [(b"\0\0", "", ""), (b"\0\0ABC", "ABC", ""), (b"\0\0ABC\0no numbers", "ABC", "no numbers")],
-)
-def test_a_version_that_does_not_tell(value, serial, name):
-    assert decode_version_ack(value) == (0, serial, name, "", None, None)
-
-
-def test_a_version_without_code_is_none():
-    assert decode_version_ack(b"\0") is None
 
 
 @given(st.binary(max_size=120))

@@ -95,14 +95,6 @@ def test_the_old_layouts_leave_out_what_they_lack():
     assert "relative_position" not in found
 
 
-def test_an_empty_broadcast_has_no_fields():
-    assert broadcast_fields(Broadcast()) == {}
-
-
-def test_a_compass_status_is_a_number():
-    assert broadcast_fields(Broadcast(compass=3)) == {"compass": 3}
-
-
 @pytest.mark.parametrize(
     ("name", "value", "fields"),
     [
@@ -158,8 +150,3 @@ def test_a_topic_has_its_fields(name, value, fields):
     found = push_fields(Push(package, 123856, 378900, {name: value}))
     stamp = {"time_ms": 123856, "time_ns": 378900, "time_s": 123.856}
     assert found == {"timestamp": stamp, name: fields}
-
-
-def test_without_a_stamp_there_is_none():
-    package = Package.of(0, 5, with_timestamp=False, names=("RTK_YAW_INFO",))
-    assert push_fields(Push(package, None, None, {"RTK_YAW_INFO": 50})) == {"RTK_YAW_INFO": 50}

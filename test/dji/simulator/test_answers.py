@@ -118,12 +118,6 @@ def test_packages_need_an_activation_and_are_checked(host):
     assert not list(host.aircraft.desk.packages)
 
 
-def test_a_request_of_wrong_length_is_told_so(host):
-    bad = encode_frame(b"\x0b\x01\x00", session=2, sequence=1)
-    (ack,) = FrameReader().feed(host.aircraft.answer(bad))
-    assert ack.data == b"\x01"
-
-
 def test_dji_nodes_own_host_gets_what_it_asks_for():
     """Activation, rates and packages, over a link that brings and takes at once."""
     host = DjiHostConfig(app_id=7, broadcast_rates=(4, 4, 4, 0, 4) + (0,) * 11, subscribe=True)

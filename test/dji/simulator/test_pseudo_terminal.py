@@ -35,18 +35,6 @@ def test_bytes_go_both_ways_as_they_are(port):
     assert port.dropped == 0
 
 
-def test_it_knows_whether_somebody_has_it_open(port):
-    assert not port.is_open
-    assert port.write(b"to nobody") == 0
-    host = opened(port)
-    assert port.is_open
-    with pytest.raises(BlockingIOError):
-        os.read(host, 1)  # what was said to nobody does not wait for him
-    os.close(host)
-    assert not port.is_open
-    assert port.dropped == len("to nobody")
-
-
 def test_a_reader_who_sleeps_stops_nobody(port):
     host = opened(port)
     sent = sum(port.write(bytes(1000)) for _ in range(100))

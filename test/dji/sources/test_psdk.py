@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
-from tirgeo_ros.dji.sources.readings import AttitudeReading, GimbalReading, GpsReading, ImuReading
+from tirgeo_ros.dji.sources.readings import GpsReading
 from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS
 
 MS = 1_000_000
@@ -51,12 +51,6 @@ def test_receivers_keep_the_stamps_of_their_headers(road):
     assert (moving.stamp_ns, moving.velocity_n) == (START + 1, (1.0, 2.0, 3.0))
 
 
-def test_what_has_no_stamp_has_that_of_its_arrival(road):
-    (reading,) = road.take("gps_position", HOME, 0, START)
-    assert reading.stamp_ns == START
-    assert road.counts["unstamped"] == 1
-
-
 def test_streams_of_a_steady_rate_lose_their_jitter(road):
     """At 100 Hz, with the delays of a callback: up to 8 ms, none of it negative."""
     late = np.random.default_rng(3).exponential(1.5 * MS, 3000).clip(0, 8 * MS).astype(int)
@@ -72,19 +66,6 @@ def test_streams_of_a_steady_rate_lose_their_jitter(road):
         off = (np.array(stamps) - sent)[1500:]
         assert late[1500:].std() > 1 * MS
         assert off.std() < 0.1 * MS
-
-
-def test_kinds_of_readings(road):
-    assert isinstance(road.take("imu", IMU, START, START)[0], ImuReading)
-    assert isinstance(road.take("attitude", LEVEL_EAST, START, START)[0], AttitudeReading)
-    assert isinstance(road.take("gimbal_angles", (0.0, 0.0, 0.0), START, START)[0], GimbalReading)
-
-
-def test_a_yaw_waits_for_its_own_flag(road):
-    assert road.take("rtk_yaw", 65446, START, START) == []
-    assert road.take("rtk_position_info", 50, 0, START + 1 * MS) == []
-    (reading,) = road.take("rtk_yaw_info", 34, 0, START + 2 * MS)
-    assert (reading.yaw_deg, reading.yaw_flag, reading.position_flag) == (-90, 34, None)
 
 
 def test_what_waits_in_vain_goes_when_it_is_due(road):
@@ -135,21 +116,6 @@ def test_heading_and_force_as_they_go_on(road):
     assert heading == pytest.approx(math.pi)
 
 
-def test_nonsense_is_counted_where_all_roads_meet(road):
-    meaning = Interpreter(DjiConfig(geoid_undulation_m=40.0))
-    bad = math.nan
-    readings = [
-        *road.take("imu", (LEVEL_EAST, (bad, 0.0, 0.0), (0.0, 0.0, 9.8)), START, START),
-        *road.take("attitude", (0.0, 0.0, 0.0, 0.0), START, START),
-        *road.take("gimbal_angles", (0.0, 0.0, math.inf), START, START),
-        *road.take("gps_position", (bad, 0.0, 0.0), START, START),
-        *road.take("gps_velocity", (bad, 0.0, 0.0), START, START),
-    ]
-    for number, reading in enumerate(readings, 1):
-        assert meaning.take(reading) == []
-        assert len(meaning.counts) == number, meaning.counts
-
-
 def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
     fused, came = HOME, {}
     for tick in range(100):  # 10 s at 10 Hz; the receiver's own come in the first three
@@ -169,12 +135,6 @@ def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
         assert place.vertical_sigma_m == 200.0
         assert velocity == GpsReading(velocity.stamp_ns, velocity_n=(1.0, 2.0, 3.0))
     assert road.counts["fused"] == 2 * len(came)
-
-
-def test_a_receiver_has_its_time_to_come(road):
-    assert road.take("gps_position_fused", HOME, START, START) == []
-    assert road.take("gps_position_fused", HOME, START + SECOND, START + SECOND) == []
-    assert road.take("gps_position_fused", HOME, START + 2 * SECOND, START + 2 * SECOND) != []
 
 
 @pytest.mark.parametrize(("rate_hz", "warnings"), [(1, 1), (50, 0)])

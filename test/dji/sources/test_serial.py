@@ -69,13 +69,6 @@ def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
     assert road.take(b"", NOW_NS, 2.0) == []
 
 
-def test_what_was_cut_is_given_up_when_the_port_is_opened_anew(road):
-    assert road.take(encode_frame(bytes(600))[:20] + frame(10), NOW_NS, 1.0) == []
-    (reading,) = road.reopened(NOW_NS, 1.01)
-    assert reading.q_nb == Q
-    assert road.take(b"", NOW_NS, 2.0) == []
-
-
 def test_encrypted_frames_need_the_key():
     locked = frame(10, KEY)
     assert SerialDecoder(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []

@@ -22,11 +22,12 @@ from tirgeo_ros.core.navigation.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, heading_of
-from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
+from tirgeo_ros.dji.interpret.driving_stream import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
 #: A reading waits this long for the attitude after it: the longest gap between two attitudes.
 _WAIT_NS = 250_000_000
+_FOREVER_NS = 1 << 63
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 #: Stamps of two streams of one gimbal mix within this; one that goes back further is another
 #: clock.
@@ -100,11 +101,7 @@ class GimbalInterpreter:
 
     def flush(self) -> list[GimbalSample]:
         """Return the samples of all waiting readings, at the end of the data."""
-        found: list[GimbalSample] = []
-        while self._waiting:
-            reading = self._waiting.popleft()
-            found += self._samples(reading, self._attitudes.at(reading.stamp_ns))
-        return found
+        return self.resolve(_FOREVER_NS)
 
     def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
         stamp_ns, roll, pitch, yaw = reading
