@@ -186,18 +186,6 @@ def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
     assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
 
 
-def test_an_aircraft_that_was_switched_off_and_on_is_asked_for_all_anew():
-    flight = ready(Flight())
-    flight.aircraft.is_on = False
-    flight.fly(10.0)
-    assert flight.session.state is HostState.NO_ANSWER
-    flight.aircraft.switch_off_and_on()
-    flight.aircraft.is_on = True
-    flight.fly(2.0, HostState.READY)
-    assert flight.aircraft.rates == RATES
-    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
-
-
 def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
     flight = ready(Flight())
     flight.aircraft.switch_off_and_on()  # the broadcast goes on
@@ -227,13 +215,6 @@ def test_encrypted_answers_need_the_key():
     with_key = Flight(key=KEY)
     with_key.aircraft.key = KEY
     ready(with_key)
-
-
-def test_acks_that_are_too_short_are_none():
-    flight = Flight(DjiHostConfig(app_id=5))
-    flight.aircraft.done = lambda _: b""
-    flight.fly(10.0)
-    assert flight.session.state is HostState.NO_ANSWER
 
 
 @pytest.mark.parametrize(

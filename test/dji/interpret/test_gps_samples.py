@@ -10,7 +10,6 @@ from aircraft_readings import gps, of, place, t_ms, taken
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
-from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret import Interpreter
@@ -63,12 +62,6 @@ def test_accuracy_that_is_not_told_is_not_known(unknown):
     assert not position.covariance_n.any()
     assert not velocity.covariance_n.any()
     assert position.status is FixStatus.SINGLE
-
-
-def test_an_accuracy_down_alone_stands_beside_the_usual_one_across():
-    (position,) = interpreter().take(gps(0, place=place(), vertical_sigma_m=200.0))
-    north, east, _ = np.square(GpsConfig().position_sigma_m)
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [north, east, 4e4])
 
 
 def test_fix_and_accuracy_of_another_message_hold_for_a_while():

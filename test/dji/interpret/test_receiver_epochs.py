@@ -84,42 +84,6 @@ def test_broadcast_and_subscription_of_one_epoch_are_one():
     assert meant.counts["rtk_late"] == 49
 
 
-def separate(epochs, order, *, apart_ms=2.0, yaw_deg=30):
-    """Each part in a message of its own; flags and yaw have no header."""
-    for k in range(epochs):
-        messages = {
-            "place": {"place": place(k)},
-            "velocity": {"velocity_n": (1.0 + k, 0.0, 0.0)},
-            "yaw": {"yaw_deg": yaw_deg},
-            "flag": {"position_flag": 50},
-            "yaw_flag": {"yaw_flag": 50},
-        }
-        for place_in_order, name in enumerate(order):
-            yield rtk(200 * k + apart_ms * place_in_order, **messages[name])
-
-
-@pytest.mark.parametrize(
-    "order",
-    [
-        ("flag", "yaw_flag", "place", "velocity", "yaw"),
-        ("place", "velocity", "yaw", "flag", "yaw_flag"),
-        ("yaw", "velocity", "place", "yaw_flag", "flag"),
-    ],
-)
-def test_parts_in_messages_of_their_own(order):
-    """A yaw that is always the same is new where its position is."""
-    meant = interpreter()
-    samples = taken(meant, separate(20, order))
-    fixed = [s for s in positions(samples) if s.status is FixStatus.FIXED]
-    # Until the first flags there is no fix.
-    assert len(positions(samples)) == 20
-    assert len(fixed) >= 19
-    assert len(of(VelocitySample, samples)) >= 19
-    headings = of(HeadingSample, samples)
-    assert 18 <= len(headings) <= 20
-    assert np.diff([t_ms(s) for s in headings]) == pytest.approx(200.0)
-
-
 # A fix that is lost
 
 
@@ -160,14 +124,6 @@ def test_a_better_fix_waits_for_its_place():
     assert meant.take(rtk(20, **epoch(0))) == []
     (position, *_) = meant.take(rtk(200, **epoch(1)))
     assert position.status is FixStatus.FIXED
-
-
-def test_a_flag_that_comes_no_more_is_no_fix():
-    meant = interpreter()
-    meant.take(rtk(0, place=place(), position_flag=50))
-    found = [positions(meant.take(rtk(t, place=place()))) for t in range(100, 2000, 100)]
-    told = [s.status for samples in found for s in samples]
-    assert told == [FixStatus.NONE]
 
 
 # Freezing, clocks

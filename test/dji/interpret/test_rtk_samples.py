@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.frames.rotations import wrap_pi
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
@@ -53,12 +52,6 @@ def test_an_epoch_becomes_three_samples():
     assert meant.diagnostics["rtk_flag"] == "50 narrow-lane integer"
 
 
-@pytest.mark.parametrize("delay_ms", [120, -120])
-def test_the_delay_is_taken_off(delay_ms):
-    meant = interpreter(rtk=DjiRtkConfig(delay_s=delay_ms * 1e-3))
-    assert [t_ms(s) for s in meant.take(rtk(500, **epoch(0)))] == [500 - delay_ms] * 3
-
-
 # Flags
 
 STATUS = {
@@ -89,12 +82,6 @@ def test_covariance_is_always_filled_and_worsens_by_class():
         sigmas[flag] = np.sqrt(diagonal[[0, 2]])
     for better, worse in ((50, 48), (48, 34), (49, 34), (34, 17), (17, 16), (16, 0)):
         assert (sigmas[better] < sigmas[worse]).all(), (better, worse)
-
-
-def test_no_class_is_better_than_what_is_configured_for_a_fix():
-    meant = interpreter(rtk=DjiRtkConfig(fixed_sigma_m=(3.0, 7.0)))
-    (position,) = positions(meant.take(rtk(0, **epoch(0, position_flag=16))))
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [9.0, 9.0, 49.0])
 
 
 def test_a_flag_of_another_message_holds_for_a_while():

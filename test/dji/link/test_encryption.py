@@ -117,12 +117,6 @@ def test_what_is_no_key(text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("size", [0, 16, 31, 33])
-def test_a_key_of_another_size(size):
-    with pytest.raises(DjiError, match=rf"^key: 32 bytes are needed, not {size}$"):
-        FrameReader(bytes(size))
-
-
 def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "cryptography.hazmat.primitives.ciphers", None)
     with pytest.raises(DjiError, match=r"^key: encrypted frames need the library cryptography"):

@@ -112,26 +112,6 @@ def test_bytes_that_trickle_come_in_batches(cable, open_link):
     assert batches < pieces / 3
 
 
-def test_a_pulled_cable_is_noticed_and_the_next_one_found(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    send(cable, b"before")
-    read_until(link, lambda data: data == b"before")
-    cable.pull()
-    _, noticed_s = read_until(link, lambda _: link.state is LinkState.LOST)
-    assert noticed_s < 1.0
-    assert "cable pulled" in link.message
-    gone_s = time.monotonic()
-    read_until(link, lambda _: time.monotonic() - gone_s > 1.0)
-    assert link.state is LinkState.LOST
-    assert not link.write(b"into nothing")
-    cable.plug()
-    _, recovered_s = read_until(link, lambda _: link.state is LinkState.OPEN)
-    assert recovered_s < 1.0  # the longest pause between tries is 0.8 s
-    send(cable, b"after")
-    assert read_until(link, lambda data: len(data) >= 5)[0] == b"after"
-    assert link.openings == 2
-
-
 def open_files():
     return len(list(Path("/proc/self/fd").iterdir()))
 

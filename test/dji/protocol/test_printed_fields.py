@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcas
 from tirgeo_ros.dji.protocol.broadcast_parts import (
     Battery,
     Gps,
-    HardSync,
     Position,
     RelativePosition,
     Status,
@@ -98,24 +96,9 @@ def test_the_old_layouts_leave_out_what_they_lack():
 @pytest.mark.parametrize(
     ("name", "value", "fields"),
     [
-        ("RTK_YAW", -90, {"deg": -90, "rad": -math.pi / 2}),
-        ("RTK_YAW_INFO", 50, 50),
         ("COMPASS", (1, -2, 3), [1, -2, 3]),
         ("HOME_POINT_INFO", (0.9077741951010228, 0.1), [0.9077741951010228, 0.1]),
         ("RC_WITH_FLAG_DATA", (0.5, -0.5, 0.0, 0.25, 7), [0.5, -0.5, 0.0, 0.25, 7]),
-        (
-            "GIMBAL_STATUS",
-            0b1000101,
-            {
-                "bits": 0b1000101,
-                "mounted": 1,
-                "busy": 0,
-                "pitch_limited": 1,
-                "roll_limited": 0,
-                "yaw_limited": 0,
-                "calibrating": 0,
-            },
-        ),
         (
             "AVOID_DATA",
             RelativePosition(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 63),
@@ -127,20 +110,6 @@ def test_the_old_layouts_leave_out_what_they_lack():
                 "left_m": 5.0,
                 "up_m": 6.0,
                 "health_bits": 63,
-            },
-        ),
-        (
-            "HARD_SYNC",
-            HardSync(1, 2, 3, 513, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (1.0, 2.0, 3.0)),
-            {
-                "time2p5ms": 1,
-                "time1ns": 2,
-                "reset_time2p5ms": 3,
-                "index": 513,
-                "flag": 1,
-                "q_wxyz": [1.0, 0.0, 0.0, 0.0],
-                "accel_g": [0.0, 0.0, -1.0],
-                "gyro_radps": [1.0, 2.0, 3.0],
             },
         ),
     ],

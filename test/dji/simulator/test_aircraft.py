@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tirgeo_ros.core.config import SimulatedAircraftConfig
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -22,7 +20,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
@@ -118,37 +116,11 @@ JOINTS = {"yaw_rad": 0.3, "roll_rad": -0.04, "pitch_rad": -0.6}
 REPORTED = quat_from_euler(0.0, -0.5, 2.4)
 
 
-def gimbal_said(config, samples):
-    said = told([*(imu(k) for k in range(60)), *samples], config)
-    return [(k, part.gimbal) for k, part in enumerate(said) if part.gimbal is not None]
-
-
-def angle_of(gimbal, q_ng) -> float:
-    rpy = np.radians([gimbal.roll_deg, gimbal.pitch_deg, gimbal.yaw_deg])
-    turned = quat_multiply(quat_from_euler(*rpy), q_ng * [1, -1, -1, -1])
-    return float(np.linalg.norm(rotvec_from_quat(turned)))
-
-
 def both_gimbals(until_ms: int):
     for at_ms in range(5, until_ms, 20):  # between the samples of the IMU
         stamp = START + at_ms * MS
         yield stamp, JointSample(stamp, **JOINTS)
         yield stamp, CameraAttitudeSample(stamp, REPORTED)
-
-
-def test_joints_are_told_as_the_attitude_that_they_give_with_the_aircrafts():
-    said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(600))
-    q_ng = quat_multiply(Q_NB, camera_turn(JointSample(0, **JOINTS)))
-    assert len(said) >= 25
-    # Three angles of single precision, 2^-24 of 180 deg each.
-    assert max(angle_of(gimbal, q_ng) for _, gimbal in said) < 3 * math.pi * 2**-24
-
-
-def test_the_reported_attitude_is_told_where_it_is_wanted_or_joints_are_not_there():
-    reported = gimbal_said(SimulatedAircraftConfig(gimbal="reported"), both_gimbals(600))
-    alone = gimbal_said(SimulatedAircraftConfig(), list(both_gimbals(600))[1::2])
-    for said in (reported, alone):
-        assert max(angle_of(gimbal, REPORTED) for _, gimbal in said) < 3 * math.pi * 2**-24
 
 
 def test_the_old_layout_has_no_more_than_it_can_hold():
@@ -161,14 +133,6 @@ def test_the_old_layout_has_no_more_than_it_can_hold():
     assert said.status.mode is None
     assert said.rtk.pos_flag == 50
     assert said.gimbal is not None
-
-
-def test_its_clock_is_its_own_and_wraps():
-    config = SimulatedAircraftConfig(clock_start_ms=2**32 - 20, clock_drift_ppm=1000.0)
-    ms = [said.time.time_ms for said in told((imu(k) for k in range(5)), config)]
-    assert ms == [2**32 - 20, 2**32 - 10, 0, 10, 20]
-    late = told([imu(0), imu(1), imu(100), imu(101)], replace(config, clock_start_ms=0))
-    assert late[-2].time == (1001, 0, 400, 0, 0)  # a millisecond of a second fast
 
 
 def test_a_flight_that_starts_again_switches_it_on_anew():
@@ -205,17 +169,6 @@ def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
         assert tick.gyro_radps[0] == pytest.approx(0.001 * k / 4, abs=1e-8)
     # Nothing is known of the gimbal, which stands in package 1: it waits.
     assert {push.package.id for _, push in pushes} == {0, 2, 3, 4}
-
-
-def test_numbers_are_those_of_the_wire():
-    """One frame by hand: mask, time, quaternion, acceleration, rate."""
-    aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=5000))
-    aircraft.desk.rates = (4, 4, 4, 0, 4) + (0,) * 11
-    (frame,) = frames_of(aircraft, [imu(0)])
-    value = struct.pack("<HIIIHB", 0b10111, 5000, 0, 2000, 0, 0)
-    value += struct.pack("<4f", *Q_NB) + struct.pack("<3f", 0.3 / 9.80665, -0.2 / 9.80665, -1.0)
-    value += struct.pack("<3f", 0.01, -0.02, 0.5)
-    assert frame.data == encode_frame(b"\x02\x00" + value, sequence=1)
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])

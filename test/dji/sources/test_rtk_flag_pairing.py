@@ -55,18 +55,6 @@ def test_a_clock_that_goes_back_lets_go_of_all():
     assert flags.due(9 * EPOCH_NS) == [RtkReading(5, yaw_deg=-90)]
 
 
-def test_a_flag_serves_one_value_of_each_topic():
-    flags = EpochFlags("position_flag")
-    velocity = RtkReading(7, velocity_n=(1.0, 2.0, 3.0))
-    assert flags.value("p", position(0), 0) == []
-    assert flags.flag(FLOAT, 1) == [position(0)._replace(position_flag=FLOAT)]
-    assert flags.value("v", velocity, 2) == [velocity._replace(position_flag=FLOAT)]
-    assert flags.value("v", velocity, 3) == []
-    # It has served: it does not go on by itself.
-    assert flags.due(HOLD_NS + 1) == []
-    assert flags.due(HOLD_NS + 3) == [velocity]
-
-
 @given(
     st.lists(
         st.tuples(
