@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -76,16 +77,16 @@ class _Slot:
 
 
 class Subscriber:
-    """Manage the subscription of the packages that ``table`` holds at the start.
+    """Manage the subscription of the packages ``wanted``, which may be none.
 
-    While it runs, the table is kept to what the aircraft pushes: the packages that it accepted.
+    While it runs, ``table`` is kept to what the aircraft pushes: the packages that it accepted.
     Raises DjiError for a package that cannot be requested.
     """
 
-    def __init__(self, table: PackageTable, exchange: Exchange) -> None:
+    def __init__(self, wanted: Sequence[Package], table: PackageTable, exchange: Exchange) -> None:
         self._table, self._exchange = table, exchange
-        self._slots = {package.id: _Slot(package) for package in table.values()}
-        for package in table.values():
+        self._slots = {package.id: _Slot(package) for package in wanted}
+        for package in wanted:
             encode_request(package.request)  # raises here, at the start, and not in flight
         self._is_clean = False  # versions match and no package of another host is left
 
@@ -114,7 +115,8 @@ class Subscriber:
     @property
     def is_open(self) -> bool:
         """Return whether another try may bring a package."""
-        return not self._is_clean or any(slot.is_open for slot in self._slots.values())
+        unclean = bool(self._slots) and not self._is_clean
+        return unclean or any(slot.is_open for slot in self._slots.values())
 
     @property
     def problems(self) -> list[str]:
