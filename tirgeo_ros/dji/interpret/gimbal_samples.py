@@ -105,28 +105,24 @@ class GimbalInterpreter:
 
     def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
         stamp_ns, roll, pitch, yaw = reading
-        if isinstance(q_nb, Miss):
-            if self._from_nose:
-                self._counts["gimbal_without_heading"] += 1
-                return []
-            self._counts["gimbal_without_joints"] += 1
-            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
-        nose = heading_of(q_nb)
-        if self._from_nose:
-            yaw += nose
-        self._psi_coder = math.remainder(yaw - nose, math.tau)
+        if isinstance(q_nb, Miss) and self._from_nose:
+            self._counts["gimbal_without_heading"] += 1
+            return []
+        if not isinstance(q_nb, Miss):
+            nose = heading_of(q_nb)
+            yaw += nose if self._from_nose else 0.0
+            self._psi_coder = math.remainder(yaw - nose, math.tau)
         q_ng = _camera_attitude(roll, pitch, yaw)
-        return [self._camera(stamp_ns, q_ng), self._joint(stamp_ns, q_nb, q_ng)]
-
-    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
-        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
-
-    def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
+        camera_q = canonical(np.array(q_ng))
+        camera = CameraAttitudeSample(self._cameras.after(stamp_ns), camera_q)
+        if isinstance(q_nb, Miss):
+            self._counts["gimbal_without_joints"] += 1
+            return [camera]
         q_bg = hamilton(tuple(quat_conjugate(q_nb).tolist()), q_ng)
-        yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
-        if math.cos(roll) < _SINGULAR_COSINE:
+        turns = joint_angles(matrix(rotation_of(q_bg))).tolist()
+        if math.cos(turns[1]) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
-        return JointSample(self._joints.after(stamp_ns), yaw, roll, pitch, computed=True)
+        return [camera, JointSample(self._joints.after(stamp_ns), *turns, computed=True)]
 
     @property
     def diagnostics(self) -> dict[str, str]:

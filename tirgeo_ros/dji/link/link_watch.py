@@ -84,12 +84,7 @@ class LinkWatch:
         self._heard_bytes_s = self._heard_frame_s = float("-inf")
         self._opened_s = float("-inf")
         self._last = _Look(0.0, 0, 0, 0)
-        self._report: LinkReport | None = None
-
-    @property
-    def report(self) -> LinkReport | None:
-        """Return the condition at the last look; None before the first."""
-        return self._report
+        self.report: LinkReport | None = None  # the condition at the last look
 
     def look(
         self,
@@ -111,12 +106,12 @@ class LinkWatch:
         else:
             self._looks.clear()
             condition = LinkCondition(state.value)
-        before = self._report
+        before = self.report
         changed = before is None or before.condition is not condition
         since_s = now_s if before is None or changed else before.since_s
         level = _LEVELS.get(condition, LinkLevel.ERROR)
-        self._report = LinkReport(condition, level, message, since_s, *self._rates())
-        return self._report if changed else None
+        self.report = LinkReport(condition, level, message, since_s, *self._rates())
+        return self.report if changed else None
 
     def _listen(self, look: _Look) -> LinkCondition:
         if not self._looks:  # what came before the port was open does not count

@@ -74,7 +74,7 @@ class SerialLink:
         self._guard = threading.Lock()  # nobody may close the handle while it is used
         self._closed = threading.Event()
         self._poll = select.poll()
-        self._state = LinkState.NO_DEVICE
+        self.state = LinkState.NO_DEVICE
         self._reason = ""
         self._pause_s = 0.0
         self._next_try_s = self._looked_up_s = time.monotonic()
@@ -82,15 +82,10 @@ class SerialLink:
         self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
     @property
-    def state(self) -> LinkState:
-        """Return the port's current state."""
-        return self._state
-
-    @property
     def message(self) -> str:
         """Return the state as a line for a person: port, what to do, cause."""
         reason = f" ({self._reason})" if self._reason else ""
-        return f"{self._port}: {_MESSAGES[self._state]}{reason}"
+        return f"{self._port}: {_MESSAGES[self.state]}{reason}"
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, in one batch; wait ``timeout_s`` for the first byte.
@@ -104,7 +99,7 @@ class SerialLink:
             return self._take(handle, timeout_s)
         except (OSError, ValueError) as error:
             self._drop()
-            self._state, self._reason = LinkState.LOST, _reason(error)
+            self.state, self._reason = LinkState.LOST, _reason(error)
             self._next_try_s = time.monotonic()
             return b""
 
@@ -165,7 +160,7 @@ class SerialLink:
             self._handle = handle
         self._poll = select.poll()
         self._poll.register(handle.fileno(), select.POLLIN)
-        self._state, self._reason = LinkState.OPEN, ""
+        self.state, self._reason = LinkState.OPEN, ""
         self._pause_s, self._looked_up_s = 0.0, time.monotonic()
         self.openings += 1
         return handle
@@ -175,9 +170,9 @@ class SerialLink:
         self._next_try_s = time.monotonic() + self._pause_s
         known = _STATES.get(getattr(error, "errno", None), LinkState.NO_DEVICE)
         state = LinkState.BAUD_REFUSED if isinstance(error, ValueError) else known
-        if state is LinkState.NO_DEVICE and self._state is LinkState.LOST:
+        if state is LinkState.NO_DEVICE and self.state is LinkState.LOST:
             return  # keep the reason why the port was lost for as long as it is away
-        self._state, self._reason = state, _reason(error)
+        self.state, self._reason = state, _reason(error)
 
     def _drop(self) -> None:
         with self._guard:

@@ -74,7 +74,8 @@ class Aircraft:
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
         self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
-        self._counts: Counter[str] = Counter()
+        #: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``
+        self.counts: Counter[str] = Counter()
         self._waiting: deque[tuple[int, NavigationInput]] = deque()
         self._sequence = 0
         self._switch_on()
@@ -91,11 +92,6 @@ class Aircraft:
         self._told_ns = 0
         self._slots: dict[int, int] = {}  # bit of the mask -> period in which it was last sent
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return counts: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``."""
-        return dict(self._counts)
-
     def answer(self, data: bytes) -> bytes:
         """Return what the aircraft writes back to the host's bytes."""
         return self.desk.answer(data)
@@ -104,12 +100,12 @@ class Aircraft:
         """Take a sample; return the frames that are ready, in the order of their times."""
         if isinstance(sample, JointSample | CameraAttitudeSample):
             if not self._gimbal.take(sample):
-                self._counts["invalid"] += 1
+                self.counts["invalid"] += 1
         # a receiver without a solution may send any position
         elif getattr(sample, "status", None) is FixStatus.NONE or not fault_of(sample):
             self._waiting.append((arrival_ns, sample))
         else:
-            self._counts["invalid"] += 1
+            self.counts["invalid"] += 1
         return self._until(arrival_ns - _AHEAD_NS)
 
     def flush(self) -> list[Outgoing]:
@@ -136,7 +132,7 @@ class Aircraft:
         before = self._imu
         if before is not None and imu.stamp_ns <= before.stamp_ns:
             if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
-                self._counts["imu_not_later"] += 1
+                self.counts["imu_not_later"] += 1
                 return []
             self._switch_on()
             before = None
@@ -157,7 +153,7 @@ class Aircraft:
         broadcast = broadcast_of(self._instant(imu), self._layout, due)
         if not broadcast.mask:
             return []
-        self._counts["broadcasts"] += 1
+        self.counts["broadcasts"] += 1
         return [Outgoing(arrival_ns, self._framed(_BROADCAST + encode_broadcast(broadcast)))]
 
     def _is_due(self, bit: int, code: int, imu: ImuSample) -> bool:
@@ -191,7 +187,7 @@ class Aircraft:
                 push = Push(package, instant.time.ms, instant.time.rest_ns, values)
                 data = self._framed(_PUSH + encode_push(push))
                 frames.append(Outgoing(stamp_ns + latency_ns, data))
-        self._counts["pushes"] += len(frames)
+        self.counts["pushes"] += len(frames)
         return frames
 
     def _instant(self, imu: ImuSample) -> Instant:

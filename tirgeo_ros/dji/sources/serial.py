@@ -35,7 +35,7 @@ class SerialDecoder:
         self._telemetry = Telemetry(clocks, packages)
         self._host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
-        self._locked = 0
+        self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
 
     def take(
@@ -77,7 +77,7 @@ class SerialDecoder:
     ) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
-            self._locked += _is_locked(frame)
+            self.locked += _is_locked(frame)
             self._host.take(frame, now_s)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
@@ -95,11 +95,6 @@ class SerialDecoder:
     def frames(self) -> int:
         """Return how many frames came in all."""
         return self._frames.counts["frames"]
-
-    @property
-    def locked(self) -> int:
-        """Return how many frames were encrypted and not, or not rightly, decrypted."""
-        return self._locked
 
     @property
     def host_message(self) -> str:

@@ -61,7 +61,14 @@ class Clocks(NamedTuple):
 
 
 class Telemetry:
-    """Convert frames to readings; count what cannot be read."""
+    """Convert frames to readings; count what cannot be read.
+
+    Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
+    whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
+    as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
+    ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
+    GPS_POSITION with the latitude first.
+    """
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
         self._clocks = clocks
@@ -70,19 +77,7 @@ class Telemetry:
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
         # the aircraft's position, from fields whose order is certain
         self._known: GeodeticPlace | None = None
-        self._counts: Counter[str] = Counter()
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return the counts since the start.
-
-        ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts whose
-        length fits no layout; ``unknown_package``: pushes that do not fit their package, as far as
-        it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-        ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
-        GPS_POSITION with the latitude first.
-        """
-        return dict(self._counts)
+        self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
         """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
@@ -91,20 +86,20 @@ class Telemetry:
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
             return self._read_push(frame.value, arrival_ns)
         self._traffic.take(frame)
-        self._counts["other"] += 1
+        self.counts["other"] += 1
         return []
 
     def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
         parts = decode_broadcast(value)
         if parts is None:
-            self._counts["unknown_layout"] += 1
+            self.counts["unknown_layout"] += 1
             return []
-        self._counts["broadcast"] += 1
+        self.counts["broadcast"] += 1
         stamp_ns = arrival_ns
         if parts.time is not None:
             stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
         elif parts.mask:
-            self._counts["untimed"] += 1
+            self.counts["untimed"] += 1
         readings = _inertial(
             stamp_ns,
             ImuOrigin.BROADCAST,
@@ -122,9 +117,9 @@ class Telemetry:
     def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
         push = decode_push(value, self._packages)
         if push is None:
-            self._counts["unknown_package"] += 1
+            self.counts["unknown_package"] += 1
             return []
-        self._counts["subscription"] += 1
+        self.counts["subscription"] += 1
         if push.time_ms is None:
             steady = self._steady.setdefault(push.package.id, SteadyStamps())
             stamp_ns = steady.stamp_ns(arrival_ns)
@@ -132,7 +127,7 @@ class Telemetry:
             stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
         values = push.values
         if implausible := doubtful(push):  # many of them where the package table is wrong
-            self._counts["implausible"] += 1
+            self.counts["implausible"] += 1
             values = {name: value for name, value in values.items() if name not in implausible}
         readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
         readings += _inertial(
@@ -179,7 +174,7 @@ class Telemetry:
         """
         longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._is_swapped(latitude, longitude):
-            self._counts["axes_swapped"] += 1
+            self.counts["axes_swapped"] += 1
             latitude, longitude = longitude, latitude
         return GeodeticPlace(latitude, longitude, raw.z_raw * 1e-3)
 
