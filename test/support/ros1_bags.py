@@ -184,8 +184,7 @@ def wrapper_bag(
 ) -> Bag:
     """What the wrapper since 3.3 publishes; ``broadcast`` is its other mode's gimbal."""
     bag = Bag()
-    lag = flight.record_lag_ns
-    rate = math.radians(flight.turn_deg_s)
+    lag, rate = flight.record_lag_ns, math.radians(flight.turn_deg_s)
     north, east, down = flight.velocity_ned
     for t_s in flight.times(100):
         s = flight.at(t_s)
@@ -229,8 +228,7 @@ def add_rtk(bag: Bag, flight: Flight, t_s: float, prefix: str = "/dji_sdk") -> N
 
 def older_bag(flight: Flight, *, prefix: str = "/dji_sdk") -> Bag:
     """What the wrapper before REP 103 publishes: NED, FRD, RTK with every packet."""
-    bag = Bag()
-    lag = flight.record_lag_ns
+    bag, lag = Bag(), flight.record_lag_ns
     for k, t_s in enumerate(flight.times(100)):
         s = flight.at(t_s)
         for (typename, topic), values in _older_values(flight, s).items():

@@ -80,7 +80,7 @@ def test_rtk_that_is_switched_on_later_is_found():
     flight.fly(100.0)
     flight.aircraft.refusals = lambda _: None
     flight.fly(31.0, HostState.READY)
-    assert list(flight.table) == list(USUAL_PACKAGES)
+    assert flight.table == PackageTable()
     uids = {number: package.uids for number, package in flight.aircraft.packages.items()}
     assert uids[0] == tuple(topic.uid for topic in USUAL_PACKAGES[0].topics)
 

@@ -34,7 +34,7 @@ def test_a_table_is_read_from_a_file(tmp_path):
         "    topics:\n"
         "      - HARD_SYNC\n"
     )
-    assert list(package_table(load_yaml(file), str(file))) == [
+    assert list(package_table(load_yaml(file), str(file)).values()) == [
         Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW")),
         Package.of(3, 400, with_timestamp=False, names=("HARD_SYNC",)),
     ]

@@ -36,16 +36,16 @@ def package_table(tree: object, file: str) -> PackageTable:
     entries = tree[_ROOT]
     if not isinstance(entries, Mapping) or not entries:
         raise DjiError(f"{file}: {_ROOT}: needs an entry for each package, by its id")
-    packages: list[Package] = []
-    for number, entry in entries.items():
-        package = _package(number, entry, f"{file}: {_ROOT}.{number}")
-        for other in packages:  # the aircraft refuses a topic in two packages
-            if both := [topic.name for topic in package.topics if topic in other.topics]:
+    holder: dict[str, int] = {}
+    packages = [_package(n, entry, f"{file}: {_ROOT}.{n}") for n, entry in entries.items()]
+    for package in packages:
+        for topic in package.topics:  # the aircraft refuses a topic in two packages
+            if topic.name in holder:
                 raise DjiError(
-                    f"{file}: {_ROOT}.{number}.topics: {both[0]} stands in package {other.id} "
-                    "already"
+                    f"{file}: {_ROOT}.{package.id}.topics: {topic.name} stands in package "
+                    f"{holder[topic.name]} already"
                 )
-        packages.append(package)
+            holder[topic.name] = package.id
     return PackageTable(packages)
 
 
@@ -66,8 +66,6 @@ def _package(number: Any, entry: Any, where: str) -> Package:
     if not isinstance(names, list) or not names:
         raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
     topics = tuple(_topic(name, where) for name in names)
-    if len(set(topics)) < len(topics):
-        raise DjiError(f"{where}.topics: a topic stands in package {number} already")
     package = Package(number, rate_hz, with_timestamp, topics)
     if package.length - 1 > MAX_DATA_BYTES:
         raise DjiError(
