@@ -119,10 +119,11 @@ class GimbalInterpreter:
             self._counts["gimbal_without_joints"] += 1
             return [camera]
         q_bg = hamilton(tuple(quat_conjugate(q_nb).tolist()), q_ng)
-        turns = joint_angles(matrix(rotation_of(q_bg))).tolist()
-        if math.cos(turns[1]) < _SINGULAR_COSINE:
+        yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
+        if math.cos(roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
-        return [camera, JointSample(self._joints.after(stamp_ns), *turns, computed=True)]
+        stamp_ns = self._joints.after(stamp_ns)
+        return [camera, JointSample(stamp_ns, yaw, roll, pitch, computed=True)]
 
     @property
     def diagnostics(self) -> dict[str, str]:

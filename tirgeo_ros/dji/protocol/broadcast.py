@@ -105,7 +105,10 @@ _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
     Layout.MODERN: (
         *enumerate([("time", "3IHB", Time._make), *_MOTION]),
         (5, ("relative_position", "6fB", RelativePosition._make)),
-        (6, ("gps", "2I3i3f6f2I2H", lambda v: Gps(*v[:5], v[5:8], GpsDetail._make(v[8:])))),
+        (
+            6,
+            ("gps", "2I3i3f6f2I2H", lambda v: Gps._make((*v[:5], v[5:8], GpsDetail._make(v[8:])))),
+        ),
         (7, _RTK),
         *enumerate(_MAG_RC_GIMBAL, 8),
         (11, ("status", "4B", Status._make)),
@@ -140,7 +143,7 @@ def _fitting(mask: int, length: int) -> tuple[Layout, PackedFields] | None:
 def broadcast_length(layout: Layout, mask: int) -> int | None:
     """Return the bytes of a broadcast's value with its mask; None if the layout lacks a bit."""
     packed = _packed(layout, mask)
-    return packed and packed.size
+    return None if packed is None else packed.size
 
 
 def decode_broadcast(value: bytes) -> Broadcast | None:

@@ -51,12 +51,14 @@ _TO_RADIANS = (("lon_rad", "lon_deg"), ("lat_rad", "lat_deg"))
 #: The fields of a type in their order; of a type that is not here, those of its definition.
 _FIELDS: dict[type, tuple[str | _Computed, ...]] = {
     parts.Time: (
-        *("time_ms", "time_ns", ("time_s", "time_ms", _per(1000))),
+        *("time_ms", "time_ns"),
+        ("time_s", "time_ms", _per(1000)),
         *("sync_time_2p5ms", "sync_tag", "sync_flag"),
     ),
     parts.Velocity: ("xyz_mps", ("health", "info", _bits(0))),
     parts.Position: (
-        *("lat_rad", "lon_rad", *_computed(math.degrees, *_TO_DEGREES)),
+        *("lat_rad", "lon_rad"),
+        *_computed(math.degrees, *_TO_DEGREES),
         *("altitude_m", "height_m", "health"),
     ),
     parts.Gps: (
@@ -66,7 +68,9 @@ _FIELDS: dict[type, tuple[str | _Computed, ...]] = {
             lambda raw: math.radians(raw / 1e7), ("lon_rad", "lon_1e7"), ("lat_rad", "lat_1e7")
         ),
         ("hfsl_m", "hfsl_mm", _per(1000)),
-        *("vel_ned_cmps", ("vel_ned_mps", "vel_ned_cmps", _m_s), "detail"),
+        "vel_ned_cmps",
+        ("vel_ned_mps", "vel_ned_cmps", _m_s),
+        "detail",
     ),
     parts.GpsDetail: (
         *("hdop", "pdop", "fix", "vacc_mm", "hacc_mm", "sacc_cmps"),
@@ -75,9 +79,13 @@ _FIELDS: dict[type, tuple[str | _Computed, ...]] = {
         *("used_gps", "used_glonass", "nsv", "counter"),
     ),
     parts.Rtk: (
-        *("date", "time", "lon_deg", "lat_deg", *_computed(math.radians, *_TO_RADIANS)),
-        *("hfsl_m", "vel_cmps", ("vel_mps", "vel_cmps", _m_s)),
-        *("yaw_deg", ("yaw_rad", "yaw_deg", math.radians), "pos_flag", "yaw_flag"),
+        *("date", "time", "lon_deg", "lat_deg"),
+        *_computed(math.radians, *_TO_RADIANS),
+        *("hfsl_m", "vel_cmps"),
+        ("vel_mps", "vel_cmps", _m_s),
+        "yaw_deg",
+        ("yaw_rad", "yaw_deg", math.radians),
+        *("pos_flag", "yaw_flag"),
     ),
     parts.Gimbal: (
         *_angles("roll", "pitch", "yaw"),
@@ -98,7 +106,8 @@ _FIELDS: dict[type, tuple[str | _Computed, ...]] = {
         ("vrc_status", "bits", _bits(4)),
     ),
     parts.GpsFused: (
-        *("lon_rad", "lat_rad", *_computed(math.degrees, *reversed(_TO_DEGREES))),
+        *("lon_rad", "lat_rad"),
+        *_computed(math.degrees, *reversed(_TO_DEGREES)),
         *("altitude_m", "satellites"),
     ),
     parts.GpsPosition: (
@@ -106,8 +115,9 @@ _FIELDS: dict[type, tuple[str | _Computed, ...]] = {
         ("order_packed", "x_raw", lambda _: "x=lon,y=lat"),
     ),
     parts.HardSync: (
-        *("time2p5ms", "time1ns", "reset_time2p5ms", ("index", "tag", int), "flag"),
-        *("q_wxyz", "accel_g", "gyro_radps"),
+        *("time2p5ms", "time1ns", "reset_time2p5ms"),
+        ("index", "tag", int),
+        *("flag", "q_wxyz", "accel_g", "gyro_radps"),
     ),
 }
 

@@ -76,7 +76,10 @@ _USUAL = (
     (4, 200, False, "ACCELERATION_RAW ANGULAR_RATE_RAW ACCELERATION_BODY"),
 )
 #: The packages of an aircraft whose requests were not seen.
-USUAL_PACKAGES = tuple(Package.of(*head, names.split()) for *head, names in _USUAL)
+USUAL_PACKAGES = tuple(
+    Package.of(number, rate_hz, stamped, names.split())
+    for number, rate_hz, stamped, names in _USUAL
+)
 
 
 class PackageTable(dict[int, Package]):

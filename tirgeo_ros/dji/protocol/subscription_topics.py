@@ -77,7 +77,7 @@ TOPICS = (
         0xECBEF06D,
         400,
         "3IHB4f3f3f",
-        lambda v: HardSync(*v[:5], v[5:9], v[9:12], v[12:]),
+        lambda v: HardSync._make((*v[:5], v[5:9], v[9:12], v[12:])),
     ),
     Topic("GPS_CONTROL_LEVEL", 0xE30B17B0, 50, "B", _number),
     Topic("GPS_SIGNAL_LEVEL", 0xA6A0395F, 50, "B", _number),

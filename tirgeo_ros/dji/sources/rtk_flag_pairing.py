@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
+from typing import Any
 
 from tirgeo_ros.dji.sources.readings import RtkReading
 
@@ -51,9 +52,9 @@ class EpochFlags:
     def flag(self, flag: int, arrival_ns: int) -> list[RtkReading]:
         """Take a flag; return what is complete now, or has waited long enough."""
         done = self.due(arrival_ns)
-        self._flags.append(
-            _Flag(arrival_ns, RtkReading(arrival_ns)._replace(**{self._name: flag}))
-        )
+        number: dict[str, Any] = {self._name: flag}
+        reading = RtkReading(arrival_ns)._replace(**number)
+        self._flags.append(_Flag(arrival_ns, reading))
         return done + [reading for topic in self._values for reading in self._paired(topic)]
 
     def due(self, now_ns: int) -> list[RtkReading]:
@@ -73,7 +74,7 @@ class EpochFlags:
         for flag in self._flags:
             if values and topic not in flag.served:
                 flag.served.add(topic)
-                number = {self._name: getattr(flag.reading, self._name)}
+                number: dict[str, Any] = {self._name: getattr(flag.reading, self._name)}
                 done.append(values.popleft()[1]._replace(**number))
         return done
 
