@@ -125,7 +125,7 @@ def test_dji_nodes_own_host_gets_what_it_asks_for():
     for time_ns, data in frames_of(aircraft, hovering(8.0)):
         now_s = time_ns * 1e-9
         road.take(data, time_ns, now_s)
-        road.take(aircraft.answer(road.due(now_s)), time_ns, now_s)
+        road.take(aircraft.answer(road.host.due(now_s)), time_ns, now_s)
     assert aircraft.desk.activated
     assert aircraft.desk.rates[:5] == (4, 4, 4, 0, 4)
     assert list(aircraft.desk.packages.values()) == list(USUAL_PACKAGES)
