@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections import deque
 from itertools import pairwise
-from typing import NamedTuple
 
 #: The time that the drift is learned from is divided into this many bins; each keeps its lowest
 #: point.
@@ -33,14 +32,6 @@ _HEIGHTS = 2048
 _INFINITY = float("inf")
 
 Point = tuple[float, float]
-
-
-class Spread(NamedTuple):
-    """Hold how high the newest points lie above the line, in nanoseconds."""
-
-    median_ns: float
-    p95_ns: float
-    max_ns: float
 
 
 class LowerEnvelope:
@@ -85,13 +76,13 @@ class LowerEnvelope:
         self._heights.append(height)
 
     @property
-    def spread(self) -> Spread | None:
-        """Return the distribution of the points' heights above the line; None without points."""
+    def spread(self) -> tuple[float, float, float] | None:
+        """Return median, 95 % quantile and maximum of the newest points' heights (ns), if any."""
         heights = sorted(max(height, 0.0) for height in self._heights)
         if not heights:
             return None
         last = len(heights) - 1
-        return Spread(heights[last // 2], heights[round(0.95 * last)], heights[last])
+        return heights[last // 2], heights[round(0.95 * last)], heights[last]
 
     def _open(self, x: float) -> None:
         """Begin a bin."""

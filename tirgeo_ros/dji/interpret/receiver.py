@@ -142,7 +142,7 @@ class Receiver(ABC, Generic[R]):
                 self._count("frozen")
 
     def _age(self, now_ns: int) -> dict[str, str]:
-        """Return the age of the newest epoch, and whether it is sent for over a second."""
+        """Return the age of the newest epoch, and whether the receiver is frozen."""
         epoch_ns = self._epochs.begun_ns
         if epoch_ns is None:
             return {}

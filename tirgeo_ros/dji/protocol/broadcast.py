@@ -9,9 +9,10 @@ aircraft.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol.broadcast_parts import (
@@ -131,12 +132,25 @@ def _packed(layout: Layout, mask: int) -> PackedFields | None:
     return PackedFields("<H", [part for bit, part in parts if mask >> bit & 1])
 
 
+class _Plan(NamedTuple):
+    """Hold how to read the frames of one mask and length."""
+
+    layout: Layout
+    numbers: Callable[[bytes], tuple[Any, ...]]
+    parts: tuple[tuple[int, int, int, Make], ...]  # place in Broadcast, numbers from, to
+
+
 @lru_cache(maxsize=256)
-def _fitting(mask: int, length: int) -> tuple[Layout, PackedFields] | None:
+def _fitting(mask: int, length: int) -> _Plan | None:
     for layout in Layout:
         packed = _packed(layout, mask)
         if packed and packed.size == length:
-            return layout, packed
+            place = Broadcast._fields.index
+            return _Plan(
+                layout,
+                packed.numbers,
+                tuple((place(name), a, b, make) for name, a, b, make in packed.parts),
+            )
     return None
 
 
@@ -148,11 +162,15 @@ def broadcast_length(layout: Layout, mask: int) -> int | None:
 
 def decode_broadcast(value: bytes) -> Broadcast | None:
     """Decode a broadcast's value (what follows set and id); None if no layout has its length."""
-    fitting = _fitting(int.from_bytes(value[:2], "little"), len(value))
-    if fitting is None:
+    plan = _fitting(value[0] | value[1] << 8, len(value)) if len(value) > 1 else None
+    if plan is None:
         return None
-    layout, packed = fitting
-    return Broadcast(layout, **packed.unpack(value)[1])
+    numbers = plan.numbers(value)
+    parts: list[Any] = [None] * len(Broadcast._fields)
+    parts[0] = plan.layout
+    for place, start, stop, make in plan.parts:
+        parts[place] = make(numbers[start:stop])
+    return Broadcast._make(parts)
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
@@ -165,6 +183,8 @@ def encode_broadcast(broadcast: Broadcast) -> bytes:
     values = broadcast._asdict()
     what = f"broadcast in {values.pop('layout').value}"
     given = {name for name, part in values.items() if part is not None}
-    if strays := sorted(given - packed.names):  # they would be lost silently
+    if strays := sorted(
+        given.difference(name for name, *_ in packed.parts)
+    ):  # they would be lost silently
         raise DjiError(f"{what}: there is no {', '.join(strays)}")
     return packed.pack([broadcast.mask], values, what)

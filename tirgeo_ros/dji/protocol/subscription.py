@@ -125,9 +125,11 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
     packed = _packed(package)
     if len(value) != packed.size:
         return None
-    head, values = packed.unpack(value)
-    time_ms, time_ns = head[1:] if package.with_timestamp else (None, None)
-    return Push(package, time_ms, time_ns, values)
+    numbers = packed.numbers(value)
+    values = {name: make(numbers[start:stop]) for name, start, stop, make in packed.parts}
+    if package.with_timestamp:
+        return Push(package, numbers[1], numbers[2], values)
+    return Push(package, None, None, values)
 
 
 def encode_push(push: Push) -> bytes:

@@ -20,13 +20,11 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     GpsFused,
     GpsPosition,
     HardSync,
-    Quaternion,
     Rc,
     RelativePosition,
     RtkPosition,
     Status,
     Time,
-    Vector,
 )
 from tirgeo_ros.dji.simulator.satellites import Satellites
 
@@ -125,22 +123,23 @@ def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | N
 
 
 def _numbers(v: Array | None) -> Any:
+    """Return a vector or quaternion as a tuple."""
     return None if v is None else tuple(v.tolist())
 
 
-def _quaternion(i: Instant) -> Quaternion | None:
+def _quaternion(i: Instant) -> Any:
     return _numbers(i.imu.autopilot_q_nb)
 
 
-def _force_g(i: Instant) -> Vector:
+def _force_g(i: Instant) -> Any:
     return _numbers(i.imu.specific_force_b / G_M_S2)
 
 
-def _rate(i: Instant) -> Vector:
+def _rate(i: Instant) -> Any:
     return _numbers(i.imu.angular_rate_b)
 
 
-def _over_ground(i: Instant, v_b: Array, up: int) -> Vector | None:
+def _over_ground(i: Instant, v_b: Array, up: int) -> Any:
     """Return a vector over ground, its third axis down (``up`` = 1) or up (-1)."""
     q = i.imu.autopilot_q_nb
     return None if q is None else _numbers(matrix_from_quat(q) @ v_b * (1, 1, up))
