@@ -147,7 +147,7 @@ def _to_samples(data: bytes, rng: random.Random) -> str:
             now_ns += rng.randrange(_STEP_NS)
             for reading in road.take(part, now_ns, now_ns * 1e-9):
                 samples += meaning.take(reading)
-        road.due(now_ns * 1e-9)
+        road.host.due(now_ns * 1e-9)
     samples += meaning.flush()
     assert road.diagnostics
     assert meaning.diagnostics

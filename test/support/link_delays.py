@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -70,35 +69,3 @@ def link(rate_hz, seconds, delays, *, drift_ppm=0.0, seed=0, start_s=12.3, stead
     truth_ns = HOST_NS + np.round(earliest_s * 1e9).astype(np.int64)
     arrival_ns = HOST_NS + np.round(arrival_s * 1e9).astype(np.int64)
     return Link(ticks, extra_ns, truth_ns, arrival_ns, since_s)
-
-
-class RunningMinimum:
-    """The smallest difference of the last ``window_s``, without drift."""
-
-    def __init__(self, window_s=20.0):
-        self._window_ns = window_s * 1e9
-        self._smallest = deque()
-
-    def stamp_ns(self, aircraft_ns, arrival_ns):
-        offset_ns = arrival_ns - aircraft_ns
-        while self._smallest and self._smallest[-1][1] >= offset_ns:
-            self._smallest.pop()
-        self._smallest.append((arrival_ns, offset_ns))
-        while self._smallest[0][0] < arrival_ns - self._window_ns:
-            self._smallest.popleft()
-        return aircraft_ns + self._smallest[0][1]
-
-
-class FrozenOffset:
-    """The first difference that 400 messages in a row stay within 8 ms of, for ever."""
-
-    def __init__(self):
-        self._offset_ns, self._number = None, 0
-
-    def stamp_ns(self, aircraft_ns, arrival_ns):
-        offset_ns = arrival_ns - aircraft_ns
-        if self._number < 400:
-            near = self._offset_ns is not None and abs(offset_ns - self._offset_ns) < 8e6
-            self._number = self._number + 1 if near else 0
-            self._offset_ns = self._offset_ns if near else offset_ns
-        return aircraft_ns + self._offset_ns

@@ -19,20 +19,28 @@ GRAVITY = 9.80665
 BEGUN_NS = 1_718_091_879_000_000_000
 EARTH_M = 6_371_000.0
 
+#: Types of the wrapper before REP 103: fields by type of number.
 OLDER_TYPES = {
-    "AttitudeQuaternion": "std_msgs/Header header\nint32 ts\nfloat32 q0\nfloat32 q1\nfloat32 q2\n"
-    "float32 q3\nfloat32 wx\nfloat32 wy\nfloat32 wz\n",
-    "Acceleration": "std_msgs/Header header\nint32 ts\nfloat32 ax\nfloat32 ay\nfloat32 az\n",
-    "Velocity": "std_msgs/Header header\nint32 ts\nfloat32 vx\nfloat32 vy\nfloat32 vz\n"
-    "uint8 health_flag\nuint8 feedback_sensor_id\n",
-    "GlobalPosition": "std_msgs/Header header\nint32 ts\nfloat64 latitude\nfloat64 longitude\n"
-    "float32 altitude\nfloat32 height\nint8 health\n",
-    "Gimbal": "std_msgs/Header header\nint32 ts\nfloat32 pitch\nfloat32 yaw\nfloat32 roll\n",
-    "A3GPS": "uint32 date\nuint32 time\nint32 longitude\nint32 latitude\nint32 height_above_sea\n"
-    "float32 velocity_north\nfloat32 velocity_east\nfloat32 velocity_ground\n",
-    "A3RTK": "uint32 date\nuint32 time\nfloat64 longitude_RTK\nfloat64 latitude_RTK\n"
-    "float32 height_above_sea_RTK\nfloat32 velocity_north\nfloat32 velocity_east\n"
-    "float32 velocity_ground\nint16 yaw\nuint8 position_flag\nuint8 yaw_flag\n",
+    "AttitudeQuaternion": ["std_msgs/Header header", "int32 ts", "float32 q0 q1 q2 q3 wx wy wz"],
+    "Acceleration": ["std_msgs/Header header", "int32 ts", "float32 ax ay az"],
+    "Velocity": [
+        *("std_msgs/Header header", "int32 ts", "float32 vx vy vz"),
+        "uint8 health_flag feedback_sensor_id",
+    ],
+    "GlobalPosition": [
+        *("std_msgs/Header header", "int32 ts", "float64 latitude longitude"),
+        *("float32 altitude height", "int8 health"),
+    ],
+    "Gimbal": ["std_msgs/Header header", "int32 ts", "float32 pitch yaw roll"],
+    "A3GPS": [
+        *("uint32 date time", "int32 longitude latitude height_above_sea"),
+        "float32 velocity_north velocity_east velocity_ground",
+    ],
+    "A3RTK": [
+        *("uint32 date time", "float64 longitude_RTK latitude_RTK"),
+        "float32 height_above_sea_RTK velocity_north velocity_east velocity_ground",
+        *("int16 yaw", "uint8 position_flag yaw_flag"),
+    ],
 }
 
 
@@ -87,7 +95,9 @@ class Bag:
     seq: int = 0
 
     def __post_init__(self) -> None:
-        for name, text in OLDER_TYPES.items():
+        for name, groups in OLDER_TYPES.items():
+            fields = [f"{kind} {field}" for kind, *fs in map(str.split, groups) for field in fs]
+            text = "\n".join(fields)
             self.store.register(get_types_from_msg(text, f"dji_sdk/msg/{name}"))
 
     def new(self, typename: str, **fields):
@@ -148,17 +158,15 @@ class Bag:
             writer.set_compression(compression)
         connections = {}
         with writer:
-            for record_ns, _, topic, typename, message in sorted(self.messages, key=_order):
+            for record_ns, _, topic, typename, message in sorted(
+                self.messages, key=lambda m: m[:2]
+            ):
                 key = topic, typename
                 if key not in connections:
                     connections[key] = writer.add_connection(topic, typename, typestore=self.store)
                 data = self.store.serialize_ros1(message, typename)
                 writer.write(connections[key], record_ns, data)
         return path
-
-
-def _order(item):
-    return item[:2]
 
 
 def enu_flu(heading_deg: float) -> tuple[float, float, float, float]:
@@ -176,8 +184,7 @@ def wrapper_bag(
 ) -> Bag:
     """What the wrapper since 3.3 publishes; ``broadcast`` is its other mode's gimbal."""
     bag = Bag()
-    lag = flight.record_lag_ns
-    rate = math.radians(flight.turn_deg_s)
+    lag, rate = flight.record_lag_ns, math.radians(flight.turn_deg_s)
     north, east, down = flight.velocity_ned
     for t_s in flight.times(100):
         s = flight.at(t_s)
@@ -197,10 +204,8 @@ def wrapper_bag(
         enu = bag.stamped_vector(s.stamp_ns, (east, north, -down), "ground_ENU")
         bag.add(s.stamp_ns + lag, f"{prefix}/velocity", enu)
         roll, pitch, yaw = s.gimbal_rpy_deg
-        if broadcast:
-            angles = bag.stamped_vector(s.stamp_ns, (roll, pitch, yaw), "ground_ENU")
-        else:
-            angles = bag.stamped_vector(s.stamp_ns, (pitch, roll, yaw))
+        first, second, frame = (roll, pitch, "ground_ENU") if broadcast else (pitch, roll, "")
+        angles = bag.stamped_vector(s.stamp_ns, (first, second, yaw), frame)
         bag.add(s.stamp_ns + lag, f"{prefix}/gimbal_angle", angles)
     for t_s in flight.times(5):
         add_rtk(bag, flight, t_s, prefix)
@@ -223,53 +228,34 @@ def add_rtk(bag: Bag, flight: Flight, t_s: float, prefix: str = "/dji_sdk") -> N
 
 def older_bag(flight: Flight, *, prefix: str = "/dji_sdk") -> Bag:
     """What the wrapper before REP 103 publishes: NED, FRD, RTK with every packet."""
-    bag = Bag()
-    lag = flight.record_lag_ns
+    bag, lag = Bag(), flight.record_lag_ns
     for k, t_s in enumerate(flight.times(100)):
         s = flight.at(t_s)
-        for name, fields in _older_fields(flight, t_s, k).items():
-            made = bag.new(
-                f"dji_sdk/msg/{name[0]}", header=bag.header(s.stamp_ns, "/world"), ts=k, **fields
-            )
-            bag.add(s.stamp_ns + lag, f"{prefix}/{name[1]}", made)
+        for (typename, topic), values in _older_values(flight, s).items():
+            head = {"header": bag.header(s.stamp_ns, "/world"), "ts": k}
+            made = bag.new(f"dji_sdk/msg/{typename}", **head, **values)
+            bag.add(s.stamp_ns + lag, f"{prefix}/{topic}", made)
         held = flight.at(math.floor(t_s * 5) / 5)  # of the newest epoch
-        receivers = _older_receivers(flight, held)
-        for (typename, topic), fields in receivers.items():
-            made = bag.new(f"dji_sdk/msg/{typename}", date=20240611, time=154439, **fields)
+        for (typename, topic), values in _older_receivers(flight, held).items():
+            made = bag.new(f"dji_sdk/msg/{typename}", date=20240611, time=154439, **values)
             bag.add(s.stamp_ns + lag, f"{prefix}/{topic}", made)
     return bag
 
 
-def _older_fields(flight: Flight, t_s: float, _k: int):
-    s = flight.at(t_s)
-    half = math.radians(s.heading_deg) / 2
+def _older_values(flight: Flight, s: State):
+    half, rate = math.radians(s.heading_deg) / 2, math.radians(flight.turn_deg_s)
     roll, pitch, yaw = s.gimbal_rpy_deg
     north, east, down = flight.velocity_ned
+    q = dict(
+        zip(("q0", "q1", "q2", "q3"), (math.cos(half), 0.0, 0.0, math.sin(half)), strict=True)
+    )
+    fused = {"latitude": s.latitude_deg, "longitude": s.longitude_deg, "altitude": 150.0}
+    moves = {"vx": north, "vy": east, "vz": down}
     return {
-        ("AttitudeQuaternion", "attitude_quaternion"): {
-            "q0": math.cos(half),
-            "q1": 0.0,
-            "q2": 0.0,
-            "q3": math.sin(half),
-            "wx": 0.0,
-            "wy": 0.0,
-            "wz": math.radians(flight.turn_deg_s),
-        },
+        ("AttitudeQuaternion", "attitude_quaternion"): {**q, "wx": 0.0, "wy": 0.0, "wz": rate},
         ("Acceleration", "acceleration"): {"ax": 0.0, "ay": 0.0, "az": -1.0},
-        ("Velocity", "velocity"): {
-            "vx": north,
-            "vy": east,
-            "vz": down,
-            "health_flag": 1,
-            "feedback_sensor_id": 0,
-        },
-        ("GlobalPosition", "global_position"): {
-            "latitude": s.latitude_deg,
-            "longitude": s.longitude_deg,
-            "altitude": 150.0,
-            "height": 25.0,
-            "health": 5,
-        },
+        ("Velocity", "velocity"): {**moves, "health_flag": 1, "feedback_sensor_id": 0},
+        ("GlobalPosition", "global_position"): {**fused, "height": 25.0, "health": 5},
         ("Gimbal", "gimbal"): {"pitch": pitch, "yaw": yaw, "roll": roll},
     }
 

@@ -148,4 +148,4 @@ class Flight:
 
     @property
     def known(self):
-        return [package.id for package in self.table]
+        return sorted(self.table)

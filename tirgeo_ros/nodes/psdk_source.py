@@ -55,7 +55,7 @@ def _gps_details(m: Any) -> tuple[float, Vector]:
     return m.fix_state, (m.horizontal_accuracy, m.vertical_accuracy, m.speed_accuracy)
 
 
-#: Topic name -> its type, and the function that extracts the values for PsdkRoad.
+#: Topic name -> its type, and the function that extracts the values for PsdkDecoder.
 _TOPICS: dict[str, tuple[str, Values]] = {
     "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
     "imu": ("sensor_msgs/msg/Imu", _imu),
@@ -130,13 +130,10 @@ class PsdkSource:
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
-        on_topic = getattr(self._road, f"on_{topic}")
         values = _TOPICS[topic][1](message)
         arrival_ns = self._node.get_clock().now().nanoseconds
-        if topic in _WITHOUT_HEADER:
-            self._give(on_topic(values, arrival_ns))
-        else:
-            self._give(on_topic(values, stamp_ns(message), arrival_ns))
+        sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
+        self._give(self._road.take(topic, values, sent_ns, arrival_ns))
 
     def _listen(self, topic: str) -> None:
         subscribe(

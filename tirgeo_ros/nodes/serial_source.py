@@ -73,7 +73,7 @@ class SerialSource:
             )
             # On a closed port a request would only count as unanswered.
             is_open = self._link.state is LinkState.OPEN
-            to_send = self._road.due(now_s) if is_open else b""
+            to_send = self._road.host.due(now_s) if is_open else b""
             report = self._look(now_s)
         if to_send:
             self._link.write(to_send)
@@ -82,7 +82,7 @@ class SerialSource:
 
     def _look(self, now_s: float) -> LinkReport | None:
         link, road = self._link, self._road
-        counts = road.bytes, road.frames, road.locked
+        counts = road.counts["bytes"], road.counts["frames"], road.locked
         return self._watch.look(now_s, link.state, link.message, *counts)
 
     def _log_changes(self, report: LinkReport | None) -> None:
@@ -93,8 +93,8 @@ class SerialSource:
                 self._node.get_logger().info(shown(report.message))
             else:
                 self._node.get_logger().warning(shown(report.message))
-        if self._road.host_message != self._host_message:
-            self._host_message = self._road.host_message
+        if self._road.host.message != self._host_message:
+            self._host_message = self._road.host.message
             self._node.get_logger().info(shown(self._host_message))
 
     def items(self) -> list[DiagnosticItem]:

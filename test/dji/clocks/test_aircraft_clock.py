@@ -8,8 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link_delays import (
     HOST_NS,
-    FrozenOffset,
-    RunningMinimum,
     bursts_of_8,
     exponential,
     link,
@@ -38,14 +36,6 @@ def stamps_of(link_, clock=None, *, extra=False):
 
 def errors_ms(stamps, link_, after_s=5.0):
     return (stamps - link_.truth_ns)[link_.since_s >= after_s] / MS
-
-
-def compared_ms(other, link_, after_s=5.0):
-    aircraft_ns = (link_.ticks * MS + link_.extra_ns).tolist()
-    stamps = [
-        other.stamp_ns(*each) for each in zip(aircraft_ns, link_.arrival_ns.tolist(), strict=True)
-    ]
-    return errors_ms(np.array(stamps), link_, after_s)
 
 
 def rms(values):
@@ -103,13 +93,6 @@ def test_an_hour_of_drift(drift_ppm):
     assert float(clock.diagnostics["clock drift [ppm]"]) == pytest.approx(drift_ppm, abs=2)
 
 
-def test_a_minimum_without_drift_and_a_frozen_offset_are_worse():
-    flown = link(100, 600, exponential(2), drift_ppm=50, seed=4)
-    ours = rms(errors_ms(stamps_of(flown, extra=True), flown))
-    assert rms(compared_ms(RunningMinimum(CONFIG.window_s), flown)) > 10 * ours
-    assert rms(compared_ms(FrozenOffset(), flown)) > 100 * ours
-
-
 def test_drift_that_follows_the_temperature():
     flown = link(
         100,
@@ -140,11 +123,6 @@ def test_a_truncating_counter_is_early_by_half_a_tick_in_the_mean():
     assert np.abs(exact).max() < 0.05
 
 
-def test_a_counter_in_step_with_the_messages_is_not_early():
-    flown = link(100, 60, exponential(0.5), seed=7, start_s=12.3007)  # each is cut by 0.7 ms
-    assert np.abs(errors_ms(stamps_of(flown), flown)).max() < 0.05
-
-
 def test_ticks_of_2_5_ms_with_their_rest():
     flown = link(400, 30, bursts_of_8, seed=8, start_s=3.0013)
     sent_ns = flown.ticks * MS + flown.extra_ns
@@ -169,29 +147,6 @@ def test_the_counter_wraps():
     assert np.abs(errors_ms(stamps, flown)).max() < 1  # a tick
     assert clock.diagnostics["clock wraps"] == "1"
     assert clock.diagnostics["clock resets"] == "0"
-
-
-def test_late_messages_on_both_sides_of_the_wrap():
-    flown = link(100, 40, exponential(0.2), seed=10, start_s=2**32 / 1000 - 20.0)
-    order = np.arange(len(flown.ticks))
-    wrap = int(np.argmax(flown.ticks >= 2**32))
-    order[wrap - 1 : wrap + 3] = [wrap + 1, wrap - 1, wrap + 2, wrap]
-    arrival_ns = flown.arrival_ns.copy()
-    arrival_ns[wrap - 1 : wrap + 3] = arrival_ns[wrap + 2]
-    mixed = flown.part(order)._replace(arrival_ns=arrival_ns)
-    clock = AircraftClock(CONFIG)
-    stamps = stamps_of(mixed, clock)
-    assert np.abs(errors_ms(stamps, mixed)).max() < 1
-    assert clock.diagnostics["clock wraps"] == "1"
-    assert clock.diagnostics["clock stray counts"] == "0"
-
-
-def test_the_same_count_gets_the_same_stamp():
-    flown = link(50, 30, stalls, seed=11)
-    clock = AircraftClock(CONFIG)
-    for tick, arrival, _ in flown.messages():
-        stamp = clock.stamp_ns(tick, arrival)
-        assert clock.stamp_ns(tick, arrival + 3 * MS) == stamp
 
 
 def with_reset(flown, at, ticks_before, off_s=0.0):
@@ -220,14 +175,6 @@ def test_a_counter_that_starts_again(off_s, start_s):
     assert np.all(errors[3000:3002] <= late[:2])
     assert errors[3002:].max() <= late[1]
     assert np.abs(errors[3200:]).max() < 0.2
-
-
-def test_a_counter_that_starts_again_soon_after_power_up():
-    flown = with_reset(link(100, 30, exponential(2), seed=13, start_s=0.0), 80, 0)
-    clock = AircraftClock(CONFIG)
-    stamps = stamps_of(flown, clock)
-    assert clock.diagnostics["clock resets"] == "1"
-    assert np.abs(errors_ms(stamps, flown)).max() < 0.2
 
 
 @pytest.mark.parametrize("step_s", [3.7, -3.7, 3600.0, -3600.0, 0.4, -0.4])
@@ -265,49 +212,6 @@ def test_a_queue_that_drains_is_no_step(held_s):
     assert clock.diagnostics["clock resets"] == "0"
 
 
-def test_a_queue_that_drains_slowly_is_no_step():
-    # Held for 3 s, then read at 1.25 times the speed of what comes: 12 s until it is empty.
-    flown = link(100, 60, exponential(0.5), seed=21)
-    held_s = 30 + 3.0
-    read_ns = HOST_NS + np.round((held_s + (flown.since_s - 30) / 1.25) * SECOND).astype(np.int64)
-    arrival_ns = np.where(flown.since_s >= 30, np.maximum(flown.arrival_ns, read_ns), 0)
-    flown = flown._replace(arrival_ns=np.maximum(flown.arrival_ns, arrival_ns))
-    clock = AircraftClock(CONFIG)
-    errors = errors_ms(stamps_of(flown, clock), flown)
-    assert clock.diagnostics["clock host steps"] == "0"
-    assert np.abs(errors).max() < 0.1
-
-
-def test_an_aircraft_that_was_off_for_longer_than_it_had_been_on():
-    flown = link(100, 60, exponential(2), seed=22, start_s=0.0)
-    ticks, later = flown.ticks.copy(), np.where(flown.since_s >= 10, 300 * SECOND, 0)
-    ticks[1000:] += 20_000  # on for 30 s when the link is there again, after 300 s
-    flown = flown._replace(
-        ticks=ticks, arrival_ns=flown.arrival_ns + later, truth_ns=flown.truth_ns + later
-    )
-    clock = AircraftClock(CONFIG)
-    stamps = stamps_of(flown, clock)
-    assert clock.diagnostics["clock resets"] == "1"
-    errors = errors_ms(stamps, flown, 0)
-    assert np.abs(errors[1000:1100]).max() < 20  # a delay: exp(-10) for 20 ms
-    assert np.abs(errors[1300:]).max() < 0.1
-
-
-@pytest.mark.parametrize(("gap_s", "bound_ms"), [(5, 0.1), (600, 2.0)])
-def test_a_pulled_cable(gap_s, bound_ms):
-    # Over 600 s the slope learned from 60 s before (0.04 ms / 30 s, see above) is off by 0.8 ms.
-    flown = link(50, 180 + gap_s, exponential(2), drift_ppm=50, seed=16)
-    flown = flown.part((flown.since_s < 120) | (flown.since_s > 120 + gap_s))
-    clock = AircraftClock(CONFIG)
-    stamps = stamps_of(flown, clock, extra=True)
-    errors = errors_ms(stamps, flown, after_s=60)
-    assert np.all(np.diff(stamps) > 0)
-    assert np.abs(errors).max() < bound_ms
-    assert np.abs(errors_ms(stamps, flown, after_s=130 + gap_s)).max() < 0.1
-    assert clock.diagnostics["clock resets"] == "0"
-    assert clock.diagnostics["clock stray counts"] == "0"
-
-
 def test_the_first_messages_are_old():
     # One second waited in the system's buffer and is read at once.
     flown = link(100, 20, exponential(0.5), seed=17)
@@ -339,13 +243,6 @@ def test_a_wrong_count_alone_changes_nothing(wrong_ticks):
         assert clock.diagnostics["clock stray counts"] == "1"
 
 
-def test_a_rest_that_is_none_is_counted():
-    clock = AircraftClock(CONFIG)
-    assert clock.stamp_ns(1000, HOST_NS, 4_000_000_000) == HOST_NS
-    assert clock.stamp_ns(1010, HOST_NS + 10 * MS, -5) == HOST_NS + 10 * MS
-    assert clock.diagnostics["clock bad fractions"] == "2"
-
-
 def test_diagnostics():
     clock = AircraftClock(CONFIG)
     assert clock.state == "waiting"
@@ -367,19 +264,6 @@ def test_diagnostics():
     assert median == pytest.approx(2 * math.log(2), rel=0.15)
     assert p95 == pytest.approx(2 * math.log(20), rel=0.15)
     assert highest == pytest.approx(2 * math.log(2000), abs=8)
-
-
-@pytest.mark.parametrize("window_s", [0.5, 20.0, 3600.0])
-@pytest.mark.parametrize("max_drift_ppm", [0.0, 100.0, 1e4])
-def test_any_configuration(window_s, max_drift_ppm):
-    clock = AircraftClock(DjiClockConfig(window_s=window_s, max_drift_ppm=max_drift_ppm))
-    flown = link(100, 120, exponential(1), seed=20)
-    errors = errors_ms(stamps_of(flown, clock), flown)
-    # Of 50 messages in 0.5 s the lowest is late by 0.02 ms in the mean and by 0.1 ms at times; a
-    # slope that may be anything up to 1e4 ppm is then off by 200 ppm after the first second. All
-    # stay within the counter's tick.
-    assert np.abs(errors).max() < 1
-    assert len(clock._line._bins) <= 66
 
 
 count = st.integers(0, 2**32 - 1)

@@ -54,9 +54,3 @@ def test_one_look_alone_decides_nothing():
     for at_ms, count in [(0, 0), (1250, 500), (1260, 510), (1800, 1050), (2400, 1650)]:
         looking.stamp_ns(count, NOW_NS + at_ms * MS)
     assert "clock tick [ms]" not in looking.diagnostics
-
-
-def test_a_counter_that_starts_again_is_looked_at_again():
-    ticking = clock()
-    errors_ms(ticking, 0.4, 50_000, duration_s=0.7)
-    assert np.abs(errors_ms(ticking, 0.4, 3, duration_s=6.0)[250:] - 2.0).max() < 0.1

@@ -7,7 +7,6 @@ import pytest
 from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.commands import (
-    AddPackage,
     GetVersion,
     RemovePackage,
     ResetPackages,
@@ -41,42 +40,21 @@ def traffic(table):
     return HostTraffic(table)
 
 
-def test_a_request_changes_the_table_as_it_is_sent(table, traffic):
-    assert traffic.take(asked(YAW.request)) == YAW.request
-    assert table.get(1) == YAW
-    assert traffic.take(answered(0)) == YAW.request
-    assert table.get(1) == YAW
-
-
 @pytest.mark.parametrize("request_", [YAW.request, RemovePackage(1), ResetPackages()])
 def test_a_refused_request_has_changed_nothing(table, traffic, request_):
-    before = list(table)
+    before = dict(table)
     traffic.take(asked(request_))
-    assert list(table) != before
+    assert table != before
     assert traffic.take(answered(0x24)) == request_
-    assert list(table) == before
-
-
-def test_a_refused_package_that_was_not_there_is_not(table, traffic):
-    table.clear()
-    traffic.take(asked(YAW.request))
-    traffic.take(answered(0x25))
-    assert len(table) == 0
+    assert table == before
 
 
 def test_a_request_sent_again_is_one_request(table, traffic):
-    before = list(table)
+    before = dict(table)
     for _ in range(3):
         traffic.take(asked(YAW.request))
     traffic.take(answered(0x06))
-    assert list(table) == before
-
-
-def test_a_request_sent_again_without_an_answer_counts_again(table, traffic):
-    traffic.take(asked(YAW.request))
-    traffic.take(asked(ResetPackages(), sequence=8))
-    traffic.take(asked(YAW.request))
-    assert list(table) == [YAW]
+    assert table == before
 
 
 def test_what_another_request_has_learned_stays(table, traffic):
@@ -95,18 +73,6 @@ def test_an_answer_belongs_to_its_session_and_sequence(table, traffic):
     assert table.get(1) == YAW
 
 
-def test_an_answer_is_taken_once(traffic):
-    traffic.take(asked(YAW.request))
-    assert traffic.take(answered(0)) is not None
-    assert traffic.take(answered(0)) is None
-
-
-def test_no_answer_is_awaited_in_session_0(table, traffic):
-    traffic.take(asked(YAW.request, session=0))
-    assert table.get(1) == YAW
-    assert traffic.take(answered(0x06, session=0)) is None
-
-
 def test_what_is_open_is_bounded(table, traffic):
     for sequence in range(1000):
         traffic.take(asked(GetVersion(), sequence=sequence))
@@ -115,13 +81,8 @@ def test_what_is_open_is_bounded(table, traffic):
 
 
 def test_pushes_and_damaged_requests_say_nothing(table, traffic):
-    before = list(table)
+    before = dict(table)
     assert traffic.take(frame(b"\x02\x05\x01\x02")) is None
     assert traffic.take(frame(b"\x0b\x01\x01\x05\x00")) is None
     assert traffic.take(frame(b"\x0b\x03")) is None
-    assert list(table) == before
-
-
-def test_an_unknown_topic_makes_a_package_unknown(table, traffic):
-    traffic.take(asked(AddPackage(3, 400, with_timestamp=True, uids=(1,))))
-    assert table.get(3) is None
+    assert table == before

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import random
 
-import numpy as np
 import pytest
-from scripted_aircraft import FAST, FULL, GIMBAL, RATES, RTK, Flight
+from scripted_aircraft import RATES, Flight
 
 from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
@@ -16,13 +15,10 @@ from tirgeo_ros.dji.protocol.commands import (
     Activate,
     AddPackage,
     MatchVersion,
-    RemovePackage,
-    ResetPackages,
     SetRates,
     encode_code,
 )
-from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable
-from tirgeo_ros.dji.simulator.answers import CommandDesk
+from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
 
 KEY = bytes(range(32))
 
@@ -39,7 +35,7 @@ def test_the_default_sends_nothing_whatever_comes():
     assert flight.sent == b""
     assert flight.session.state is HostState.LISTENING
     assert flight.session.message == "listening only: nothing is asked of the aircraft"
-    assert list(flight.table) == list(USUAL_PACKAGES)
+    assert flight.table == PackageTable()
 
 
 def test_all_is_asked_for_in_order():
@@ -57,64 +53,6 @@ def test_all_is_asked_for_in_order():
     ]
 
 
-def test_once_ready_it_is_quiet():
-    flight = ready(Flight())
-    sent = flight.sent
-    flight.fly(200.0)
-    assert flight.sent == sent
-
-
-def test_rates_alone_need_no_activation():
-    flight = ready(Flight(DjiHostConfig(broadcast_rates=FULL.broadcast_rates)))
-    assert flight.kinds == ["SetRates"]
-    assert flight.aircraft.rates == RATES
-
-
-def test_activation_alone():
-    flight = ready(Flight(DjiHostConfig(app_id=5)))
-    assert flight.kinds == ["GetVersion", "Activate"]
-
-
-def test_requests_have_a_reliable_session_and_their_own_numbers():
-    flight = ready(Flight())
-    frames = FrameReader().feed(flight.sent)
-    assert {frame.session for frame in frames} == {2}
-    assert len({frame.sequence for frame in frames}) == len(frames)
-    assert not any(frame.is_ack or frame.encryption for frame in frames)
-
-
-def test_packages_are_what_was_wanted_byte_by_byte():
-    flight = ready(Flight(packages=[RTK, FAST]))
-    assert flight.aircraft.packages[0] == AddPackage(0, 5, True, (0x1DF9A6B6, 0xF45D73FD))
-    assert flight.aircraft.packages[3] == AddPackage(3, 400, True, (0xECBEF06D,))
-
-
-def test_stale_packages_are_reset():
-    flight = Flight(packages=[RTK])
-    flight.aircraft.packages = {0: "old", 4: "old"}
-    ready(flight)
-    assert flight.aircraft.packages == {0: flight.aircraft.asked[-1]}
-    assert flight.known == [0]
-
-
-def test_where_the_reset_fails_each_is_removed():
-    flight = Flight(packages=[RTK])
-    flight.aircraft.packages = {0: "old", 4: "old"}
-    flight.aircraft.refusals = lambda r: 0x08 if isinstance(r, ResetPackages) else None
-    ready(flight)
-    removed = [r.id for r in flight.aircraft.asked if isinstance(r, RemovePackage)]
-    assert removed == [0, 1, 2, 3, 4]
-    assert list(flight.aircraft.packages) == flight.known == [0]
-
-
-def test_a_package_that_exists_in_spite_of_the_reset_is_replaced():
-    flight = Flight(packages=[RTK])
-    flight.aircraft.packages = {0: "old"}
-    flight.aircraft.refusals = lambda r: 0 if isinstance(r, ResetPackages) else None
-    ready(flight)
-    assert flight.aircraft.packages[0] == AddPackage(0, 5, True, (0x1DF9A6B6, 0xF45D73FD))
-
-
 def test_a_lost_ack_is_asked_for_again_under_the_same_number():
     flight = Flight()
     lost = [True, False, True, True, False] + [False] * 50
@@ -124,17 +62,6 @@ def test_a_lost_ack_is_asked_for_again_under_the_same_number():
     frames = FrameReader().feed(flight.sent)
     assert frames[0] == frames[1]._replace(offset=frames[0].offset)
     assert flight.session.diagnostics["host sent again"] == "3"
-
-
-def test_late_and_doubled_acks_do_not_confuse_it():
-    # Every ack twice: once after 0.3 s, and once after 1.1 s when other requests are waiting.
-    flight = Flight()
-    flight.aircraft.route = lambda ack: [(0.3, ack), (1.1, ack)]
-    ready(flight)
-    flight.fly(2.0)
-    assert flight.aircraft.rates == RATES
-    assert flight.known == [0, 1, 2, 3, 4]
-    assert flight.session.diagnostics["host acks that nothing waits for"] == "10"
 
 
 def test_acks_of_others_are_not_taken():
@@ -171,7 +98,7 @@ def test_over_a_bad_line_it_gets_there(seed):
     assert {n: p.uids for n, p in flight.aircraft.packages.items()} == {
         p.id: tuple(topic.uid for topic in p.topics) for p in USUAL_PACKAGES
     }
-    assert list(flight.table) == list(USUAL_PACKAGES)
+    assert flight.table == PackageTable()
 
 
 def test_an_aircraft_that_does_not_answer():
@@ -182,7 +109,7 @@ def test_an_aircraft_that_does_not_answer():
     assert "sends but does not answer: check the wire from the host's TX" in flight.session.message
     # Version and rates, four times each, in rounds that are 5 s apart in the end.
     assert 20 < len(flight.aircraft.asked) < 90
-    assert list(flight.table) == list(USUAL_PACKAGES)  # what it may push is still read
+    assert flight.table == PackageTable()  # what it may push is still read
     flight.aircraft.route = lambda ack: [(0.0, ack)]
     flight.fly(12.0, HostState.READY)
 
@@ -194,15 +121,6 @@ def test_an_aircraft_that_is_switched_on_later():
     assert flight.session.message == "the aircraft does not answer"
     flight.aircraft.is_on = True
     flight.fly(1.0, HostState.READY)  # its first broadcast ends the pause
-
-
-def test_a_new_device_is_tried_twice_at_once():
-    flight = Flight()
-    codes = [3, 0]
-    flight.aircraft.refusals = lambda r: codes.pop(0) or None if isinstance(r, Activate) else None
-    flight.fly(2.0, HostState.READY)
-    assert flight.kinds.count("Activate") == 2
-    assert flight.kinds.count("GetVersion") == 1
 
 
 @pytest.mark.parametrize(
@@ -243,96 +161,6 @@ def test_refused_rates_are_told():
     assert flight.known == [0, 1, 2, 3, 4]
 
 
-@pytest.mark.parametrize("code", [0x06, 0x07, 0x20, 0x22])
-def test_a_package_refused_for_good_does_not_stop_the_others(code):
-    flight = Flight()
-    wrong = lambda r: isinstance(r, AddPackage) and r.id == 2  # noqa: E731
-    flight.aircraft.refusals = lambda r: code if wrong(r) else None
-    flight.fly(100.0)
-    assert flight.known == sorted(flight.aircraft.packages) == [0, 1, 3, 4]
-    assert flight.session.state is HostState.INCOMPLETE
-    assert "package 2 refused: " in flight.session.message
-    assert sum(map(wrong, flight.aircraft.asked)) == 1
-
-
-def test_a_package_refused_for_now_is_tried_again():
-    flight = Flight()
-    wrong = lambda r: isinstance(r, AddPackage) and r.id == 2  # noqa: E731
-    flight.aircraft.refusals = lambda r: 0x08 if wrong(r) else None
-    flight.fly(100.0)
-    assert flight.known == [0, 1, 3, 4]
-    flight.aircraft.refusals = lambda _: None
-    flight.fly(31.0, HostState.READY)
-    assert flight.known == [0, 1, 2, 3, 4]
-    assert flight.kinds.count("ResetPackages") == 1  # the others were left alone
-
-
-def rtk_is_off(request):
-    rtk = {topic.uid for topic in USUAL_PACKAGES[0].topics if topic.name.startswith("RTK_")}
-    is_rtk = isinstance(request, AddPackage) and rtk & set(request.uids)
-    return 0x25 if is_rtk else None
-
-
-def test_without_rtk_hardware_the_rest_of_its_package_comes():
-    flight = Flight()
-    flight.aircraft.refusals = rtk_is_off
-    flight.fly(5.0)
-    names = [topic.name for topic in flight.table.get(0).topics]
-    assert names == [*("GPS_DATE", "GPS_TIME", "GPS_POSITION", "GPS_VELOCITY"),
-                     *("GPS_DETAILS", "BATTERY_INFO")]  # fmt: skip
-    assert flight.known == [0, 1, 2, 3, 4]
-    assert flight.session.state is HostState.INCOMPLETE
-    assert "package 0 added in part: without RTK_POSITION" in flight.session.message
-    assert "no RTK hardware" in flight.session.message
-
-
-def test_rtk_that_is_switched_on_later_is_found():
-    flight = Flight()
-    flight.aircraft.refusals = rtk_is_off
-    flight.fly(100.0)
-    flight.aircraft.refusals = lambda _: None
-    flight.fly(31.0, HostState.READY)
-    assert list(flight.table) == list(USUAL_PACKAGES)
-    uids = {number: package.uids for number, package in flight.aircraft.packages.items()}
-    assert uids[0] == tuple(topic.uid for topic in USUAL_PACKAGES[0].topics)
-
-
-def test_a_package_of_rtk_alone_is_refused_without_its_hardware():
-    flight = Flight(packages=[RTK, FAST])
-    flight.aircraft.refusals = rtk_is_off
-    flight.fly(5.0)
-    assert flight.known == [3]
-    assert "package 0 refused: the source of a topic is offline" in flight.session.message
-
-
-def test_topics_that_an_m600_does_not_know_are_left_out():
-    flight = Flight(packages=[GIMBAL])
-    flight.aircraft.refusals = lambda r: (
-        0x22 if isinstance(r, AddPackage) and 0x326A446D in r.uids else None
-    )
-    flight.fly(100.0)
-    assert [topic.name for topic in flight.table.get(1).topics] == ["GIMBAL_ANGLES"]
-    assert "package 1 added in part: without GIMBAL_CONTROL_MODE" in flight.session.message
-    assert flight.kinds.count("AddPackage") == 2  # a topic that is not known stays so
-
-
-def test_a_package_with_topics_unknown_and_offline_is_tried_again_for_the_latter():
-    mixed = Package.of(2, 5, with_timestamp=True, names=("GPS_DATE", "RTK_YAW", "HEIGHT_FUSION"))
-    unknown = mixed.topics[2].uid
-    flight = Flight(packages=[mixed])
-    flight.aircraft.refusals = lambda r: (
-        rtk_is_off(r) or (0x22 if isinstance(r, AddPackage) and unknown in r.uids else None)
-    )
-    flight.fly(50.0)
-    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE"]
-    assert "without RTK_YAW, HEIGHT_FUSION: the source of a topic is off" in flight.session.message
-    flight.aircraft.refusals = lambda r: (
-        0x22 if isinstance(r, AddPackage) and unknown in r.uids else None
-    )
-    flight.fly(31.0)
-    assert [topic.name for topic in flight.table.get(2).topics] == ["GPS_DATE", "RTK_YAW"]
-
-
 @pytest.mark.parametrize("at", [MatchVersion, AddPackage])
 def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     flight = Flight()
@@ -351,39 +179,11 @@ def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
 
 
-def test_a_refused_subscription_ends_there():
-    flight = Flight()
-    flight.aircraft.refusals = lambda r: 0x50 if isinstance(r, AddPackage) else None
-    flight.fly(0.5)
-    assert flight.kinds.count("AddPackage") == 1
-    assert "subscription: not authorised: check host.app_id" in flight.session.message
-
-
 def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
     flight = Flight(DjiHostConfig(app_id=5))
     flight.broadcasts = False
     flight.fly(400.0)
     assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
-
-
-def test_another_version_of_the_subscription_is_told():
-    flight = Flight()
-    flight.aircraft.refusals = lambda r: 2 if isinstance(r, MatchVersion) else None
-    flight.fly(5.0)
-    assert flight.session.state is HostState.INCOMPLETE
-    assert "subscription: the aircraft has another version" in flight.session.message
-
-
-def test_an_aircraft_that_was_switched_off_and_on_is_asked_for_all_anew():
-    flight = ready(Flight())
-    flight.aircraft.is_on = False
-    flight.fly(10.0)
-    assert flight.session.state is HostState.NO_ANSWER
-    flight.aircraft.switch_off_and_on()
-    flight.aircraft.is_on = True
-    flight.fly(2.0, HostState.READY)
-    assert flight.aircraft.rates == RATES
-    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
 
 
 def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
@@ -393,25 +193,6 @@ def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
     flight.fly(2.0, HostState.READY)
     assert flight.aircraft.rates == RATES
     assert sorted(flight.aircraft.packages) == [0, 1, 2, 3, 4]
-
-
-def test_one_package_that_stops_is_asked_for_anew_alone():
-    flight = ready(Flight())
-    del flight.aircraft.packages[2]
-    flight.fly(5.0)
-    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
-    assert flight.session.state is HostState.READY
-    assert flight.kinds.count("ResetPackages") == 1
-    assert flight.kinds[-2:] == ["RemovePackage", "AddPackage"]
-
-
-def test_a_package_that_never_comes_is_not_asked_for_all_the_time():
-    flight = Flight()
-    pushes = flight.aircraft.pushes
-    flight.aircraft.pushes = lambda: [part for part in pushes() if part[14] != 3]
-    flight.fly(200.0)
-    asked = [r for r in flight.aircraft.asked if isinstance(r, AddPackage) and r.id == 3]
-    assert 3 < len(asked) < 10  # after 3, 6, 12, 24, 48, 60 s
 
 
 def test_the_link_opened_again():
@@ -436,24 +217,6 @@ def test_encrypted_answers_need_the_key():
     ready(with_key)
 
 
-@pytest.mark.parametrize("activation", [(0,), (3, 0)])
-def test_the_aircraft_of_the_demo_takes_the_usual_packages(activation):
-    table, desk, reader = PackageTable(), CommandDesk(activation=activation), FrameReader()
-    session = HostSession(FULL, table)
-    for now_s in np.arange(0.0, 2.5, 0.02):
-        for frame in reader.feed(desk.answer(session.due(now_s))):
-            session.take(frame, now_s)
-    assert session.state is HostState.READY, session.message
-    assert list(desk.packages) == list(table) == list(USUAL_PACKAGES)
-
-
-def test_acks_that_are_too_short_are_none():
-    flight = Flight(DjiHostConfig(app_id=5))
-    flight.aircraft.done = lambda _: b""
-    flight.fly(10.0)
-    assert flight.session.state is HostState.NO_ANSWER
-
-
 @pytest.mark.parametrize(
     ("rates", "message"),
     [
@@ -465,9 +228,3 @@ def test_acks_that_are_too_short_are_none():
 def test_rates_that_are_no_codes_are_an_error_at_the_start(rates, message):
     with pytest.raises(DjiError, match=message):
         HostSession(DjiHostConfig(broadcast_rates=rates), PackageTable())
-
-
-def test_a_package_that_cannot_be_asked_for_is_an_error_at_the_start():
-    table = PackageTable([RTK._replace(rate_hz=70000)])
-    with pytest.raises(DjiError, match=r"AddPackage.*cannot be sent"):
-        HostSession(DjiHostConfig(subscribe=True), table)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from aircraft_readings import KIT, attitude, epoch, imu, of, rtk, wxyz
+from aircraft_readings import KIT, attitude, epoch, imu, rtk, wxyz
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.dji.interpret import Interpreter
 
 
@@ -58,14 +57,6 @@ def test_it_takes_ten_seconds_and_fixed_yaws():
         flown(meant, seconds, 0.0, flag=flag)
         assert meant.warnings == []
         assert "baseline_seen_deg" not in meant.diagnostics
-
-
-def test_headings_are_never_corrected():
-    meant = interpreter()
-    flown(meant, 15.0, 0.0)
-    assert meant.warnings
-    (heading,) = of(HeadingSample, meant.take(rtk(20_000, **epoch(999, yaw_deg=100))))
-    assert math.degrees(heading.heading_rad) == pytest.approx(10.0)
 
 
 def test_yaws_that_say_nothing_constant_are_no_mounting():

@@ -68,26 +68,6 @@ def test_joints_are_the_whole_rotation(body, camera):
     assert given_camera.stamp_ns == joints.stamp_ns == gimbal(100).stamp_ns
 
 
-def test_joints_of_a_level_aircraft_are_the_angles():
-    camera, joints = at(interpreter(), gimbal(100, 0.1, -0.7, 2.3), wxyz(yaw=2.0))
-    # The chain rolls before it pitches, the reported angles pitch before they roll.
-    np.testing.assert_allclose(
-        rotation_bg(joints), rotation_z(0.3) @ rotation_y(-0.7) @ rotation_x(0.1), atol=1e-14
-    )
-    np.testing.assert_allclose(euler_from_quat(camera.q_ng), [0.1, -0.7, 2.3], atol=1e-14)
-    _, joints = at(interpreter(), gimbal(100, 0.0, -0.7, 2.3), wxyz(yaw=2.0))
-    found = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
-    np.testing.assert_allclose(found, [0.3, 0.0, -0.7], atol=1e-14)
-
-
-def test_a_tilted_aircraft_s_joints_hold_the_camera_level():
-    """Yaw less yaw would leave out the tilt: 10 deg of it across a camera at 90 deg of yaw."""
-    _, joints = at(interpreter(), gimbal(100, 0.0, 0.0, math.pi / 2), wxyz(math.radians(10)))
-    assert math.degrees(joints.yaw_rad) == pytest.approx(90.0)
-    assert math.degrees(joints.roll_rad) == pytest.approx(0.0, abs=1e-9)
-    assert math.degrees(joints.pitch_rad) == pytest.approx(10.0)
-
-
 @given(tilts, angles, camera_angles)
 def test_yaw_from_the_nose(tilt, nose, camera):
     """A Ronin-MX: what it says of yaw is the angle from the aircraft's heading."""
@@ -107,15 +87,6 @@ def test_yaw_from_the_nose(tilt, nose, camera):
     )
 
 
-def test_psi_coder_is_of_one_instant():
-    """The aircraft turns by 2 rad/s: 10 ms are 1.1 deg."""
-    meant = interpreter()
-    readings = [imu(10 * k, q_nb=wxyz(yaw=0.02 * k)) for k in range(20)]
-    readings.append(gimbal(143, yaw=0.286 + math.radians(12.5)))
-    taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
-    assert meant.diagnostics["psi_coder_deg"] == "12.50"
-
-
 def test_delays_are_taken_off_before_the_instants_are_compared():
     delay = DjiDelayConfig(imu_s=0.03, gimbal_s=0.1)
     meant = interpreter(delay=delay)
@@ -124,14 +95,6 @@ def test_delays_are_taken_off_before_the_instants_are_compared():
     samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
     assert meant.diagnostics["psi_coder_deg"] == "12.50"
     assert t_ms(of(JointSample, samples)[0]) == 143
-
-
-def test_a_long_delay_of_the_imu_costs_no_joints():
-    meant = interpreter(delay=DjiDelayConfig(imu_s=1.0))
-    readings = [imu(10 * k) for k in range(300)] + [gimbal(20 * k + 1000) for k in range(50)]
-    samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
-    assert len(of(JointSample, samples)) == 50
-    assert meant.counts == {}
 
 
 # Waiting
@@ -157,17 +120,6 @@ def test_it_goes_out_without_joints_when_none_comes():
     assert meant.counts == {"gimbal_without_joints": 1}
 
 
-def test_a_gimbal_alone_has_no_joints():
-    meant = interpreter()
-    samples = taken(meant, [gimbal(20 * k) for k in range(50)])
-    assert of(JointSample, samples) == []
-    # 250 ms wait still; at the end they come too.
-    assert len(samples) == 37
-    assert len(samples) + len(meant.flush()) == 50
-    assert meant.counts == {"gimbal_without_joints": 50}
-    assert meant.flush() == []
-
-
 def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
     meant = interpreter(gimbal_reference="body")
     assert taken(meant, [gimbal(20 * k) for k in range(50)]) == []
@@ -181,15 +133,6 @@ def test_across_a_gap_of_attitudes_there_are_no_joints():
     assert [t_ms(s) for s in of(JointSample, samples)] == [100]
     assert [t_ms(s) for s in of(CameraAttitudeSample, samples)] == [100, 300]
     assert meant.counts["gimbal_without_joints"] == 1
-
-
-def test_attitudes_of_their_own_topic_serve():
-    meant = interpreter()
-    samples = taken(
-        meant, [attitude(0, wxyz(yaw=1.0)), gimbal(5, yaw=1.5), attitude(10, wxyz(yaw=1.0))]
-    )
-    (joints,) = of(JointSample, samples)
-    assert joints.yaw_rad == pytest.approx(0.5)
 
 
 def test_the_broadcast_s_attitude_serves_while_another_imu_drives():

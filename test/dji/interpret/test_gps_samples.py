@@ -10,11 +10,9 @@ from aircraft_readings import gps, of, place, t_ms, taken
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
-from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import GeodeticPlace
 
 SIGMAS = {"horizontal_sigma_m": 0.8, "vertical_sigma_m": 1.6, "velocity_sigma_m_s": 0.09}
 
@@ -57,13 +55,6 @@ def test_status_by_fix(fix, status):
     assert len(of(VelocitySample, samples)) == (status == 0)
 
 
-def test_the_height_of_a_2d_fix_says_nothing():
-    (position, _) = interpreter().take(gps(0, **whole(fix=2)))
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [0.64, 0.64, 1e6])
-    (position,) = interpreter().take(gps(0, place=place(), fix=2))
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [100.0, 100.0, 1e6])
-
-
 @pytest.mark.parametrize("unknown", [None, 0.0, math.nan, -1.0, math.inf])
 def test_accuracy_that_is_not_told_is_not_known(unknown):
     """Zero in a message: the filter has its own."""
@@ -71,18 +62,6 @@ def test_accuracy_that_is_not_told_is_not_known(unknown):
     assert not position.covariance_n.any()
     assert not velocity.covariance_n.any()
     assert position.status is FixStatus.SINGLE
-
-
-def test_an_accuracy_down_alone_stands_beside_the_usual_one_across():
-    (position,) = interpreter().take(gps(0, place=place(), vertical_sigma_m=200.0))
-    north, east, _ = np.square(GpsConfig().position_sigma_m)
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [north, east, 4e4])
-
-
-def test_an_accuracy_beyond_all_bounds_stays_finite():
-    samples = interpreter().take(gps(0, **whole(horizontal_sigma_m=1e300)))
-    assert fault_of(samples[0]) == ""
-    assert samples[0].covariance_n[0, 0] == 1e10
 
 
 def test_fix_and_accuracy_of_another_message_hold_for_a_while():
@@ -100,14 +79,6 @@ def test_a_road_that_never_tells_the_fix():
     assert meant.diagnostics["gps_fix"] == "not told"
 
 
-def test_what_is_polled_goes_out_once_an_epoch():
-    meant = interpreter()
-    samples = taken(meant, [gps(20 * k, **whole(k // 10)) for k in range(500)])
-    for kind in (PositionSample, VelocitySample):
-        assert [t_ms(s) for s in of(kind, samples)] == [200 * k for k in range(50)]
-    assert meant.counts == {"gps_repeated": 450}
-
-
 def test_at_rest_the_velocity_shows_what_is_new():
     """Places in steps of a centimetre stay the same."""
     meant = interpreter()
@@ -115,24 +86,3 @@ def test_at_rest_the_velocity_shows_what_is_new():
         gps(20 * k, **whole() | {"velocity_n": (0.0, 0.0, 1e-3 * (k // 10))}) for k in range(100)
     ]
     assert len(of(PositionSample, taken(meant, readings))) == 10
-
-
-def test_what_is_no_place_or_no_velocity_is_refused():
-    meant = interpreter()
-    nowhere = {"place": GeodeticPlace(0.0, 0.0, 0.0), "velocity_n": (math.nan, 0.0, 0.0)}
-    assert meant.take(gps(0, **whole() | nowhere)) == []
-    assert meant.counts == {"gps_position_refused": 1, "gps_velocity_refused": 1}
-
-
-def test_a_lost_fix_goes_out_with_the_place():
-    meant = interpreter()
-    meant.take(gps(0, **whole()))
-    (position,) = meant.take(gps(20, **whole(fix=0)))
-    assert position.status is FixStatus.NONE
-
-
-def test_rtk_and_gps_are_apart():
-    meant = interpreter()
-    meant.take(gps(0, **whole()))
-    assert "rtk_age_s" not in meant.diagnostics
-    assert "gps_fix" not in interpreter().diagnostics

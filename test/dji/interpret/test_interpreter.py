@@ -130,16 +130,3 @@ def test_joints_of_a_turning_aircraft_keep_still():
     joints = [s for s in taken(meant, flight(4.0)) if isinstance(s, JointSample)]
     yaws = np.degrees([s.yaw_rad for s in joints])
     assert np.ptp(yaws) < 0.01
-
-
-def test_flushing_twice_and_an_empty_recording():
-    meant = Interpreter(DjiConfig())
-    assert meant.flush() == []
-    taken(meant, flight(0.1))
-    assert meant.flush()
-    assert meant.flush() == []
-
-
-def test_counts_before_anything_comes():
-    assert Interpreter(DjiConfig()).counts == {}
-    assert Interpreter(DjiConfig()).diagnostics["imu_source"] == "none"

@@ -48,15 +48,6 @@ def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
     assert "rtk_frozen" not in meant.counts
 
 
-def test_parts_that_stay_the_same_are_of_a_new_epoch_too():
-    """A hover with the velocity and the yaw of the epoch before."""
-    meant = interpreter()
-    still = {"velocity_n": (0.0, 0.0, 0.0), "yaw_deg": 12, "yaw_flag": 50, "position_flag": 50}
-    readings = [rtk(20 * k, place=place(k // 10), **still) for k in range(100)]
-    samples = taken(meant, readings)
-    assert len(of(VelocitySample, samples)) == len(of(HeadingSample, samples)) == 10
-
-
 def test_fields_that_change_one_after_another_are_one_epoch():
     """The aircraft may fill in a poll's fields from two epochs."""
     meant = interpreter()
@@ -93,42 +84,6 @@ def test_broadcast_and_subscription_of_one_epoch_are_one():
     assert meant.counts["rtk_late"] == 49
 
 
-def separate(epochs, order, *, apart_ms=2.0, yaw_deg=30):
-    """Each part in a message of its own; flags and yaw have no header."""
-    for k in range(epochs):
-        messages = {
-            "place": {"place": place(k)},
-            "velocity": {"velocity_n": (1.0 + k, 0.0, 0.0)},
-            "yaw": {"yaw_deg": yaw_deg},
-            "flag": {"position_flag": 50},
-            "yaw_flag": {"yaw_flag": 50},
-        }
-        for place_in_order, name in enumerate(order):
-            yield rtk(200 * k + apart_ms * place_in_order, **messages[name])
-
-
-@pytest.mark.parametrize(
-    "order",
-    [
-        ("flag", "yaw_flag", "place", "velocity", "yaw"),
-        ("place", "velocity", "yaw", "flag", "yaw_flag"),
-        ("yaw", "velocity", "place", "yaw_flag", "flag"),
-    ],
-)
-def test_parts_in_messages_of_their_own(order):
-    """A yaw that is always the same is new where its position is."""
-    meant = interpreter()
-    samples = taken(meant, separate(20, order))
-    fixed = [s for s in positions(samples) if s.status is FixStatus.FIXED]
-    # Until the first flags there is no fix.
-    assert len(positions(samples)) == 20
-    assert len(fixed) >= 19
-    assert len(of(VelocitySample, samples)) >= 19
-    headings = of(HeadingSample, samples)
-    assert 18 <= len(headings) <= 20
-    assert np.diff([t_ms(s) for s in headings]) == pytest.approx(200.0)
-
-
 # A fix that is lost
 
 
@@ -148,14 +103,6 @@ def test_a_worse_fix_of_the_same_place_goes_out(flag):
     np.testing.assert_allclose(
         position.covariance_n, alone.covariance_n + moved_m2 * np.eye(3), atol=1e-9
     )
-
-
-def test_a_worse_flag_in_a_message_of_its_own_goes_out_with_the_place():
-    meant = interpreter()
-    meant.take(rtk(0, place=place(), position_flag=50))
-    (position,) = meant.take(rtk(3, position_flag=34))
-    assert position.status is FixStatus.FLOAT
-    assert meant.take(rtk(6, position_flag=34)) == []
 
 
 def test_a_fix_that_is_lost_with_its_place_is_told():
@@ -179,14 +126,6 @@ def test_a_better_fix_waits_for_its_place():
     assert position.status is FixStatus.FIXED
 
 
-def test_a_flag_that_comes_no_more_is_no_fix():
-    meant = interpreter()
-    meant.take(rtk(0, place=place(), position_flag=50))
-    found = [positions(meant.take(rtk(t, place=place()))) for t in range(100, 2000, 100)]
-    told = [s.status for samples in found for s in samples]
-    assert told == [FixStatus.NONE]
-
-
 # Freezing, clocks
 
 
@@ -199,19 +138,6 @@ def test_a_frozen_receiver_is_counted_once_and_told():
     assert meant.diagnostics["rtk_age_s"] == "2.98"
     taken(meant, polled(1.0, 50))
     assert meant.diagnostics["rtk_frozen"] == "no"
-
-
-def test_a_receiver_without_a_fix_is_not_frozen():
-    meant = interpreter()
-    taken(meant, [rtk(20 * k, **epoch(0, position_flag=0)) for k in range(150)])
-    assert "rtk_frozen" not in meant.counts
-
-
-def test_a_clock_that_goes_back_passes():
-    meant = interpreter()
-    samples = taken(meant, [rtk(t, **epoch(k)) for k, t in enumerate((90_000, 90_200, 0, 200))])
-    assert [t_ms(s) for s in positions(samples)] == [90_000, 90_200, 0, 200]
-    assert {s.status for s in positions(samples)} == {FixStatus.FIXED}
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
@@ -53,12 +52,6 @@ def test_an_epoch_becomes_three_samples():
     assert meant.diagnostics["rtk_flag"] == "50 narrow-lane integer"
 
 
-@pytest.mark.parametrize("delay_ms", [120, -120])
-def test_the_delay_is_taken_off(delay_ms):
-    meant = interpreter(rtk=DjiRtkConfig(delay_s=delay_ms * 1e-3))
-    assert [t_ms(s) for s in meant.take(rtk(500, **epoch(0)))] == [500 - delay_ms] * 3
-
-
 # Flags
 
 STATUS = {
@@ -91,26 +84,11 @@ def test_covariance_is_always_filled_and_worsens_by_class():
         assert (sigmas[better] < sigmas[worse]).all(), (better, worse)
 
 
-def test_no_class_is_better_than_what_is_configured_for_a_fix():
-    meant = interpreter(rtk=DjiRtkConfig(fixed_sigma_m=(3.0, 7.0)))
-    (position,) = positions(meant.take(rtk(0, **epoch(0, position_flag=16))))
-    np.testing.assert_allclose(np.diagonal(position.covariance_n), [9.0, 9.0, 49.0])
-
-
 def test_a_flag_of_another_message_holds_for_a_while():
     meant = interpreter()
     assert meant.take(rtk(0, position_flag=50)) == []
     found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
     assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
-
-
-def test_without_any_flag_there_is_no_fix():
-    meant = interpreter()
-    samples = meant.take(rtk(0, place=place(), velocity_n=(1.0, 0.0, 0.0), yaw_deg=3))
-    (position,) = samples
-    assert position.status is FixStatus.NONE
-    assert meant.counts == {"rtk_velocity_without_fix": 1, "rtk_yaw_not_fixed": 1}
-    assert meant.diagnostics["rtk_flag"] == "not told"
 
 
 # Places
@@ -140,15 +118,6 @@ def test_what_is_no_place_is_refused(bad):
     assert positions(samples) == []
     assert len(samples) == 2  # velocity and heading are judged by themselves
     assert meant.counts == {"rtk_position_refused": 1}
-
-
-def test_on_the_equator_and_on_the_first_meridian_it_is_a_place():
-    for where in (
-        GeodeticPlace(0.0, 1.0, 5.0),
-        GeodeticPlace(1.0, 0.0, 5.0),
-        GeodeticPlace(-1.0, -math.pi, -400.0),
-    ):
-        assert len(positions(interpreter().take(rtk(0, place=where)))) == 1
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e3, 1e300])

@@ -59,16 +59,6 @@ def test_the_frames_do_not_depend_on_the_pieces(seed, data):
     assert read_in(cut_at(stream, range(len(stream))), KEY) == expected
 
 
-def test_each_frame_comes_with_its_last_byte():
-    """Whatever stood before it, if that claims no more bytes."""
-    stream = b"\xaa\xaa" + b"garbage".join(FRAMES)
-    reader, ends = FrameReader(), []
-    for at in range(len(stream)):
-        ends += [(at + 1, f.offset + f.length) for f in reader.feed(stream[at : at + 1])]
-    assert len(ends) == len(FRAMES)
-    assert all(at == end for at, end in ends)
-
-
 def test_no_flipped_bit_is_accepted():
     before, hit, behind = FRAMES[0], FRAMES[1], FRAMES[2]
     for bit in range(8 * len(hit)):
@@ -87,16 +77,6 @@ def test_a_frame_cut_anywhere_costs_no_other():
         assert counts["skipped_bytes"] == kept
         # Its header is known to be one, and the rest is wrong or does not come.
         assert counts["truncated"] + counts["bad_crc32"] == (kept >= 12)
-
-
-def test_a_byte_too_many_or_one_lost_costs_one_frame():
-    for at in range(1, len(FRAMES[1])):
-        for damaged in (
-            FRAMES[1][:at] + b"\x99" + FRAMES[1][at:],
-            FRAMES[1][:at] + FRAMES[1][at + 1 :],
-        ):
-            frames, _ = read_all(FRAMES[0] + damaged + FRAMES[2])
-            assert offsets(frames) == [0, len(FRAMES[0]) + len(damaged)]
 
 
 @pytest.mark.parametrize("before", [b"\xaa", b"\xaa\xaa", b"\xaa\x20\x00"])
@@ -121,14 +101,6 @@ def test_no_byte_is_part_of_two_frames():
     assert offsets(read_all(stream)[0]) == expected
     for at in range(len(stream)):
         assert offsets(read_in(cut_at(stream, [at]))[0]) == expected
-
-
-def test_a_frame_in_another_ones_data_is_its_data():
-    outer = encode_frame(b"\x02\x02" + FRAMES[0] + FRAMES[1])
-    frames, counts = read_all(outer + FRAMES[2])
-    assert offsets(frames) == [0, len(outer)]
-    assert frames[0].value == FRAMES[0] + FRAMES[1]
-    assert counts["skipped_bytes"] == 0
 
 
 def test_a_frame_in_the_data_of_a_damaged_one_is_found():
@@ -189,24 +161,6 @@ def test_a_frame_given_up_frees_those_behind_it():
     # The stream goes on: offsets count from its beginning.
     at = 12 + len(FRAMES[0] + FRAMES[1])
     assert offsets(reader.feed(FRAMES[2])) == [at]
-
-
-def test_the_rest_of_a_frame_given_up_is_skipped():
-    reader = FrameReader()
-    reader.feed(FRAMES[1][:30])
-    assert reader.rescan() == []
-    assert offsets(reader.feed(FRAMES[1][30:] + FRAMES[2])) == [len(FRAMES[1])]
-    counts = reader.counts
-    assert (counts["truncated"], counts["skipped_bytes"]) == (1, len(FRAMES[1]))
-
-
-def test_nothing_to_give_up():
-    reader = FrameReader()
-    assert reader.rescan() == []
-    reader.feed(FRAMES[0] + FRAMES[1][:5])  # less than a header: no frame that is known of
-    assert reader.rescan() == reader.rescan() == reader.feed(b"") == []
-    assert reader.counts["truncated"] == 0
-    assert reader.counts["skipped_bytes"] == 5
 
 
 def test_every_byte_is_accounted_for_at_any_time():

@@ -95,10 +95,10 @@ def test_who_only_listens_writes_nothing(tmp_path):
             cable.write(FRAME)
             now_s = time.monotonic()
             road.take(link.read(0.02), time.time_ns(), now_s)
-            if due := road.due(now_s):
+            if due := road.host.due(now_s):
                 link.write(due)
             written += cable.read()
         assert link.state is LinkState.OPEN
-        assert road.frames > 20
+        assert road.counts["frames"] > 20
         link.close()
     assert written == b""

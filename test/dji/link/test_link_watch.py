@@ -6,7 +6,6 @@ import re
 
 import pytest
 
-from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.link.link_watch import LinkCondition, LinkLevel, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState
 
@@ -35,10 +34,6 @@ class Scene:
     @property
     def conditions(self):
         return [report.condition.value for report in self.told]
-
-
-def test_nothing_before_the_first_look():
-    assert LinkWatch("/dev/ttyUSB0", 921600).report is None
 
 
 def test_frames_make_it_receive_at_once():
@@ -80,13 +75,6 @@ def test_bytes_without_frames_are_a_wrong_rate(baud, words):
     assert scene.conditions == ["waiting", "wrong_baud"]
 
 
-def test_the_right_rate_ends_it():
-    scene = Scene()
-    scene.pass_(3.0, bytes_=100)
-    scene.pass_(1.0, bytes_=100, frames=1)
-    assert scene.conditions == ["waiting", "wrong_baud", "receiving"]
-
-
 def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
     scene = Scene()
     scene.pass_(3.0, bytes_=300, frames=1)
@@ -95,21 +83,6 @@ def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
     assert scene.conditions == ["waiting", "receiving", "silent"]
     assert scene.watch.report.frames_per_s == 0.0
     assert scene.watch.report.bytes_per_s == 0.0
-
-
-def test_each_state_of_the_port_is_told_once_with_its_message():
-    scene = Scene()
-    scene.pass_(1.0, state=LinkState.NO_DEVICE, message="plug it in")
-    scene.pass_(1.0, state=LinkState.PERMISSION_DENIED, message="dialout")
-    scene.pass_(1.0, bytes_=300, frames=1)
-    scene.pass_(5.0, state=LinkState.LOST, message="pulled")
-    scene.pass_(1.0, bytes_=300, frames=1)
-    assert scene.conditions == [
-        *("no_device", "permission_denied", "waiting", "receiving", "lost"),
-        *("waiting", "receiving"),
-    ]
-    assert [report.message for report in scene.told][:2] == ["plug it in", "dialout"]
-    assert [report.level for report in scene.told][:2] == [LinkLevel.ERROR, LinkLevel.ERROR]
 
 
 @pytest.mark.parametrize("state", list(LinkState))
@@ -126,32 +99,3 @@ def test_what_came_before_the_cable_was_pulled_does_not_count_after_it():
     scene.pass_(0.5, state=LinkState.LOST)
     assert scene.pass_(1.0).condition is LinkCondition.WAITING
     assert scene.pass_(1.5).condition is LinkCondition.SILENT
-
-
-def test_a_stream_at_another_rate_has_no_frames():
-    """Bits at 230400 baud as a receiver at 921600 reads them: each lasts for four."""
-    frames = b"".join(encode_frame(bytes([2, 5, n, 7, 9]), sequence=n) for n in range(200))
-    reader = FrameReader()
-    scene = Scene()
-    wrong = at_four_times_the_rate(frames)
-    piece = len(wrong) // 60  # 3 s
-    for start in range(0, 60 * piece, piece):
-        reader.feed(wrong[start : start + piece])
-        scene.bytes, scene.frames = reader.counts["bytes"], reader.counts["frames"]
-        scene.pass_(STEP_S)
-    assert scene.watch.report.condition is LinkCondition.WRONG_BAUD
-
-
-def at_four_times_the_rate(data):
-    """What a UART reads of 8N1 characters that are sent four times slower than it expects."""
-    line = []
-    for byte in data:
-        line += [bit for bit in [0, *((byte >> n) & 1 for n in range(8)), 1] for _ in range(4)]
-    read, at = bytearray(), 0
-    while at + 10 <= len(line):
-        if line[at]:  # idle: a character begins with a 0
-            at += 1
-            continue
-        read.append(sum(bit << n for n, bit in enumerate(line[at + 1 : at + 9])))
-        at += 10
-    return bytes(read)

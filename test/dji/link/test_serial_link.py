@@ -13,8 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.port_opening import pyserial_opener
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
@@ -77,13 +75,6 @@ def test_every_byte_comes_through_raw(cable, open_link):
     assert cable.read() == bytes(range(256))
 
 
-@pytest.mark.parametrize("baud", [57600, 115200, 230400, 921600, 1000000, 1234567, 4000000])
-def test_usual_and_odd_rates(cable, open_link, baud):
-    link = opened(open_link(str(cable.path), baud))
-    send(cable, b"\xaa\x55")
-    assert read_until(link, lambda data: len(data) == 2)[0] == b"\xaa\x55"
-
-
 def test_a_pseudo_terminal_opens_with_a_rate_that_its_driver_refuses(
     cable, open_link, monkeypatch
 ):
@@ -94,15 +85,6 @@ def test_a_pseudo_terminal_opens_with_a_rate_that_its_driver_refuses(
 
     monkeypatch.setattr(serial.Serial, "_set_special_baudrate", refuses)
     assert opened(open_link(str(cable.path), 1234567)).state is LinkState.OPEN
-
-
-def test_a_silent_read_takes_its_time_out_and_no_more(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    start, cpu = time.monotonic(), time.thread_time()
-    assert link.read(0.3) == b""
-    # A tenth of a second more is left for a busy machine; it sleeps meanwhile.
-    assert 0.29 < time.monotonic() - start < 0.4
-    assert time.thread_time() - cpu < 0.03
 
 
 def test_bytes_that_trickle_come_in_batches(cable, open_link):
@@ -128,38 +110,6 @@ def test_bytes_that_trickle_come_in_batches(cable, open_link):
     assert total == len(piece) * pieces
     # A batch takes 3 ms at the least and three pieces 1 ms at the least: about 9 pieces to one.
     assert batches < pieces / 3
-
-
-def test_the_first_byte_is_not_held_back(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    delays = []
-    for _ in range(20):
-        send(cable, b"x")
-        start = time.monotonic()
-        assert link.read(1.0) == b"x"
-        delays.append(time.monotonic() - start)
-    # 3 ms of gathering and what the system's sleep adds; the median leaves out a busy machine.
-    assert sorted(delays)[10] < 0.005
-
-
-def test_a_pulled_cable_is_noticed_and_the_next_one_found(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    send(cable, b"before")
-    read_until(link, lambda data: data == b"before")
-    cable.pull()
-    _, noticed_s = read_until(link, lambda _: link.state is LinkState.LOST)
-    assert noticed_s < 1.0
-    assert "cable pulled" in link.message
-    gone_s = time.monotonic()
-    read_until(link, lambda _: time.monotonic() - gone_s > 1.0)
-    assert link.state is LinkState.LOST
-    assert not link.write(b"into nothing")
-    cable.plug()
-    _, recovered_s = read_until(link, lambda _: link.state is LinkState.OPEN)
-    assert recovered_s < 1.0  # the longest pause between tries is 0.8 s
-    send(cable, b"after")
-    assert read_until(link, lambda data: len(data) >= 5)[0] == b"after"
-    assert link.openings == 2
 
 
 def open_files():
@@ -228,25 +178,6 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
     assert reads < 30  # it does not spin
 
 
-def test_no_device(tmp_path, open_link):
-    link = open_link(str(tmp_path / "ttyUSB7"), BAUD)
-    start = time.monotonic()
-    for _ in range(10):
-        assert link.read(0.05) == b""
-    assert time.monotonic() - start > 0.3  # ten reads of 50 ms; it waits and does not spin
-    assert link.state is LinkState.NO_DEVICE
-    assert "ttyUSB7: there is no such device: plug the cable in, or set port" in link.message
-
-
-def test_a_device_that_comes_later_is_opened(tmp_path, open_link):
-    link = open_link(str(tmp_path / "late"), BAUD)
-    for _ in range(30):
-        link.read(0.05)
-    with PseudoTerminal(tmp_path / "late"):
-        _, found_s = read_until(link, lambda _: link.state is LinkState.OPEN)
-        assert found_s < 1.0
-
-
 def failing(*errors):
     """An opener that fails with each error in turn, the last one for ever."""
     left = list(errors)
@@ -279,28 +210,6 @@ def test_what_the_system_says_in_words(open_link, error, state, message):
     assert "\n" not in link.message
 
 
-def test_a_port_that_comes_back_with_wrong_rights_says_so(cable, open_link):
-    denied = PermissionError(errno.EACCES, "Permission denied")
-    real = [pyserial_opener()]
-
-    def opener(path, baud):
-        if real:
-            return real.pop()(path, baud)
-        raise denied
-
-    link = opened(open_link(str(cable.path), BAUD, opener))
-    cable.pull()
-    read_until(link, lambda _: link.state is LinkState.PERMISSION_DENIED)
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
-def test_permission_denied(cable, open_link):
-    cable.path.resolve().chmod(0)
-    link = open_link(str(cable.path), BAUD)
-    link.read(0.0)
-    assert link.state is LinkState.PERMISSION_DENIED
-
-
 AS_NOBODY = """
 import os, sys
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
@@ -330,12 +239,6 @@ def test_a_file_or_folder_is_not_a_port(tmp_path, open_link, make):
     assert "this is no serial port: set port to one" in link.message
 
 
-def test_a_device_of_another_kind_is_not_a_port(open_link):
-    link = open_link("/dev/null", BAUD)
-    link.read(0.0)
-    assert link.state is LinkState.NOT_A_PORT
-
-
 def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, open_link):
     first = opened(open_link(str(cable.path), BAUD))
     second = open_link(str(cable.path), BAUD)
@@ -355,14 +258,6 @@ def test_a_port_that_takes_nothing_is_not_lost(cable, open_link):
     assert link.state is LinkState.OPEN
 
 
-def test_reads_after_the_end_give_nothing(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    link.close()
-    cable.write(b"late")
-    assert link.read(0.1) == b""
-    assert not link.write(b"late")
-
-
 def test_close_while_another_thread_reads(cable, open_link):
     link = opened(open_link(str(cable.path), BAUD))
     found = []
@@ -372,9 +267,3 @@ def test_close_while_another_thread_reads(cable, open_link):
     link.close()
     thread.join(PATIENCE_S)
     assert found == [b""]
-
-
-def test_without_pyserial_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(DjiError, match="needs pyserial: pip install pyserial"):
-        SerialLink("/dev/ttyUSB0", BAUD)

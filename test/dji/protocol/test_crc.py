@@ -42,10 +42,3 @@ def test_equals_the_long_division(check_sum, polynomial, start, bits, data):
 @given(data=st.binary(max_size=1019))
 def test_is_zero_over_a_text_and_its_own_sum(check_sum, bits, data):
     assert check_sum(data + check_sum(data).to_bytes(bits // 8, "little")) == 0
-
-
-def test_a_known_frame():
-    frame = bytes.fromhex("aa140000000000003800164e02000000d8afa076")
-    assert crc16(frame[:10]) == 0x4E16
-    assert crc32(frame[:-4]) == 0x76A0AFD8
-    assert crc16(frame[:12]) == crc32(frame) == 0

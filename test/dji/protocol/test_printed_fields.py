@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcas
 from tirgeo_ros.dji.protocol.broadcast_parts import (
     Battery,
     Gps,
-    HardSync,
     Position,
     RelativePosition,
     Status,
@@ -95,35 +93,12 @@ def test_the_old_layouts_leave_out_what_they_lack():
     assert "relative_position" not in found
 
 
-def test_an_empty_broadcast_has_no_fields():
-    assert broadcast_fields(Broadcast()) == {}
-
-
-def test_a_compass_status_is_a_number():
-    assert broadcast_fields(Broadcast(compass=3)) == {"compass": 3}
-
-
 @pytest.mark.parametrize(
     ("name", "value", "fields"),
     [
-        ("RTK_YAW", -90, {"deg": -90, "rad": -math.pi / 2}),
-        ("RTK_YAW_INFO", 50, 50),
         ("COMPASS", (1, -2, 3), [1, -2, 3]),
         ("HOME_POINT_INFO", (0.9077741951010228, 0.1), [0.9077741951010228, 0.1]),
         ("RC_WITH_FLAG_DATA", (0.5, -0.5, 0.0, 0.25, 7), [0.5, -0.5, 0.0, 0.25, 7]),
-        (
-            "GIMBAL_STATUS",
-            0b1000101,
-            {
-                "bits": 0b1000101,
-                "mounted": 1,
-                "busy": 0,
-                "pitch_limited": 1,
-                "roll_limited": 0,
-                "yaw_limited": 0,
-                "calibrating": 0,
-            },
-        ),
         (
             "AVOID_DATA",
             RelativePosition(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 63),
@@ -137,20 +112,6 @@ def test_a_compass_status_is_a_number():
                 "health_bits": 63,
             },
         ),
-        (
-            "HARD_SYNC",
-            HardSync(1, 2, 3, 513, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (1.0, 2.0, 3.0)),
-            {
-                "time2p5ms": 1,
-                "time1ns": 2,
-                "reset_time2p5ms": 3,
-                "index": 513,
-                "flag": 1,
-                "q_wxyz": [1.0, 0.0, 0.0, 0.0],
-                "accel_g": [0.0, 0.0, -1.0],
-                "gyro_radps": [1.0, 2.0, 3.0],
-            },
-        ),
     ],
 )
 def test_a_topic_has_its_fields(name, value, fields):
@@ -158,8 +119,3 @@ def test_a_topic_has_its_fields(name, value, fields):
     found = push_fields(Push(package, 123856, 378900, {name: value}))
     stamp = {"time_ms": 123856, "time_ns": 378900, "time_s": 123.856}
     assert found == {"timestamp": stamp, name: fields}
-
-
-def test_without_a_stamp_there_is_none():
-    package = Package.of(0, 5, with_timestamp=False, names=("RTK_YAW_INFO",))
-    assert push_fields(Push(package, None, None, {"RTK_YAW_INFO": 50})) == {"RTK_YAW_INFO": 50}

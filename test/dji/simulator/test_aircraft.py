@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tirgeo_ros.core.config import SimulatedAircraftConfig
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -22,7 +20,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
@@ -58,16 +56,6 @@ def told(samples, config=None, layout=Layout.MODERN):
     return broadcasts
 
 
-def test_inertial_values_are_in_g_and_rad_per_second_of_frd():
-    for said in told(imu(k) for k in range(30)):
-        # Single precision: half a unit in the last of 24 bits.
-        assert said.acceleration_as_packed == pytest.approx(
-            (0.3 / 9.80665, -0.2 / 9.80665, -1.0), rel=2**-23
-        )
-        assert said.angular_rate_radps == pytest.approx((0.01, -0.02, 0.5), rel=2**-23)
-        assert said.quaternion_wxyz == pytest.approx(Q_NB.tolist(), abs=2**-24)
-
-
 def test_receivers_are_told_in_the_aircrafts_units():
     config = SimulatedAircraftConfig(geoid_undulation_m=-9.0)
     velocity_n = np.array([1.25, -2.5, 0.125])
@@ -91,15 +79,6 @@ def test_receivers_are_told_in_the_aircrafts_units():
     assert said.gps.detail.hacc_mm == pytest.approx(10.0)
     assert said.gps.detail.vacc_mm == pytest.approx(20.0)
     assert said.velocity.xyz_mps == (1.25, -2.5, -0.125)  # up, not down
-
-
-@pytest.mark.parametrize(
-    ("status", "flag"),
-    [(FixStatus.FIXED, 50), (FixStatus.FLOAT, 34), (FixStatus.SINGLE, 16), (FixStatus.NONE, 0)],
-)
-def test_a_fix_is_told_by_its_flag(status, flag):
-    said = told([*(imu(k) for k in range(3)), (START, rtk(0, status))])
-    assert {broadcast.rtk.pos_flag for broadcast in said if broadcast.rtk} == {flag}
 
 
 def test_what_is_new_at_an_instant_is_in_the_frame_of_that_instant_and_repeated_at_50_hz():
@@ -133,24 +112,8 @@ def test_samples_that_make_no_sense_are_left_out_and_counted():
     assert aircraft.counts == {"broadcasts": 2, "pushes": 0, "invalid": 4, "imu_not_later": 1}
 
 
-def test_without_an_attitude_the_quaternion_is_absent():
-    said = told([imu(0), imu(1, autopilot_q_nb=None), imu(2, autopilot_q_nb=np.zeros(4))])
-    assert [broadcast.quaternion_wxyz is None for broadcast in said] == [False, True, True]
-
-
 JOINTS = {"yaw_rad": 0.3, "roll_rad": -0.04, "pitch_rad": -0.6}
 REPORTED = quat_from_euler(0.0, -0.5, 2.4)
-
-
-def gimbal_said(config, samples):
-    said = told([*(imu(k) for k in range(60)), *samples], config)
-    return [(k, part.gimbal) for k, part in enumerate(said) if part.gimbal is not None]
-
-
-def angle_of(gimbal, q_ng) -> float:
-    rpy = np.radians([gimbal.roll_deg, gimbal.pitch_deg, gimbal.yaw_deg])
-    turned = quat_multiply(quat_from_euler(*rpy), q_ng * [1, -1, -1, -1])
-    return float(np.linalg.norm(rotvec_from_quat(turned)))
 
 
 def both_gimbals(until_ms: int):
@@ -158,26 +121,6 @@ def both_gimbals(until_ms: int):
         stamp = START + at_ms * MS
         yield stamp, JointSample(stamp, **JOINTS)
         yield stamp, CameraAttitudeSample(stamp, REPORTED)
-
-
-def test_joints_are_told_as_the_attitude_that_they_give_with_the_aircrafts():
-    said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(600))
-    q_ng = quat_multiply(Q_NB, camera_turn(JointSample(0, **JOINTS)))
-    assert len(said) >= 25
-    # Three angles of single precision, 2^-24 of 180 deg each.
-    assert max(angle_of(gimbal, q_ng) for _, gimbal in said) < 3 * math.pi * 2**-24
-
-
-def test_the_reported_attitude_is_told_where_it_is_wanted_or_joints_are_not_there():
-    reported = gimbal_said(SimulatedAircraftConfig(gimbal="reported"), both_gimbals(600))
-    alone = gimbal_said(SimulatedAircraftConfig(), list(both_gimbals(600))[1::2])
-    for said in (reported, alone):
-        assert max(angle_of(gimbal, REPORTED) for _, gimbal in said) < 3 * math.pi * 2**-24
-
-
-def test_a_silent_gimbal_is_left_out():
-    said = gimbal_said(SimulatedAircraftConfig(), both_gimbals(300))
-    assert [k for k, _ in said] == list(range(2, 29, 2))  # from 5 ms to 285 ms
 
 
 def test_the_old_layout_has_no_more_than_it_can_hold():
@@ -192,14 +135,6 @@ def test_the_old_layout_has_no_more_than_it_can_hold():
     assert said.gimbal is not None
 
 
-def test_its_clock_is_its_own_and_wraps():
-    config = SimulatedAircraftConfig(clock_start_ms=2**32 - 20, clock_drift_ppm=1000.0)
-    ms = [said.time.time_ms for said in told((imu(k) for k in range(5)), config)]
-    assert ms == [2**32 - 20, 2**32 - 10, 0, 10, 20]
-    late = told([imu(0), imu(1), imu(100), imu(101)], replace(config, clock_start_ms=0))
-    assert late[-2].time == (1001, 0, 400, 0, 0)  # a millisecond of a second fast
-
-
 def test_a_flight_that_starts_again_switches_it_on_anew():
     said = told([imu(k) for k in range(300)])
     assert said[-1].time.time_ms == 60_000 + 2990
@@ -208,14 +143,6 @@ def test_a_flight_that_starts_again_switches_it_on_anew():
     frames = list(frames_of(aircraft, [*(imu(k) for k in range(300)), *back]))
     found = FrameReader().feed(frames[-3].data)
     assert decode_broadcast(found[0].value).time.time_ms == 60_000
-
-
-def test_frames_leave_in_order_when_their_samples_arrived():
-    rng = np.random.default_rng(3)
-    arrivals = sorted(START + k * 10 * MS + round(rng.exponential(8e6)) for k in range(200))
-    samples = [(at, imu(k)[1]) for k, at in enumerate(arrivals)]
-    times = [frame.time_ns for frame in frames_of(Aircraft(), samples)]
-    assert times == arrivals
 
 
 def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
@@ -244,17 +171,6 @@ def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
     assert {push.package.id for _, push in pushes} == {0, 2, 3, 4}
 
 
-def test_numbers_are_those_of_the_wire():
-    """One frame by hand: mask, time, quaternion, acceleration, rate."""
-    aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=5000))
-    aircraft.desk.rates = (4, 4, 4, 0, 4) + (0,) * 11
-    (frame,) = frames_of(aircraft, [imu(0)])
-    value = struct.pack("<HIIIHB", 0b10111, 5000, 0, 2000, 0, 0)
-    value += struct.pack("<4f", *Q_NB) + struct.pack("<3f", 0.3 / 9.80665, -0.2 / 9.80665, -1.0)
-    value += struct.pack("<3f", 0.01, -0.02, 0.5)
-    assert frame.data == encode_frame(b"\x02\x00" + value, sequence=1)
-
-
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
 def test_parts_are_polled_in_step_with_any_imu(rate_hz):
     """50 Hz from the first frame on, whatever the IMU's rate; else a fix is told of late."""
@@ -264,15 +180,3 @@ def test_parts_are_polled_in_step_with_any_imu(rate_hz):
     said = told(samples)
     polled_ms = [1000 * k // rate_hz for k, part in enumerate(said) if part.rtk is not None]
     assert polled_ms == list(range(0, 1000, 20))
-
-
-def test_beside_packages_a_broadcast_leaves_room_on_the_line():
-    """An IMU of 400 Hz, everything on: less than what 921600 baud bring."""
-    samples = [(START + k * 2_500_000, replace(imu(0)[1], stamp_ns=START + k * 2_500_000))
-               for k in range(800)]  # fmt: skip
-    aircraft = Aircraft(SimulatedAircraftConfig(pushes=True))
-    joints = [
-        (START + k * 20 * MS, JointSample(START + k * 20 * MS, **JOINTS)) for k in range(100)
-    ]
-    frames = list(frames_of(aircraft, sorted(samples + joints, key=lambda pair: pair[0])))
-    assert sum(len(frame.data) for frame in frames) / 2.0 < 0.9 * 92_160

@@ -35,18 +35,6 @@ def test_bytes_go_both_ways_as_they_are(port):
     assert port.dropped == 0
 
 
-def test_it_knows_whether_somebody_has_it_open(port):
-    assert not port.is_open
-    assert port.write(b"to nobody") == 0
-    host = opened(port)
-    assert port.is_open
-    with pytest.raises(BlockingIOError):
-        os.read(host, 1)  # what was said to nobody does not wait for him
-    os.close(host)
-    assert not port.is_open
-    assert port.dropped == len("to nobody")
-
-
 def test_a_reader_who_sleeps_stops_nobody(port):
     host = opened(port)
     sent = sum(port.write(bytes(1000)) for _ in range(100))
@@ -59,7 +47,7 @@ def test_a_pulled_cable_hangs_up_and_a_new_one_has_the_same_name(port):
     host = opened(port)
     port.pull()
     assert not port.path.is_symlink()
-    assert (port.is_plugged, port.is_open, port.write(b"x"), port.read()) == (False, False, 0, b"")
+    assert (port.is_open, port.write(b"x"), port.read()) == (False, 0, b"")
     assert os.read(host, 1) == b""  # the end of it
     os.close(host)
     port.plug()

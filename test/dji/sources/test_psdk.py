@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
-from tirgeo_ros.dji.sources.readings import AttitudeReading, GimbalReading, GpsReading, ImuReading
+from tirgeo_ros.dji.sources.readings import GpsReading
 from tirgeo_ros.dji.sources.rtk_flag_pairing import HOLD_NS
 
 MS = 1_000_000
@@ -36,25 +36,19 @@ def near(metres: float) -> tuple[float, float, float]:
 
 def test_receivers_keep_the_stamps_of_their_headers(road):
     """Their delay is a parameter, which is taken off later."""
-    (position,) = road.on_gps_position(HOME, START, START + 3 * MS)
-    (velocity,) = road.on_gps_velocity((1.0, 2.0, 3.0), START + 1, START + 3 * MS)
-    (details,) = road.on_gps_details((3.0, (1e3, 2e3, 10.0)), START + 2, START + 3 * MS)
+    (position,) = road.take("gps_position", HOME, START, START + 3 * MS)
+    (velocity,) = road.take("gps_velocity", (1.0, 2.0, 3.0), START + 1, START + 3 * MS)
+    (details,) = road.take("gps_details", (3.0, (1e3, 2e3, 10.0)), START + 2, START + 3 * MS)
     assert [r.stamp_ns - START for r in (position, velocity, details)] == [0, 1, 2]
     # North, east, down, as it comes.
     assert velocity.velocity_n == (1.0, 2.0, 3.0)
-    road.on_rtk_position(HOME, START, START + 3 * MS)
-    (fixed,) = road.on_rtk_position_info(50, START + 4 * MS)
+    road.take("rtk_position", HOME, START, START + 3 * MS)
+    (fixed,) = road.take("rtk_position_info", 50, 0, START + 4 * MS)
     assert fixed.stamp_ns == START
     assert fixed.position_flag == 50
-    (moving,) = road.on_rtk_velocity((1.0, 2.0, 3.0), START + 1, START + 5 * MS)
+    (moving,) = road.take("rtk_velocity", (1.0, 2.0, 3.0), START + 1, START + 5 * MS)
     assert moving.position_flag == 50
     assert (moving.stamp_ns, moving.velocity_n) == (START + 1, (1.0, 2.0, 3.0))
-
-
-def test_what_has_no_stamp_has_that_of_its_arrival(road):
-    (reading,) = road.on_gps_position(HOME, 0, START)
-    assert reading.stamp_ns == START
-    assert road.counts["unstamped"] == 1
 
 
 def test_streams_of_a_steady_rate_lose_their_jitter(road):
@@ -62,9 +56,9 @@ def test_streams_of_a_steady_rate_lose_their_jitter(road):
     late = np.random.default_rng(3).exponential(1.5 * MS, 3000).clip(0, 8 * MS).astype(int)
     sent = START + np.arange(3000) * 10 * MS
     for take in (
-        lambda at: road.on_imu(IMU, at, at),
-        lambda at: road.on_attitude(LEVEL_EAST, at, at),
-        lambda at: road.on_gimbal_angles((0.0, 0.0, 0.0), at, at),
+        lambda at: road.take("imu", IMU, at, at),
+        lambda at: road.take("attitude", LEVEL_EAST, at, at),
+        lambda at: road.take("gimbal_angles", (0.0, 0.0, 0.0), at, at),
     ):
         stamps = [take(int(at))[0].stamp_ns for at in np.maximum.accumulate(sent + late)]
         assert all(b > a for a, b in pairwise(stamps))
@@ -74,23 +68,10 @@ def test_streams_of_a_steady_rate_lose_their_jitter(road):
         assert off.std() < 0.1 * MS
 
 
-def test_kinds_of_readings(road):
-    assert isinstance(road.on_imu(IMU, START, START)[0], ImuReading)
-    assert isinstance(road.on_attitude(LEVEL_EAST, START, START)[0], AttitudeReading)
-    assert isinstance(road.on_gimbal_angles((0.0, 0.0, 0.0), START, START)[0], GimbalReading)
-
-
-def test_a_yaw_waits_for_its_own_flag(road):
-    assert road.on_rtk_yaw(65446, START, START) == []
-    assert road.on_rtk_position_info(50, START + 1 * MS) == []
-    (reading,) = road.on_rtk_yaw_info(34, START + 2 * MS)
-    assert (reading.yaw_deg, reading.yaw_flag, reading.position_flag) == (-90, 34, None)
-
-
 def test_what_waits_in_vain_goes_when_it_is_due(road):
-    road.on_rtk_position(HOME, START, START)
-    road.on_rtk_velocity((1.0, 2.0, 3.0), START, START)
-    road.on_rtk_yaw(90, START, START)
+    road.take("rtk_position", HOME, START, START)
+    road.take("rtk_velocity", (1.0, 2.0, 3.0), START, START)
+    road.take("rtk_yaw", 90, START, START)
     assert road.due(START + HOLD_NS - 1) == []
     place, velocity, yaw = road.due(START + HOLD_NS)
     assert (place.place is None, velocity.velocity_n, yaw.yaw_deg) == (False, (1.0, 2.0, 3.0), 90)
@@ -109,8 +90,8 @@ def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
     for number, flag in enumerate([50, 50, 34, 34, 50]):
         at = START + number * EPOCH
         events = [
-            (at, lambda at=at, n=number: road.on_rtk_position(near(n), at, at)),
-            (at + flag_after_ns, lambda at=at, f=flag: road.on_rtk_position_info(f, at)),
+            (at, lambda at=at, n=number: road.take("rtk_position", near(n), at, at)),
+            (at + flag_after_ns, lambda at=at, f=flag: road.take("rtk_position_info", f, 0, at)),
         ]
         readings = [r for _, event in sorted(events, key=lambda e: e[0]) for r in event()]
         samples = [sample for r in readings for sample in meaning.take(r)]
@@ -124,9 +105,9 @@ def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
 def test_heading_and_force_as_they_go_on(road):
     """Antennas 90 deg to the right of a nose to the south: 270, sent as 65446."""
     meaning = Interpreter(DjiConfig(geoid_undulation_m=40.0))
-    readings = road.on_imu(IMU, START, START)
-    readings += road.on_rtk_yaw(65446, START, START)
-    readings += road.on_rtk_yaw_info(50, START + MS)
+    readings = road.take("imu", IMU, START, START)
+    readings += road.take("rtk_yaw", 65446, START, START)
+    readings += road.take("rtk_yaw_info", 50, 0, START + MS)
     samples = [sample for r in readings for sample in meaning.take(r)]
     (force,) = (s.specific_force_b for s in samples if isinstance(s, ImuSample))
     # 9.8 is one g, and that is the standard's.
@@ -135,31 +116,16 @@ def test_heading_and_force_as_they_go_on(road):
     assert heading == pytest.approx(math.pi)
 
 
-def test_nonsense_is_counted_where_all_roads_meet(road):
-    meaning = Interpreter(DjiConfig(geoid_undulation_m=40.0))
-    bad = math.nan
-    readings = [
-        *road.on_imu((LEVEL_EAST, (bad, 0.0, 0.0), (0.0, 0.0, 9.8)), START, START),
-        *road.on_attitude((0.0, 0.0, 0.0, 0.0), START, START),
-        *road.on_gimbal_angles((0.0, 0.0, math.inf), START, START),
-        *road.on_gps_position((bad, 0.0, 0.0), START, START),
-        *road.on_gps_velocity((bad, 0.0, 0.0), START, START),
-    ]
-    for number, reading in enumerate(readings, 1):
-        assert meaning.take(reading) == []
-        assert len(meaning.counts) == number, meaning.counts
-
-
 def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
     fused, came = HOME, {}
     for tick in range(100):  # 10 s at 10 Hz; the receiver's own come in the first three
         at = START + tick * 100 * MS
         if tick < 30 and tick % 2 == 0:
-            (own,) = road.on_gps_position(HOME, at, at)
+            (own,) = road.take("gps_position", HOME, at, at)
             assert own.vertical_sigma_m is None
-            road.on_gps_velocity((1.0, 2.0, 3.0), at, at)
-        readings = road.on_gps_position_fused(fused, at, at)
-        readings += road.on_velocity_ground_fused((2.0, 1.0, -3.0), at, at)
+            road.take("gps_velocity", (1.0, 2.0, 3.0), at, at)
+        readings = road.take("gps_position_fused", fused, at, at)
+        readings += road.take("velocity_ground_fused", (2.0, 1.0, -3.0), at, at)
         if readings:
             came[tick] = readings
     # The last own ones are at 2.8 s: from 4.8 s on, each second one, as 0.1 s is too early.
@@ -171,16 +137,10 @@ def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
     assert road.counts["fused"] == 2 * len(came)
 
 
-def test_a_receiver_has_its_time_to_come(road):
-    assert road.on_gps_position_fused(HOME, START, START) == []
-    assert road.on_gps_position_fused(HOME, START + SECOND, START + SECOND) == []
-    assert road.on_gps_position_fused(HOME, START + 2 * SECOND, START + 2 * SECOND) != []
-
-
 @pytest.mark.parametrize(("rate_hz", "warnings"), [(1, 1), (50, 0)])
 def test_a_gimbal_at_the_default_rate_is_told(road, rate_hz, warnings):
     for number in range(10):
         at = START + number * SECOND // rate_hz
-        road.on_gimbal_angles((0.0, 0.0, 0.0), at, at)
+        road.take("gimbal_angles", (0.0, 0.0, 0.0), at, at)
     assert len(road.warnings) == warnings
     assert all("gimbal_data to 50" in warning for warning in road.warnings)

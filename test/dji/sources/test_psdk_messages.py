@@ -13,12 +13,10 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
-    quat_from_euler,
     quat_from_matrix,
     quat_from_rotvec,
 )
 from tirgeo_ros.dji.sources import psdk_messages as psdk
-from tirgeo_ros.dji.sources.readings import AccelerationUnit, ImuOrigin
 
 #: A handful of products of numbers of order one.
 ROUNDING = 2e-15
@@ -31,14 +29,6 @@ def single(value: float) -> float:
 
 PI32 = single(math.pi)
 angles = st.floats(-179.99, 179.99)
-
-
-@pytest.mark.parametrize(
-    ("sent", "yaw_deg"),
-    [(0, 0), (90, 90), (65446, -90), (65535, -1), (65356, -180), (32767, 32767), (32768, -32768)],
-)
-def test_rtk_yaw_is_an_int16(sent, yaw_deg):
-    assert psdk.baseline_yaw_deg(sent) == yaw_deg
 
 
 @given(st.integers(-(2**15), 2**15 - 1))
@@ -83,17 +73,6 @@ def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
     assert -math.pi <= made.yaw_rad < math.pi
 
 
-def test_imu_of_a_level_aircraft_at_rest():
-    """Specific force up: +9.8 is 1 g, in FRD it points along -z."""
-    reading = psdk.imu(7, LEVEL_EAST, (0.1, 0.2, 0.3), (0.98, 1.96, 9.8))
-    assert reading.origin is ImuOrigin.MESSAGE
-    assert reading.unit is AccelerationUnit.G
-    assert reading.acceleration_b == pytest.approx((0.1, -0.2, -1.0), abs=ROUNDING)
-    assert reading.angular_rate_b == (0.1, -0.2, -0.3)
-    # The nose to the east is a heading of 90 deg.
-    assert reading.q_nb == pytest.approx(quat_from_euler(0.0, 0.0, math.pi / 2), abs=ROUNDING)
-
-
 @given(st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array))
 def test_attitude_there_and_back(rotvec):
     """R_ENU<-NED R R_FRD<-FLU is sent; q and -q are the same attitude."""
@@ -121,11 +100,6 @@ def test_imu_there_and_back(acceleration_g, rate):
     assert made.angular_rate_b == tuple(rate)
 
 
-def test_positions_are_degrees_and_metres_above_the_sea():
-    made = psdk.place((52.0, -120.0, 88.5))
-    assert made == (math.radians(52.0), math.radians(-120.0), 88.5)
-
-
 def test_the_fused_position_is_made_with_another_pi():
     """Uncorrected it is 2.8e-8 of 52 deg off: 0.16 m in latitude."""
     latitude, longitude = math.radians(52.0), math.radians(120.0)
@@ -139,7 +113,8 @@ def test_the_fused_position_is_made_with_another_pi():
 
 def test_the_velocity_that_is_what_its_frame_says():
     """East 1, north 2, up 3."""
-    assert psdk.velocity_enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)
+    fused = psdk.READERS["velocity_ground_fused"](7, (1.0, 2.0, 3.0))
+    assert fused.velocity_n == (2.0, 1.0, -3.0)
 
 
 def test_accuracies_are_millimetres_and_centimetres_a_second():
@@ -154,11 +129,3 @@ def test_accuracies_are_millimetres_and_centimetres_a_second():
 @pytest.mark.parametrize("fix", [math.nan, math.inf])
 def test_a_fix_that_is_no_number_is_none(fix):
     assert psdk.gps_details(7, fix, (1.0, 1.0, 1.0)).fix == 0
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_goes_on_and_stays_so(bad):
-    """It is refused where all roads meet."""
-    assert not math.isfinite(psdk.gimbal(7, (0.0, 0.0, bad)).yaw_rad)
-    assert not math.isfinite(psdk.place((bad, 0.0, 0.0)).latitude_rad)
-    assert not math.isfinite(psdk.imu(7, LEVEL_EAST, (0, 0, 0), (bad, 0, 0)).acceleration_b[0])

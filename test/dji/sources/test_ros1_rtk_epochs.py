@@ -32,15 +32,6 @@ def told(events):
     return found + epochs.flush()
 
 
-def test_five_topics_make_one_reading():
-    stamps = {"place": 1, "velocity_n": 2, "yaw_deg": 3, "position_flag": 4, "yaw_flag": 5}
-    ((arrival_ns, reading),) = told(
-        (k * MS, part(name, 7, stamp)) for k, (name, stamp) in enumerate(stamps.items())
-    )
-    assert reading == RtkReading(1, GeodeticPlace(0.9, 0.1, 7.0), 7, (7.0, 0.0, 0.0), 7, 7)
-    assert arrival_ns == 4 * MS  # of the last part
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.permutations(PARTS), min_size=1, max_size=6),
@@ -91,24 +82,6 @@ def test_without_a_position_the_velocitys_stamp_counts():
     given_parts = [("yaw_flag", 5 * MS), ("velocity_n", 1 * MS), ("position_flag", 6 * MS)]
     ((_, reading),) = told((k * MS, part(name, 0, at)) for k, (name, at) in enumerate(given_parts))
     assert reading.stamp_ns == 1 * MS
-
-
-def test_without_positions_yaw_has_the_time_of_its_record():
-    events = [
-        (number * PERIOD + 3 * MS, part("yaw_deg", number, number * PERIOD + 3 * MS))
-        for number in range(3)
-    ]
-    assert [r.stamp_ns for _, r in told(events)] == [k * PERIOD + 3 * MS for k in range(3)]
-
-
-def test_an_epoch_is_given_out_once_nothing_more_can_come():
-    epochs = RtkEpochs()
-    assert epochs.take(part("place", 0, 0), 0) == []
-    assert epochs.due(100 * MS) == []
-    ((arrival_ns, reading),) = epochs.due(101 * MS)
-    assert (arrival_ns, reading.stamp_ns) == (0, 0)
-    assert epochs.due(300 * MS) == []
-    assert epochs.flush() == []
 
 
 def test_a_clock_that_goes_back_begins_another_epoch():

@@ -18,34 +18,6 @@ def position(number: int) -> RtkReading:
     return RtkReading(number, place=GeodeticPlace(0.9, 0.1, float(number)))
 
 
-def test_it_waits_no_longer_than_is_promised():
-    """50 ms with the timer's 10."""
-    assert HOLD_NS <= 40 * MS
-
-
-def test_a_position_waits_for_the_flag_of_its_epoch():
-    flags = EpochFlags("position_flag")
-    assert flags.value("p", position(0), 0) == []
-    assert flags.flag(FIXED, 5 * MS) == [position(0)._replace(position_flag=FIXED)]
-    assert flags.value("p", position(1), EPOCH_NS) == []
-    assert flags.flag(FLOAT, EPOCH_NS + 5 * MS) == [position(1)._replace(position_flag=FLOAT)]
-    assert flags.due(3 * EPOCH_NS) == []
-    assert not flags.alone
-
-
-def test_a_flag_that_is_there_already_serves_at_once():
-    flags = EpochFlags("position_flag")
-    assert flags.flag(FLOAT, 0) == []
-    assert flags.value("p", position(0), 3 * MS) == [position(0)._replace(position_flag=FLOAT)]
-
-
-def test_a_flag_serves_one_value_alone():
-    flags = EpochFlags("position_flag")
-    flags.flag(FIXED, 0)
-    assert len(flags.value("p", position(0), 1 * MS)) == 1
-    assert flags.value("p", position(1), 2 * MS) == []
-
-
 @pytest.mark.parametrize("order", ["pfpf", "fpfp", "ppff", "ffpp", "pffp", "fppf"])
 def test_two_epochs_in_a_burst(order):
     """After a hiccup of the machine all of them come at once."""
@@ -81,24 +53,6 @@ def test_a_clock_that_goes_back_lets_go_of_all():
     flags = EpochFlags("yaw_flag")
     flags.value("p", RtkReading(5, yaw_deg=-90), 10 * EPOCH_NS)
     assert flags.due(9 * EPOCH_NS) == [RtkReading(5, yaw_deg=-90)]
-
-
-def test_the_flag_of_a_yaw_is_its_own():
-    flags = EpochFlags("yaw_flag")
-    flags.value("p", RtkReading(5, yaw_deg=-90), 0)
-    assert flags.flag(FIXED, 1) == [RtkReading(5, yaw_deg=-90, yaw_flag=FIXED)]
-
-
-def test_a_flag_serves_one_value_of_each_topic():
-    flags = EpochFlags("position_flag")
-    velocity = RtkReading(7, velocity_n=(1.0, 2.0, 3.0))
-    assert flags.value("p", position(0), 0) == []
-    assert flags.flag(FLOAT, 1) == [position(0)._replace(position_flag=FLOAT)]
-    assert flags.value("v", velocity, 2) == [velocity._replace(position_flag=FLOAT)]
-    assert flags.value("v", velocity, 3) == []
-    # It has served: it does not go on by itself.
-    assert flags.due(HOLD_NS + 1) == []
-    assert flags.due(HOLD_NS + 3) == [velocity]
 
 
 @given(

@@ -41,8 +41,8 @@ def test_bytes_become_readings_at_the_aircrafts_pace(road):
         stamps += [reading.stamp_ns for reading in readings]
     last = NOW_NS + 198 * 10_000_000
     assert stamps[-2:] == pytest.approx([last - 10_000_000, last], abs=100_000)
-    assert road.frames == 198
-    assert road.bytes == 198 * len(frame(0))
+    assert road.counts["frames"] == 198
+    assert road.counts["bytes"] == 198 * len(frame(0))
 
 
 def test_each_frame_of_a_batch_has_the_time_at_which_the_line_had_brought_it():
@@ -69,13 +69,6 @@ def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
     assert road.take(b"", NOW_NS, 2.0) == []
 
 
-def test_what_was_cut_is_given_up_when_the_port_is_opened_anew(road):
-    assert road.take(encode_frame(bytes(600))[:20] + frame(10), NOW_NS, 1.0) == []
-    (reading,) = road.reopened(NOW_NS, 1.01)
-    assert reading.q_nb == Q
-    assert road.take(b"", NOW_NS, 2.0) == []
-
-
 def test_encrypted_frames_need_the_key():
     locked = frame(10, KEY)
     assert SerialDecoder(DjiConfig(), PackageTable()).take(locked, NOW_NS, 1.0) == []
@@ -97,7 +90,8 @@ def conditions(key, sent_with):
             data += encode_frame(bytes(2), is_ack=True, session=2, key=sent_with)
         now_s = k * 0.02
         road.take(data, NOW_NS + k * 20_000_000, now_s)
-        report = watch.look(now_s, LinkState.OPEN, "", road.bytes, road.frames, road.locked)
+        counts = road.counts["bytes"], road.counts["frames"], road.locked
+        report = watch.look(now_s, LinkState.OPEN, "", *counts)
         told += [report] if report else []
     return [report.condition.value for report in told], watch.report
 
@@ -117,12 +111,3 @@ def test_a_wrong_key_is_named(key, words):
     assert report.level is LinkLevel.ERROR
     assert words in report.message
     assert "/dev/ttyUSB0" in report.message
-
-
-def test_diagnostics_tell_of_frames_and_of_the_clock_that_runs(road):
-    road.take(frame(10), NOW_NS, 1.0)
-    told = road.diagnostics
-    assert told["frames frames"] == "1"
-    assert told["telemetry broadcast"] == "1"
-    assert told["host state"] == "listening"
-    assert any(name.startswith("broadcast clock") for name in told)

@@ -113,11 +113,6 @@ def test_broadcast_of_an_imu_sample(telemetry):
     ]
 
 
-def test_a_quaternion_without_rates_is_an_attitude(telemetry):
-    parts = Broadcast(time=Time(10, 0, 0, 0, 0), quaternion_wxyz=Q)
-    assert read(telemetry, parts) == [AttitudeReading(10_000_000, Q)]
-
-
 def test_a_broadcast_without_time_is_stamped_at_arrival_and_counted(telemetry):
     assert read(telemetry, Broadcast(quaternion_wxyz=Q)) == [AttitudeReading(ARRIVAL_NS, Q)]
     assert telemetry.counts["untimed"] == 1
@@ -146,17 +141,6 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
     place = GeodeticPlace(*map(math.radians, BERN), 512.5)
     assert got_rtk == RtkReading(20_000_000, place, 50, (-2.0, 3.0, -0.5), -77, 49)
     assert gimbal == GimbalReading(20_000_000, *map(math.radians, (1.0, -30.0, 170.0)))
-
-
-def test_a_gps_fix_that_is_no_number_is_no_fix(telemetry):
-    gps = Gps(0, 0, 0, 0, 0, (0.0, 0.0, 0.0), DETAIL._replace(fix=math.nan))
-    (reading,) = read(telemetry, Broadcast(time=Time(1, 0, 0, 0, 0), gps=gps))
-    assert reading.fix == 0
-
-
-def test_a_layout_that_fits_nothing_is_counted(telemetry):
-    assert telemetry.read(frame_of(2, 0, b"\x01\x00123"), ARRIVAL_NS) == []
-    assert telemetry.counts == {"unknown_layout": 1}
 
 
 def test_hard_sync_is_timed_by_its_ticks(telemetry, clocks):
@@ -238,28 +222,6 @@ def _gps_push(telemetry, raw):
     return telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
 
 
-@pytest.mark.parametrize(
-    ("topic", "value", "reading"),
-    [
-        ("RTK_YAW_INFO", 50, RtkReading(5_000_000_000, yaw_flag=50)),
-        ("GPS_DETAILS", DETAIL, GpsReading(5_000_000_000, None, None, 3, 0.75, 1.5, 0.25)),
-    ],
-)
-def test_a_topic_alone_in_its_package_is_read(telemetry, topic, value, reading):
-    alone = Package.of(8, 5, True, (topic,))
-    telemetry.read(
-        frame_of(*encode_request(alone.request)[:2], encode_request(alone.request)[2:]), 0
-    )
-    pushed = encode_push(Push(alone, 5000, 0, {topic: value}))
-    assert telemetry.read(frame_of(2, 5, pushed), ARRIVAL_NS) == [reading]
-
-
-def test_a_package_that_is_not_known_is_counted(telemetry):
-    value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": GpsPosition(0, 0, 0)}))
-    assert telemetry.read(frame_of(2, 5, value), ARRIVAL_NS) == []
-    assert telemetry.counts == {"unknown_package": 1}
-
-
 def test_raw_acceleration_by_subscription_is_in_metres(telemetry):
     (reading,) = push(telemetry, 4, ACCELERATION_RAW=ACCELERATION, ANGULAR_RATE_RAW=RATE)
     assert reading[1:] == (
@@ -270,11 +232,3 @@ def test_raw_acceleration_by_subscription_is_in_metres(telemetry):
         None,
     )
     assert reading.stamp_ns == pytest.approx(ARRIVAL_NS, abs=1)  # the package has no time
-
-
-def test_other_frames_are_counted(telemetry):
-    assert telemetry.read(frame_of(0, 0, b"\x00"), ARRIVAL_NS) == []
-    acknowledgement = encode_frame(b"\x00\x00", session=2, sequence=1, is_ack=True)
-    (frame,) = FrameReader().feed(acknowledgement)
-    assert telemetry.read(frame, ARRIVAL_NS) == []
-    assert telemetry.counts == {"other": 2}

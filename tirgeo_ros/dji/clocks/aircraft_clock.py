@@ -207,7 +207,7 @@ class AircraftClock:
         offset_ns = arrival_ns - aircraft_ns
         known = self._candidate
         if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
-            self._count_begin(known.is_counter)
+            self._counts["resets" if known.is_counter else "host steps"] += 1
             return self._begin(ticks, extra_ns, arrival_ns)
         self._counts["stray counts"] += 1
         is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
@@ -240,8 +240,5 @@ class AircraftClock:
         lasted_ns = min(aircraft_ns - above.aircraft_ns, arrival_ns - above.arrival_ns)
         if length < _STEP_NUMBER or lasted_ns < _STEP_LASTS_NS:
             return False
-        self._count_begin(above.is_counter)
+        self._counts["resets" if above.is_counter else "host steps"] += 1
         return True
-
-    def _count_begin(self, is_counter: bool) -> None:
-        self._counts["resets" if is_counter else "host steps"] += 1

@@ -107,7 +107,9 @@ class CaptureClock:
         aircraft_ns = tick_ns + extra_ns
         step_ns = aircraft_ns - self._newest_ns
         if not (self._is_placed or -_LATE_NS <= step_ns <= _LONG_NS):
-            if self._is_stray(aircraft_ns):
+            known_ns, self._stray_ns = self._stray_ns, aircraft_ns
+            if known_ns is None or abs(aircraft_ns - known_ns) > _AGREE_NS:
+                self._counts["stray counts"] += 1  # the message before does not confirm it
                 return self._timeline.now_ns
             if step_ns < 0:
                 self._start_again(ticks, extra_ns)
@@ -117,7 +119,9 @@ class CaptureClock:
             self._counter.go_on(ticks, tick_ns)
             self._newest_ns = aircraft_ns
             self._is_placed = False
-            self._keep_order(aircraft_ns)
+            now_ns = self._timeline.newest_ns
+            if self._is_apart and now_ns is not None:  # not before the messages before it
+                self._offset_ns = max(self._offset_ns, now_ns - aircraft_ns)
         return self._timeline.take(aircraft_ns + self._offset_ns, aircraft_ns)
 
     def place(self, ticks: int, utc_ns: int) -> None:
@@ -146,14 +150,6 @@ class CaptureClock:
             self._is_apart = abs(aircraft_ns - line.aircraft_ns) >= _SAME_NS
             self._offset_ns = now_ns - (aircraft_ns if self._is_apart else line.aircraft_ns)
 
-    def _is_stray(self, aircraft_ns: int) -> bool:
-        """Return whether the message before does not confirm a count that breaks the sequence."""
-        known_ns, self._stray_ns = self._stray_ns, aircraft_ns
-        if known_ns is not None and abs(aircraft_ns - known_ns) <= _AGREE_NS:
-            return False
-        self._counts["stray counts"] += 1
-        return True
-
     def _start_again(self, ticks: int, extra_ns: int) -> None:
         """Set a new offset after a restart.
 
@@ -173,9 +169,3 @@ class CaptureClock:
             line.restarts += 1
             earliest_ns = line.now_ns - line.shift_ns + RESTART_NS
             self._offset_ns = earliest_ns - aircraft_ns
-
-    def _keep_order(self, aircraft_ns: int) -> None:
-        """Keep a clock that is placed by order from falling behind the messages before it."""
-        now_ns = self._timeline.newest_ns
-        if self._is_apart and now_ns is not None:
-            self._offset_ns = max(self._offset_ns, now_ns - aircraft_ns)

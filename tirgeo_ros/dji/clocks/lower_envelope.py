@@ -13,8 +13,7 @@ lags by drift times window, and jumps when it leaves the window.
 from __future__ import annotations
 
 from collections import deque
-from itertools import chain, pairwise
-from typing import NamedTuple
+from itertools import pairwise
 
 #: The time that the drift is learned from is divided into this many bins; each keeps its lowest
 #: point.
@@ -27,27 +26,12 @@ _DRIFT_NS = 30e9, 300e9
 _USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
 #: After a gap of the window's length the old line holds until new points cover this time.
 _HOLD_NS = 2e9
-#: About this many heights above the line are kept per bin, for the distribution.
-_HEIGHTS = 64
+#: So many of the newest heights above the line make the distribution.
+_HEIGHTS = 2048
 
 _INFINITY = float("inf")
 
 Point = tuple[float, float]
-
-
-class Spread(NamedTuple):
-    """Hold how high the points of the last window lie above the line, in nanoseconds."""
-
-    median_ns: float
-    p95_ns: float
-    max_ns: float
-
-
-class _Bin(NamedTuple):
-    x: float
-    y: float
-    highest: float
-    heights: list[float]
 
 
 class LowerEnvelope:
@@ -66,17 +50,15 @@ class LowerEnvelope:
         self._hold_ns = min(_HOLD_NS, window_ns / 2)
         self.drift = self._drift_before = 0.0  # slope of the line
         self.base = 0.0  # the line is ``base + drift * x``
-        self._bins: deque[_Bin] = deque()  # the closed bins
-        self._number = 0  # of points in the open bin; the next lines are the rest of it
+        self._bins: deque[Point] = deque()  # the lowest point of each closed bin
+        self._heights: deque[float] = deque(maxlen=_HEIGHTS)
         self._bin_end = 0.0
-        self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)
-        self._highest = -_INFINITY
-        self._heights: list[float] = []
-        self._open(0.0)
+        self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)  # of the open bin
 
     def begin(self, x: float, y: float) -> None:
         """Forget all points; put the line through this one with the slope learned so far."""
         self._bins.clear()
+        self._heights.clear()
         self._drift_before = self.drift
         self.base = y - self.drift * x
         self._open(x)
@@ -91,39 +73,31 @@ class LowerEnvelope:
             self._lowest_key, self._lowest = key, (x, y)
             if height < 0.0:
                 self.base = key
-        self._highest = max(self._highest, height)
-        self._number += 1
-        if self._number % self._stride == 0:
-            self._heights.append(height)
+        self._heights.append(height)
 
     @property
-    def spread(self) -> Spread | None:
-        """Return the distribution of the points' heights above the line; None without points."""
-        recent = self._recent(self._bin_end - self._width_ns)
-        heights = sorted(chain(self._heights, *(bin_.heights for bin_ in recent)))
+    def spread(self) -> tuple[float, float, float] | None:
+        """Return median, 95 % quantile and maximum of the newest points' heights (ns), if any."""
+        heights = sorted(max(height, 0.0) for height in self._heights)
         if not heights:
             return None
-        highest = max(self._highest, *(bin_.highest for bin_ in recent), heights[-1])
         last = len(heights) - 1
-        middle, high = heights[last // 2], heights[round(0.95 * last)]
-        return Spread(max(middle, 0.0), max(high, 0.0), max(highest, 0.0))
+        return heights[last // 2], heights[round(0.95 * last)], heights[last]
 
     def _open(self, x: float) -> None:
-        """Begin a bin; one in ``_stride`` of its heights is kept."""
-        self._stride = self._number // _HEIGHTS | 1  # odd, since bursts come in powers of two
+        """Begin a bin."""
         self._bin_end = x + self._width_ns
         self._lowest_key, self._lowest = _INFINITY, (x, 0.0)
-        self._highest, self._heights = -_INFINITY, []
-        self._number = 0
 
     def _close(self, x: float) -> None:
         """Close the open bin; learn the slope and compute the line again."""
-        if self._number and (not self._bins or self._lowest[0] > self._bins[-1].x):
-            self._bins.append(_Bin(*self._lowest, self._highest, self._heights))
-        newest = self._bins[-1].x if self._bins else x
+        is_used = self._lowest_key < _INFINITY
+        if is_used and (not self._bins or self._lowest[0] > self._bins[-1][0]):
+            self._bins.append(self._lowest)
+        newest = self._bins[-1][0] if self._bins else x
         if x - newest > self._window_ns - self._hold_ns:
             self._bridge(x)
-        while self._bins and self._bins[0].x < x - self._memory_ns:
+        while self._bins and self._bins[0][0] < x - self._memory_ns:
             self._bins.popleft()
         self._learn_drift()
         self._refit_line(x)
@@ -134,13 +108,13 @@ class LowerEnvelope:
         held_x = x - self._window_ns + self._hold_ns
         self._bins.clear()
         self._drift_before = self.drift
-        self._bins.append(_Bin(held_x, self.base + self.drift * held_x, 0.0, []))
+        self._bins.append((held_x, self.base + self.drift * held_x))
 
     def _learn_drift(self) -> None:
-        span = self._bins[-1].x - self._bins[0].x if self._bins else 0.0
+        span = self._bins[-1][0] - self._bins[0][0] if self._bins else 0.0
         if span <= 0.0:
             return
-        slope = middle_slope([(bin_.x, bin_.y) for bin_ in self._bins])
+        slope = middle_slope([*self._bins])
         slope = min(max(slope, -self._max_drift), self._max_drift)
         known, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
         trust = known / (known + measured)
@@ -148,12 +122,10 @@ class LowerEnvelope:
 
     def _refit_line(self, x: float) -> None:
         """Set the line to the highest one of the learned slope below all points of the window."""
-        keys = [bin_.y - self.drift * bin_.x for bin_ in self._recent(x)]
+        begun = x - self._window_ns
+        keys = [low_y - self.drift * low_x for low_x, low_y in self._bins if low_x >= begun]
         if keys:
             self.base = min(keys)
-
-    def _recent(self, x: float) -> list[_Bin]:
-        return [bin_ for bin_ in self._bins if bin_.x >= x - self._window_ns]
 
 
 def middle_slope(points: list[Point]) -> float:

@@ -7,6 +7,7 @@ puts that clock on the line below the arrivals, as it does with the aircraft's o
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from tirgeo_ros.core.config.dji import DjiClockConfig
@@ -131,18 +132,16 @@ class SteadyStamps:
             self._newest_ns = arrival_ns - 1
             self._begin()
         elif arrival_ns - last_ns > max(_PAUSE_NS, _PAUSE_PERIODS * self._true_period_ns):
-            if self._period_ns or self._is_long(arrival_ns - last_ns):
+            known = (
+                self._arrivals_ns
+            )  # where the period is not known, their mean step stands for it
+            usual_ns = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else math.inf
+            if self._period_ns or arrival_ns - last_ns > _PAUSE_PERIODS * usual_ns:
                 self._counts["pauses"] += 1
                 self._begin()
         else:
             self._arrival_ns = max(arrival_ns, last_ns)
         return self._arrival_ns
-
-    def _is_long(self, silence_ns: int) -> bool:
-        """Return whether a silence is unusual, where the period is not known."""
-        known = self._arrivals_ns
-        usual_ns = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else silence_ns
-        return silence_ns > _PAUSE_PERIODS * usual_ns
 
     def _begin(self) -> None:
         """Begin the count again, with the period known so far."""
@@ -231,7 +230,8 @@ class SteadyStamps:
         """Learn the period again if the count is wrong too often."""
         self._lasted += 1
         self._judged += 1
-        if self._is_uneven():
+        too_wrong = self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER
+        if too_wrong or abs(self._clock.drift) > 0.9e-6 * _CONFIG.max_drift_ppm:
             has_lasted = self._lasted >= _LASTED_NUMBER
             more = min(2 * self._learn_number, _LEARN_MOST)
             self._learn_number = _LEARN_NUMBER if has_lasted else more
@@ -241,26 +241,17 @@ class SteadyStamps:
         elif self._judged >= _JUDGED_NUMBER:
             self._judged = self._wrong = self._missing = 0
 
-    def _is_uneven(self) -> bool:
-        if self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER:
-            return True
-        return abs(self._clock.drift) > 0.9e-6 * _CONFIG.max_drift_ppm
-
 
 def _period_ns(arrivals_ns: list[int]) -> float | None:
     """Return the period of arrivals, some of which may be missing; None if they have none."""
     points = [(float(n), float(arrival)) for n, arrival in enumerate(arrivals_ns)]
     whole = middle_slope(points)
     if len(points) >= _PARTED_NUMBER:
-        if not _is_even(points, whole):
+        if any(abs(part - whole) >= _ALIKE * whole for part in _slopes(points, 4)):
             return None
         least = min(_slopes(points, 2))
         whole = least if least < (1 - _LOSSLESS) * whole else whole
     return whole if whole > 0 else None
-
-
-def _is_even(points: list[Point], slope: float) -> bool:
-    return all(abs(part - slope) < _ALIKE * slope for part in _slopes(points, 4))
 
 
 def _slopes(points: list[Point], parts: int) -> list[float]:

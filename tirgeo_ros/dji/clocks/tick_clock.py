@@ -55,20 +55,17 @@ class TickClock:
         passed_ns = arrival_ns - self._begun[0]
         if 0 <= passed_ns < _LOOK_NS:
             return
-        tick_ns = self._tick_by(passed_ns, self._counter.time_ns(ticks) - self._begun[1])
+        counted_ns = self._counter.time_ns(ticks) - self._begun[1]
         self._begun = (arrival_ns, self._counter.begin(ticks))
-        agrees = tick_ns is not None and (not self._seen or self._seen[-1] == tick_ns)
-        self._seen = [*(self._seen if agrees else []), *([] if tick_ns is None else [tick_ns])]
+        is_short = abs(passed_ns - counted_ns) <= _TOLERANCE * passed_ns
+        if not is_short and not is_long(passed_ns, counted_ns):
+            self._seen = []
+            return
+        tick_ns = MILLISECOND_NS if is_short else LONG_TICK_NS
+        self._seen = [*(seen for seen in self._seen if seen == tick_ns), tick_ns]
         if len(self._seen) >= _LOOKS and tick_ns == LONG_TICK_NS:
             self._tick_ns = LONG_TICK_NS
             self._clock = self._make(LONG_TICK_NS)
-
-    @staticmethod
-    def _tick_by(passed_ns: int, counted_ns: int) -> int | None:
-        """Return the tick that a look shows; None where it shows neither."""
-        if abs(passed_ns - counted_ns) <= _TOLERANCE * passed_ns:
-            return MILLISECOND_NS
-        return LONG_TICK_NS if is_long(passed_ns, counted_ns) else None
 
     @property
     def diagnostics(self) -> dict[str, str]:

@@ -5,14 +5,12 @@ Without an activated application the aircraft only broadcasts.
 
 from __future__ import annotations
 
-from tirgeo_ros.dji.host.requests import Dialogue, NoAnswerError, Pause, ask
+from tirgeo_ros.dji.host.requests import Dialogue, NoAnswerError, Pause, ask, ask_code
 from tirgeo_ros.dji.protocol.commands import (
     NOT_ACTIVATED,
     Activate,
-    Firmware,
     GetVersion,
     VersionAck,
-    decode_code,
     decode_version_ack,
     explain,
 )
@@ -20,7 +18,6 @@ from tirgeo_ros.dji.protocol.commands import (
 _DONE, _NEW_DEVICE = 0, 3
 #: At a new device's first try DJI GO fetches the permission from DJI; the second try finds it.
 _SECOND_TRY_S = 1.0
-_UNTOLD: Firmware = (0, 0, 0, 0)
 
 
 class Activation:
@@ -44,25 +41,16 @@ class Activation:
         self.version = decode_version_ack((yield from ask(request)))
         if self.version is None:
             raise NoAnswerError(request)
-        if self._app_id:
-            return (yield from self._activate(self.version))
-        self.is_done = self.version.code != NOT_ACTIVATED
-        return "" if self.is_done else f"it is {explain(request, self.version.code)}"
-
-    def _activate(self, version: VersionAck) -> Dialogue[str]:
-        request = Activate(self._app_id, version.firmware or _UNTOLD)
-        code = yield from self._code(request)
+        if not self._app_id:
+            self.is_done = self.version.code != NOT_ACTIVATED
+            return "" if self.is_done else f"it is {explain(request, self.version.code)}"
+        activate = Activate(self._app_id, self.version.firmware or (0, 0, 0, 0))
+        code = yield from ask_code(activate)
         if code == _NEW_DEVICE:
             yield Pause(_SECOND_TRY_S)
-            code = yield from self._code(request)
+            code = yield from ask_code(activate)
         self.is_done = code == _DONE
-        return "" if self.is_done else f"activation failed, {explain(request, code)}"
-
-    def _code(self, request: Activate) -> Dialogue[int]:
-        code = decode_code(request, (yield from ask(request)))
-        if code is None:
-            raise NoAnswerError(request)
-        return code
+        return "" if self.is_done else f"activation failed, {explain(activate, code)}"
 
     @property
     def aircraft(self) -> str:

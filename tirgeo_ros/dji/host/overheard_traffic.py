@@ -19,7 +19,7 @@ from tirgeo_ros.dji.protocol.commands import (
     decode_code,
     decode_request,
 )
-from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.protocol.subscription import Package, PackageTable
 
 # A host waits for an answer before it asks again, so few are open; the oldest is dropped.
 _MAX_OPEN = 32
@@ -29,7 +29,7 @@ _DONE = 0
 
 class _Open(NamedTuple):
     request: Request
-    before: PackageTable  # the packages that were known when it was sent
+    before: dict[int, Package]  # the packages that were known when it was sent
 
 
 class HostTraffic:
@@ -47,41 +47,35 @@ class HostTraffic:
         """
         if frame.is_encrypted:
             return None
-        return self._answered(frame) if frame.is_ack else self._asked(frame)
-
-    def _asked(self, frame: ProtocolFrame) -> Request | None:
+        number = frame.session, frame.sequence
+        if frame.is_ack:
+            asked = self._open.pop(number, None)
+            if asked is None:
+                return None
+            if decode_code(asked.request, frame.value) not in {_DONE, None}:
+                self._undo(asked)
+            return asked.request
         request = decode_request(frame.data)
         if request is None:
             return None
         if frame.session:
-            self._await(request, (frame.session, frame.sequence))
+            self._await(request, number)
         self._packages.learn(request)
         return request
 
     def _await(self, request: Request, number: tuple[int, int]) -> None:
         same = self._open.pop(number, None)
-        if same is None or same.request != request:
-            self._open[number] = _Open(request, self._packages.copy())
-        else:
-            self._open[number] = same  # a repetition: keep the table from before the first one
+        if same is None or same.request != request:  # a repetition keeps the first one's table
+            same = _Open(request, self._packages.copy())
+        self._open[number] = same
         if len(self._open) > _MAX_OPEN:
             self._open.popitem(last=False)
-
-    def _answered(self, frame: ProtocolFrame) -> Request | None:
-        asked = self._open.pop((frame.session, frame.sequence), None)
-        if asked is None:
-            return None
-        if decode_code(asked.request, frame.value) not in {_DONE, None}:
-            self._undo(asked)
-        return asked.request
 
     def _undo(self, asked: _Open) -> None:
         match asked.request:
             case ResetPackages():
-                for package in asked.before:
-                    self._packages.add(package)
+                self._packages.update(asked.before)
             case AddPackage(number) | RemovePackage(number):
-                before = asked.before.get(number)
-                self._packages.remove(number)
-                if before is not None:
-                    self._packages.add(before)
+                self._packages.pop(number, None)
+                if number in asked.before:
+                    self._packages[number] = asked.before[number]

@@ -10,7 +10,7 @@ from collections.abc import Generator
 from typing import NamedTuple, TypeVar
 
 from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
-from tirgeo_ros.dji.protocol.commands import Request, encode_request
+from tirgeo_ros.dji.protocol.commands import Request, decode_code, encode_request
 
 #: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
 SESSION = 2
@@ -51,6 +51,14 @@ def ask(request: Request) -> Dialogue[bytes]:
     return value
 
 
+def ask_code(request: Request) -> Dialogue[int]:
+    """Return the code of the ack. Raises NoAnswerError if none came, or one without a code."""
+    code = decode_code(request, (yield from ask(request)))
+    if code is None:
+        raise NoAnswerError(request)
+    return code
+
+
 class Exchange:
     """Run a dialogue: acks in, frames to send out."""
 
@@ -75,16 +83,15 @@ class Exchange:
         self.now_s = now_s
         if not frame.is_ack:
             return
-        if not isinstance(self._step, Ask) or not self._answers(frame):
+        number = frame.session, frame.sequence
+        waits = isinstance(self._step, Ask) and self._tries > 0
+        if not waits or number != (SESSION, self._sequence):
             self.counts["acks that nothing waits for"] += 1
         elif frame.is_encrypted:
             self.counts["encrypted acks"] += 1
         else:
             self.counts["acks"] += 1
             self._go_on(frame.value)
-
-    def _answers(self, frame: ProtocolFrame) -> bool:
-        return self._tries > 0 and (frame.session, frame.sequence) == (SESSION, self._sequence)
 
     def due(self, now_s: float) -> bytes:
         """Return the frame to send now; b"" if there is none."""
@@ -93,15 +100,12 @@ class Exchange:
             self._go_on(None)
         while self._step is not None and now_s >= self._until_s:
             if isinstance(self._step, Ask) and self._tries < TRIES:
-                return self._sent(now_s)
+                self._tries += 1
+                self._until_s = now_s + ANSWER_TIMEOUT_S
+                self.counts["sent" if self._tries == 1 else "sent again"] += 1
+                return self._frame
             self._go_on(None)
         return b""
-
-    def _sent(self, now_s: float) -> bytes:
-        self._tries += 1
-        self._until_s = now_s + ANSWER_TIMEOUT_S
-        self.counts["sent" if self._tries == 1 else "sent again"] += 1
-        return self._frame
 
     def _go_on(self, value: bytes | None) -> None:
         """Send ``value`` into the dialogue and run it up to its next step."""

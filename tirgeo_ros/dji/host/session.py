@@ -66,17 +66,18 @@ class HostSession:
         self._rates = _rates(config)
         self._rates_set = self._rates is None
         self._exchange = Exchange()
-        asks = config.app_id or config.subscribe
-        self._activation = Activation(config.app_id) if asks else None
-        self._subscriber = Subscriber(packages, self._exchange) if config.subscribe else None
-        self._busy = HostState.ACTIVATING if asks else HostState.SETTING_RATES
+        self._activates = bool(config.app_id or config.subscribe)
+        self._activation = Activation(config.app_id)
+        wanted = [*packages.values()] if config.subscribe else []
+        self._subscriber = Subscriber(wanted, packages, self._exchange)
+        self._busy = HostState.ACTIVATING if self._activates else HostState.SETTING_RATES
         self._problems: dict[str, str] = {}
         # time of the last frame; None: none since it fell silent
         self._heard_s: float | None = None
         self._patience_s = _PATIENCE_S
         self._failures = 0  # rounds in a row that left something undone
         self._rounds = 0
-        self._listens = self._activation is None and self._rates is None
+        self._listens = self._rates is None and not self._activates
         if not self._listens:
             self._exchange.begin(self._talk())
 
@@ -92,18 +93,17 @@ class HostSession:
         """Return a line for a person: the aircraft and the problems, or else the current step."""
         if self._listens:
             return "listening only: nothing is asked of the aircraft"
-        aircraft = self._activation.aircraft if self._activation else ""
         problems = [text for _, text in self._wrong] or [self._busy.value.replace("_", " ")]
-        return "; ".join(filter(None, [aircraft, *problems]))
+        return "; ".join(filter(None, [self._activation.aircraft, *problems]))
 
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return state, aircraft, packages and counts, under names that begin with ``host``."""
         values = {"state": self.state.value, "rounds": str(self._rounds)}
-        if self._activation and self._activation.version:
+        if self._activation.version:
             values["aircraft"] = self._activation.aircraft
             values["serial number"] = self._activation.version.serial
-        values |= self._subscriber.diagnostics if self._subscriber else {}
+        values |= self._subscriber.diagnostics
         values |= {name: str(count) for name, count in self._exchange.counts.items()}
         return {f"host {name}": value for name, value in values.items()}
 
@@ -114,7 +114,7 @@ class HostSession:
         if self._heard_s is None:  # it was switched on just now: no need to wait any longer
             self._failures = 0
         self._heard_s = now_s
-        if self._subscriber and (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH:
+        if (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH:
             self._subscriber.hear(frame.value, now_s)
         self._exchange.take(frame, now_s)
 
@@ -134,9 +134,8 @@ class HostSession:
         self._heard_s = None
         self._problems.clear()
         self._rates_set = self._rates is None
-        for part in (self._activation, self._subscriber):
-            if part is not None:
-                part.forget()
+        self._activation.forget()
+        self._subscriber.forget()
 
     def _talk(self) -> Dialogue[None]:
         while True:
@@ -148,20 +147,16 @@ class HostSession:
         self._rounds += 1
         unanswered = ""
         for part in (self._activate, self._set_rates, self._subscribe):
-            unanswered = (yield from self._tried(part())) or unanswered
+            try:
+                yield from part()
+            except NoAnswerError:  # noqa: PERF203  the rest is asked for all the same
+                unanswered = self._unanswered()
         self._note("answer", unanswered)
         self._busy = HostState.READY
         self._failures = self._failures + 1 if self._is_open else 0
 
-    def _tried(self, part: Dialogue[None]) -> Dialogue[str]:
-        try:
-            yield from part
-        except NoAnswerError:
-            return self._unanswered()
-        return ""
-
     def _activate(self) -> Dialogue[None]:
-        if self._activation is not None and not self._activation.is_done:
+        if self._activates and not self._activation.is_done:
             self._busy = HostState.ACTIVATING
             self._note("activation", (yield from self._activation.run()))
 
@@ -174,13 +169,12 @@ class HostSession:
             self._note("rates", "" if code == 0 else f"broadcast rates: {refusal}")
 
     def _subscribe(self) -> Dialogue[None]:
-        subscriber, activation = self._subscriber, self._activation
-        if subscriber and activation and activation.is_done and subscriber.is_open:
+        if self._activation.is_done and self._subscriber.is_open:
             self._busy = HostState.SUBSCRIBING
-            refusal = yield from subscriber.run()
+            refusal = yield from self._subscriber.run()
             self._note("subscription", refusal and f"subscription: {refusal}")
             if refusal:  # the aircraft may have been switched off and on meanwhile
-                activation.is_done = False
+                self._activation.is_done = False
 
     def _watch(self) -> Dialogue[None]:
         """Wait until there is something to ask for."""
@@ -201,14 +195,13 @@ class HostSession:
         if self._heard_s is not None and now_s - self._heard_s > self._patience_s:
             self._patience_s = min(2 * self._patience_s, _LONGEST_PATIENCE_S)
             return True
-        return self._subscriber is not None and self._subscriber.note_silence(now_s)
+        return self._subscriber.note_silence(now_s)
 
     @property
     def _is_open(self) -> bool:
         """Return whether something is left to ask for."""
-        activation, subscriber = self._activation, self._subscriber
-        inactive = activation is not None and not activation.is_done
-        return inactive or not self._rates_set or (subscriber is not None and subscriber.is_open)
+        inactive = self._activates and not self._activation.is_done
+        return inactive or not self._rates_set or self._subscriber.is_open
 
     @property
     def _pause_s(self) -> float:
@@ -224,8 +217,7 @@ class HostSession:
         told = [
             (s, self._problems[name]) for name, s in _PROBLEMS.items() if name in self._problems
         ]
-        packages = self._subscriber.problems if self._subscriber else []
-        return told + [(HostState.INCOMPLETE, text) for text in packages]
+        return told + [(HostState.INCOMPLETE, text) for text in self._subscriber.problems]
 
     def _note(self, name: str, problem: str) -> None:
         self._problems.pop(name, None)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask
+from tirgeo_ros.dji.host.requests import Dialogue, Exchange, ask_code
 from tirgeo_ros.dji.protocol.commands import (
     PACKAGE_IDS,
     MatchVersion,
     RemovePackage,
     Request,
     ResetPackages,
-    decode_code,
     encode_request,
     explain,
 )
@@ -77,16 +77,16 @@ class _Slot:
 
 
 class Subscriber:
-    """Manage the subscription of the packages that ``table`` holds at the start.
+    """Manage the subscription of the packages ``wanted``, which may be none.
 
-    While it runs, the table is kept to what the aircraft pushes: the packages that it accepted.
+    While it runs, ``table`` is kept to what the aircraft pushes: the packages that it accepted.
     Raises DjiError for a package that cannot be requested.
     """
 
-    def __init__(self, table: PackageTable, exchange: Exchange) -> None:
+    def __init__(self, wanted: Sequence[Package], table: PackageTable, exchange: Exchange) -> None:
         self._table, self._exchange = table, exchange
-        self._slots = {package.id: _Slot(package) for package in table}
-        for package in table:
+        self._slots = {package.id: _Slot(package) for package in wanted}
+        for package in wanted:
             encode_request(package.request)  # raises here, at the start, and not in flight
         self._is_clean = False  # versions match and no package of another host is left
 
@@ -115,7 +115,8 @@ class Subscriber:
     @property
     def is_open(self) -> bool:
         """Return whether another try may bring a package."""
-        return not self._is_clean or any(slot.is_open for slot in self._slots.values())
+        unclean = bool(self._slots) and not self._is_clean
+        return unclean or any(slot.is_open for slot in self._slots.values())
 
     @property
     def problems(self) -> list[str]:
@@ -126,12 +127,11 @@ class Subscriber:
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return state and number of pushes of each package."""
-        return {
-            f"package {slot.package.id}": _joined(
-                f"{slot.status.value}, {slot.pushes} pushes", slot.reason
-            )
-            for slot in self._slots.values()
-        }
+        slots = self._slots.items()
+        texts = (
+            (n, f"{slot.status.value}, {slot.pushes} pushes", slot.reason) for n, slot in slots
+        )
+        return {f"package {n}": _joined(text, reason) for n, text, reason in texts}
 
     def run(self) -> Dialogue[str]:
         """Ask for everything that is open; return "" or why nothing can be subscribed to.
@@ -167,24 +167,19 @@ class Subscriber:
         if slot.status in {_Status.PARTIAL, _Status.SILENT}:
             yield from self._code(RemovePackage(slot.package.id))
         package, refusals = slot.package, []
-        while True:
-            code = yield from self._put(package)
-            if code == _DONE:
-                break
+        while (code := (yield from self._put(package))) != _DONE:
             refusals.append(code)
-            fewer = _without(package, _DISPENSABLE.get(code, frozenset()))
-            if fewer is None:
+            left_out = _DISPENSABLE.get(code, frozenset())
+            topics = tuple(topic for topic in package.topics if topic.name not in left_out)
+            if not topics or len(topics) == len(package.topics):
                 slot.set(_Status.REFUSED, code, explain(package.request, code))
                 return
-            package = fewer
-        self._note_added(slot, package, refusals)
-
-    def _note_added(self, slot: _Slot, package: Package, refusals: list[int]) -> None:
+            package = package._replace(topics=topics)
         if not refusals:
             slot.set(_Status.ADDED)
             return
         refusal = _OFFLINE if _OFFLINE in refusals else refusals[-1]
-        missing = [t.name for t in slot.package.topics if t not in package.topics]
+        missing = [topic.name for topic in slot.package.topics if topic not in package.topics]
         words = explain(package.request, refusal)
         slot.set(_Status.PARTIAL, refusal, f"without {', '.join(missing)}: {words}")
 
@@ -199,21 +194,10 @@ class Subscriber:
 
     def _code(self, request: Request) -> Dialogue[int]:
         """Return the ack's code, and update the table by what was done."""
-        value = yield from ask(request)
-        code = decode_code(request, value)
-        if code is None:
-            raise NoAnswerError(request)
+        code = yield from ask_code(request)
         if code in {_DONE, _UNKNOWN_PACKAGE}:
             self._table.learn(request)
         return code
-
-
-def _without(package: Package, names: frozenset[str]) -> Package | None:
-    """Return the package without these topics; None if that changes nothing or leaves nothing."""
-    topics = tuple(topic for topic in package.topics if topic.name not in names)
-    if not topics or len(topics) == len(package.topics):
-        return None
-    return package._replace(topics=topics)
 
 
 def _joined(state: str, reason: str) -> str:

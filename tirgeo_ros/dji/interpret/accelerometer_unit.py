@@ -119,7 +119,8 @@ class UnitBySize:
         if mean is None:
             return
         self.size = math.hypot(*mean)
-        found = _factor_by(self.size)
+        fits = (f for f in (G_M_S2, 1.0) if _LEAST <= self.size * f / G_M_S2 <= _MOST)
+        found = next(fits, 0.0)
         if self.factor is None:
             self.factor = found
             return
@@ -149,14 +150,6 @@ class UnitBySize:
         if not self.told:
             return f"{name} (acceleration_unit)"
         return name if self.size is None else f"{name} (by its size, {self.size:.3f})"
-
-
-def _factor_by(size: float) -> float:
-    """Return the factor to m/s2 of the unit in which gravity has this size; 0 if none fits."""
-    for factor in (G_M_S2, 1.0):
-        if _LEAST <= size * factor / G_M_S2 <= _MOST:
-            return factor
-    return 0.0
 
 
 class ForceCheck:

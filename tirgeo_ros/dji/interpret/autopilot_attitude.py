@@ -47,11 +47,6 @@ class AutopilotAttitudes:
         self._history: StampedBuffer[Array] = StampedBuffer(_SPAN_S, _LONGEST_GAP_S)
         self._best_ns: int | None = None
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Return the newest attitude's stamp."""
-        return self._history.newest_ns
-
     def put(self, stamp_ns: int, q_nb: Array) -> None:
         """Take an attitude (4,) from the IMU stream in use."""
         self._best_ns = stamp_ns

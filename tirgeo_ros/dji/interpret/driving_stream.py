@@ -1,4 +1,4 @@
-"""Select which of several IMU streams of one aircraft is used."""
+"""Select which of several IMU streams is used; keep the stamps of a stream in order."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ _SILENT_NS = 100_000_000
 _STEADY_NS = 100_000_000
 #: A stamp that goes back further comes from another clock: the earlier stamps are no longer valid.
 _CLOCK_NS = 1_000_000_000
+#: Largest difference of readings of one instant from two sources; also covers their clocks'
+#: jitter.
+_SAME_NS = 20_000_000
 
 _RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
 
@@ -51,3 +54,22 @@ class DrivingStream:
             self._better, self._better_since_ns = origin, stamp_ns
         self._better_newest_ns = stamp_ns
         return stamp_ns - self._better_since_ns >= _STEADY_NS
+
+
+class Sequence:
+    """Make each stamp later than the one before, where the change is negligible.
+
+    A stamp up to 20 ms behind is moved to 1 ns after the newest. One further behind comes from
+    another clock and passes unchanged: the user of the samples judges it.
+    """
+
+    def __init__(self) -> None:
+        self._newest_ns: int | None = None
+
+    def after(self, stamp_ns: int) -> int:
+        """Return the stamp to use for a sample of ``stamp_ns``."""
+        newest_ns = self._newest_ns
+        if newest_ns is not None and 0 <= newest_ns - stamp_ns <= _SAME_NS:
+            stamp_ns = newest_ns + 1
+        self._newest_ns = stamp_ns
+        return stamp_ns

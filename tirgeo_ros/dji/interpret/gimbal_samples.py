@@ -22,12 +22,12 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
-from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
-from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
+from tirgeo_ros.dji.interpret.driving_stream import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
 #: A reading waits this long for the attitude after it: the longest gap between two attitudes.
 _WAIT_NS = 250_000_000
+_FOREVER_NS = 1 << 63
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 #: Stamps of two streams of one gimbal mix within this; one that goes back further is another
 #: clock.
@@ -101,36 +101,29 @@ class GimbalInterpreter:
 
     def flush(self) -> list[GimbalSample]:
         """Return the samples of all waiting readings, at the end of the data."""
-        found: list[GimbalSample] = []
-        while self._waiting:
-            reading = self._waiting.popleft()
-            found += self._samples(reading, self._attitudes.at(reading.stamp_ns))
-        return found
+        return self.resolve(_FOREVER_NS)
 
     def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
         stamp_ns, roll, pitch, yaw = reading
-        if isinstance(q_nb, Miss):
-            if self._from_nose:
-                self._counts["gimbal_without_heading"] += 1
-                return []
-            self._counts["gimbal_without_joints"] += 1
-            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
-        nose = heading_of(q_nb)
-        if self._from_nose:
-            yaw += nose
-        self._psi_coder = wrapped(yaw - nose)
+        if isinstance(q_nb, Miss) and self._from_nose:
+            self._counts["gimbal_without_heading"] += 1
+            return []
+        if not isinstance(q_nb, Miss):
+            nose = heading_of(q_nb)
+            yaw += nose if self._from_nose else 0.0
+            self._psi_coder = wrapped(yaw - nose)
         q_ng = _camera_attitude(roll, pitch, yaw)
-        return [self._camera(stamp_ns, q_ng), self._joint(stamp_ns, q_nb, q_ng)]
-
-    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
-        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
-
-    def _joint(self, stamp_ns: int, q_nb: Array, q_ng: Quaternion) -> JointSample:
+        camera_q = canonical(np.array(q_ng))
+        camera = CameraAttitudeSample(self._cameras.after(stamp_ns), camera_q)
+        if isinstance(q_nb, Miss):
+            self._counts["gimbal_without_joints"] += 1
+            return [camera]
         q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
         if math.cos(roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
-        return JointSample(self._joints.after(stamp_ns), yaw, roll, pitch, computed=True)
+        stamp_ns = self._joints.after(stamp_ns)
+        return [camera, JointSample(stamp_ns, yaw, roll, pitch, computed=True)]
 
     @property
     def diagnostics(self) -> dict[str, str]:

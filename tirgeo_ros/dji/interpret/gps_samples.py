@@ -7,9 +7,8 @@ from collections import Counter
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.filter_aiding import GpsConfig
-from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, VelocitySample
+from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
-from tirgeo_ros.dji.interpret.receiver_epochs import Value
 from tirgeo_ros.dji.interpret.rtk_status import NO_FIX, UNKNOWN_SIGMA_M, Quality
 from tirgeo_ros.dji.sources.readings import GpsReading
 
@@ -34,7 +33,7 @@ _Sigmas = tuple[float | None, float | None, float | None]  # horizontal, down (m
 _NOT_TOLD: _Sigmas = (None, None, None)
 
 
-class GpsInterpreter:
+class GpsInterpreter(Receiver[GpsReading]):
     """Convert the ordinary GPS's readings to samples.
 
     3D fixes (with dead reckoning or without) are single. So are 2D fixes, with a sigma that makes
@@ -46,23 +45,9 @@ class GpsInterpreter:
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
-        self._receiver = Receiver("gps", undulation_m, counts)
-        self._delay_ns = round(config.delay.gps_s * 1e9)
+        super().__init__("gps", config.delay.gps_s, undulation_m, counts)
         self._fix: Held[int] = Held()
         self._sigmas: Held[_Sigmas] = Held()
-
-    def take(self, reading: GpsReading) -> list[PositionSample | VelocitySample]:
-        """Return the samples of what is new in a reading."""
-        receiver, stamp_ns = self._receiver, reading.stamp_ns - self._delay_ns
-        place = receiver.usable_place(reading.place)
-        if receiver.is_late(stamp_ns, place):
-            return []
-        velocity_n = receiver.usable_velocity(reading.velocity_n)
-        self._hear(stamp_ns, reading)
-        parts: dict[str, Value | None] = {"place": place, "velocity": velocity_n}
-        there = {part: value for part, value in parts.items() if value is not None}
-        fresh = receiver.news(stamp_ns, there)
-        return receiver.samples(stamp_ns, fresh, place, velocity_n, self._quality(stamp_ns))
 
     def _hear(self, stamp_ns: int, reading: GpsReading) -> None:
         self._fix.hear(stamp_ns, reading.fix)
@@ -90,14 +75,11 @@ class GpsInterpreter:
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:
         """Return the fix type in words, the age of the newest epoch, and whether it is frozen."""
-        epoch_ns, fix = self._receiver.epoch_ns, self._fix.newest
-        if epoch_ns is None and fix is None:
+        age, fix = self._age(now_ns), self._fix.newest
+        if not age and fix is None:
             return {}
-        found = {"gps_fix": "not told" if fix is None else FIX_NAMES.get(fix, f"unknown {fix}")}
-        if epoch_ns is not None:
-            found["gps_age_s"] = f"{(now_ns - self._delay_ns - epoch_ns) * 1e-9:.2f}"
-            found["gps_frozen"] = "yes" if self._receiver.frozen else "no"
-        return found
+        text = "not told" if fix is None else FIX_NAMES.get(fix, f"unknown {fix}")
+        return {"gps_fix": text} | age
 
 
 def _known(sigma: float | None) -> float | None:

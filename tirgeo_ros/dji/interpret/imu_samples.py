@@ -82,10 +82,16 @@ class ImuInterpreter:
             return []
         self._told = unit
         if attitude is None:
-            attitude = self._carried(stamp_ns, reading.angular_rate_b)
+            attitude = self._attitudes.carried(stamp_ns, reading.angular_rate_b)
+            is_carried = "without_attitude" if attitude is None else "attitude_carried"
+            self._counts[f"imu_{is_carried}"] += 1
         entry = (stamp_ns, reading.acceleration_b, reading.angular_rate_b, attitude)
         if factor is None:
-            self._hold(origin, entry)
+            if origin is not self._held_origin:
+                self._forget_held(0)
+            self._held_origin = origin
+            self._held.append(entry)
+            self._forget_held(_MOST_HELD)
             return []
         if self._held:
             return [*self._release(origin, factor), *self._sample(entry, factor)]
@@ -113,19 +119,6 @@ class ImuInterpreter:
         if attitude is None:
             self._counts["attitude_not_unit"] += 1
         return attitude
-
-    def _carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
-        attitude = self._attitudes.carried(stamp_ns, angular_rate_b)
-        carried = "imu_without_attitude" if attitude is None else "imu_attitude_carried"
-        self._counts[carried] += 1
-        return attitude
-
-    def _hold(self, origin: ImuOrigin, entry: _Held) -> None:
-        if origin is not self._held_origin:
-            self._forget_held(0)
-        self._held_origin = origin
-        self._held.append(entry)
-        self._forget_held(_MOST_HELD)
 
     def _forget_held(self, keep: int) -> None:
         while len(self._held) > keep:

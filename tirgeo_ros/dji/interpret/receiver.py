@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.dji.interpret.driving_stream import Sequence
 from tirgeo_ros.dji.interpret.receiver_epochs import ReceiverEpochs, Value
 from tirgeo_ros.dji.interpret.rtk_status import Quality
-from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
-from tirgeo_ros.dji.sources.readings import GeodeticPlace, Vector
+from tirgeo_ros.dji.sources.readings import GeodeticPlace, GpsReading, RtkReading, Vector
 
 #: A flag that came in a message of its own is valid this long: seven epochs of the receiver, and
 #: one and a half messages of a source that passes one in a second.
@@ -23,8 +23,6 @@ HOLD_NS = 1_500_000_000
 _FROZEN_NS = 1_000_000_000
 #: A place nearer to 0, 0 than this (0.6 m) means no place.
 _NO_PLACE_RAD = 1e-7
-
-
 #: The core's limit: no aircraft is faster.
 _LARGEST_SPEED_M_S = 1e3
 
@@ -48,8 +46,11 @@ class Held(Generic[T]):
         return self.newest if abs(stamp_ns - self._stamp_ns) <= HOLD_NS else None
 
 
-class Receiver:
-    """Convert a receiver's places and velocities to samples, each measurement once.
+R = TypeVar("R", GpsReading, RtkReading)
+
+
+class Receiver(ABC, Generic[R]):
+    """Convert a receiver's readings to samples, each measurement once.
 
     Counted under ``name``: ``_repeated`` (readings without anything new), ``_late`` (of the epoch
     before, from a slower source), ``_position_refused``, ``_velocity_refused`` (not finite, out of
@@ -57,11 +58,12 @@ class Receiver:
     its fix is worse now) and ``_frozen`` (times that it repeated the same for over a second).
     """
 
-    def __init__(self, name: str, undulation_m: float, counts: Counter[str]) -> None:
+    def __init__(
+        self, name: str, delay_s: float, undulation_m: float, counts: Counter[str]
+    ) -> None:
         """Take ``name``, rtk or gps, and ``undulation_m``, which is added to heights."""
         self._name = name
-        self._position_source = Source(f"{name}_position")
-        self._velocity_source = Source(f"{name}_velocity")
+        self._delay_ns = round(delay_s * 1e9)
         self._undulation_m = undulation_m
         self._counts = counts
         self._epochs = ReceiverEpochs()
@@ -73,81 +75,80 @@ class Receiver:
         self._speed_m_s = 0.0
         self._frozen = False
 
-    @property
-    def epoch_ns(self) -> int | None:
-        """Return when the newest measurement was first received."""
-        return self._epochs.begun_ns
+    @abstractmethod
+    def _hear(self, stamp_ns: int, reading: R) -> None:
+        """Take what a reading says of its quality."""
 
-    @property
-    def frozen(self) -> bool:
-        """Return whether it has repeated the same for over a second, where it sends anything."""
-        return self._frozen
+    @abstractmethod
+    def _quality(self, stamp_ns: int) -> Quality:
+        """Return the quality of what is measured at an instant."""
 
-    def usable_place(self, place: GeodeticPlace | None) -> GeodeticPlace | None:
-        """Return the place; None if it is invalid, which is counted."""
-        if place is None or _is_place(place):
-            return place
-        self._counts[f"{self._name}_position_refused"] += 1
-        return None
+    def take(self, reading: R) -> list[Any]:
+        """Return the samples of what is new in a reading."""
+        return self._taken(reading.stamp_ns - self._delay_ns, reading, {})[1]
 
-    def usable_velocity(self, velocity_n: Vector | None) -> Vector | None:
-        """Return the velocity; None if it is invalid, which is counted."""
-        if velocity_n is None or all(abs(v) < _LARGEST_SPEED_M_S for v in velocity_n):
-            return velocity_n
-        self._counts[f"{self._name}_velocity_refused"] += 1
-        return None
+    def _taken(
+        self, stamp_ns: int, reading: R, others: dict[str, Value]
+    ) -> tuple[set[str], list[Any]]:
+        """Return which parts are new, ``others`` included, and the samples of position, velocity.
 
-    def is_late(self, stamp_ns: int, place: GeodeticPlace | None) -> bool:
-        """Return whether a reading is of the epoch before the newest; count it if so."""
-        late = self._epochs.is_late(stamp_ns, place)
-        self._counts[f"{self._name}_late"] += late
-        return late
-
-    def news(self, stamp_ns: int, parts: dict[str, Value]) -> set[str]:
-        """Return the parts that are new; count readings without any, and freezing."""
-        fresh = self._epochs.news(stamp_ns, parts)
-        if "place" in parts:
-            self._seen_ns = stamp_ns
-        if fresh:
-            self._frozen = False
-        elif parts:
-            self._counts[f"{self._name}_repeated"] += 1
-            self._check_freezing(stamp_ns)
-        return fresh
-
-    def _check_freezing(self, stamp_ns: int) -> None:
-        begun_ns = self._epochs.begun_ns
-        # a receiver without a fix has nothing new to send
-        without_fix = self._status is FixStatus.NONE
-        if begun_ns is None or without_fix or self._frozen or stamp_ns - begun_ns <= _FROZEN_NS:
-            return
-        self._frozen = True
-        self._counts[f"{self._name}_frozen"] += 1
-
-    def samples(
-        self,
-        stamp_ns: int,
-        fresh: Iterable[str],
-        place: GeodeticPlace | None,
-        velocity_n: Vector | None,
-        quality: Quality,
-    ) -> list[PositionSample | VelocitySample]:
-        """Return the samples of the parts in ``fresh``.
-
-        Repeat a place whose fix has become worse.
+        Both are empty for a reading of the epoch before the newest.
         """
-        found: list[PositionSample | VelocitySample] = []
+        place, velocity_n = reading.place, reading.velocity_n
+        if place is not None and not _is_place(place):
+            self._count("position_refused")
+            place = None
+        if self._epochs.is_late(stamp_ns, place):
+            self._count("late")
+            return set(), []
+        if velocity_n is not None and not all(abs(v) < _LARGEST_SPEED_M_S for v in velocity_n):
+            self._count("velocity_refused")
+            velocity_n = None
+        self._hear(stamp_ns, reading)
+        parts = dict(others)
+        if place is not None:
+            parts["place"] = place
+            self._seen_ns = stamp_ns
         if velocity_n is not None:
+            parts["velocity"] = velocity_n
             self._speed_m_s = math.hypot(*velocity_n)
+        fresh = self._epochs.news(stamp_ns, parts)
+        self._check_freezing(stamp_ns, bool(fresh), bool(parts))
+        quality = self._quality(stamp_ns)
+        found: list[PositionSample | VelocitySample] = []
         if place is not None and "place" in fresh:
             self._place, self._place_ns = place, stamp_ns
             found.append(self._position(stamp_ns, place, quality))
         elif self._fell(stamp_ns, quality.status) and self._place is not None:
-            self._counts[f"{self._name}_status_fell"] += 1
+            self._count("status_fell")
             found.append(self._position(stamp_ns, self._place, self._moved(stamp_ns, quality)))
         if velocity_n is not None and "velocity" in fresh:
             found += self._velocity(stamp_ns, velocity_n, quality)
-        return found
+        return fresh, found
+
+    def _count(self, what: str) -> None:
+        self._counts[f"{self._name}_{what}"] += 1
+
+    def _check_freezing(self, stamp_ns: int, is_new: bool, is_any: bool) -> None:
+        if is_new:
+            self._frozen = False
+        elif is_any:
+            self._count("repeated")
+            begun_ns = self._epochs.begun_ns
+            lasts = begun_ns is not None and stamp_ns - begun_ns > _FROZEN_NS
+            # a receiver without a fix has nothing new to send
+            if lasts and self._status is not FixStatus.NONE and not self._frozen:
+                self._frozen = True
+                self._count("frozen")
+
+    def _age(self, now_ns: int) -> dict[str, str]:
+        """Return the age of the newest epoch, and whether the receiver is frozen."""
+        epoch_ns = self._epochs.begun_ns
+        if epoch_ns is None:
+            return {}
+        age_s = (now_ns - self._delay_ns - epoch_ns) * 1e-9
+        frozen = "yes" if self._frozen else "no"
+        return {f"{self._name}_age_s": f"{age_s:.2f}", f"{self._name}_frozen": frozen}
 
     def _fell(self, stamp_ns: int, status: FixStatus) -> bool:
         """Return whether the fix is worse than when the place, which is still sent, was published.
@@ -166,7 +167,7 @@ class Receiver:
         self._status = quality.status
         return PositionSample(
             self._positions.after(stamp_ns),
-            self._position_source,
+            Source(f"{self._name}_position"),
             quality.status,
             place.latitude_rad,
             place.longitude_rad,
@@ -178,12 +179,11 @@ class Receiver:
         self, stamp_ns: int, velocity_n: Vector, quality: Quality
     ) -> list[VelocitySample]:
         if quality.status < FixStatus.SINGLE:
-            self._counts[f"{self._name}_velocity_without_fix"] += 1
+            self._count("velocity_without_fix")
             return []
         covariance = np.diag((quality.velocity_variance,) * 3)
-        stamp_ns = self._velocities.after(stamp_ns)
-        velocity = np.array(velocity_n)
-        return [VelocitySample(stamp_ns, self._velocity_source, velocity, covariance)]
+        stamp_ns, source = self._velocities.after(stamp_ns), Source(f"{self._name}_velocity")
+        return [VelocitySample(stamp_ns, source, np.array(velocity_n), covariance)]
 
 
 def _is_place(place: GeodeticPlace) -> bool:

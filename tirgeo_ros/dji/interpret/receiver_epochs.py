@@ -45,22 +45,18 @@ class ReceiverEpochs:
         The value alone is not enough (a yaw in whole degrees stays the same for long): a part that
         comes with or after a change of another part belongs to a new epoch, and is new once.
         """
-        changed = {part for part, value in parts.items() if self._differs(part, value)}
+        changed = {part for part in parts if not _same(parts[part], self._values.get(part))}
         if changed:
-            self._count(stamp_ns, changed)
+            self._begin_or_join(stamp_ns, changed)
             if "place" in changed:
                 self._place_before = self._values.get("place")
             self._values.update(parts)
-        fresh = {
-            part for part in parts if part in changed or self._given.get(part) != self._number
-        }
-        self._given.update(dict.fromkeys(fresh, self._number))
+        given = self._given
+        fresh = {part for part in parts if part in changed or given.get(part) != self._number}
+        given.update(dict.fromkeys(fresh, self._number))
         return fresh
 
-    def _differs(self, part: str, value: Value) -> bool:
-        return not _same(value, self._values.get(part))
-
-    def _count(self, stamp_ns: int, changed: set[str]) -> None:
+    def _begin_or_join(self, stamp_ns: int, changed: set[str]) -> None:
         """Add the changed parts to the current epoch, or begin another one."""
         together = self.begun_ns is not None and 0 <= stamp_ns - self.begun_ns < _TOGETHER_NS
         if together and not changed & self._changed:

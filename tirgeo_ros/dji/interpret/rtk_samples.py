@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.measurements import HeadingSample, PositionSample, VelocitySample
+from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.dji.interpret.antenna_baseline import BaselineCheck, baseline_deg
+from tirgeo_ros.dji.interpret.driving_stream import Sequence
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value
 from tirgeo_ros.dji.interpret.rtk_status import FIXED_FLAG, NO_FIX, Quality, flag_text, qualities
-from tirgeo_ros.dji.interpret.sequence_stamps import Sequence
 from tirgeo_ros.dji.sources.readings import RtkReading
 
-RtkSample = PositionSample | VelocitySample | HeadingSample
 
-
-class RtkInterpreter:
+class RtkInterpreter(Receiver[RtkReading]):
     """Convert the RTK receiver's readings to samples.
 
     If a reading lacks a flag, the newest one is used for up to 1.5 s; after that there is no fix.
@@ -28,10 +27,8 @@ class RtkInterpreter:
     def __init__(
         self, config: DjiConfig, undulation_m: float, baseline: BaselineCheck, counts: Counter[str]
     ) -> None:
-        self._receiver = Receiver("rtk", undulation_m, counts)
+        super().__init__("rtk", config.rtk.delay_s, undulation_m, counts)
         self._baseline = baseline
-        self._counts = counts
-        self._delay_ns = round(config.rtk.delay_s * 1e9)
         self._offset_deg = baseline_deg(config.aircraft)
         self._heading_variance = math.radians(config.heading.sigma_deg) ** 2
         self._qualities = qualities(config.rtk)
@@ -39,30 +36,18 @@ class RtkInterpreter:
         self._yaw_flag: Held[int] = Held()
         self._headings = Sequence()
 
-    def take(self, reading: RtkReading) -> list[RtkSample]:
+    def take(self, reading: RtkReading) -> list[Any]:
         """Return the samples of what is new in a reading."""
-        receiver, stamp_ns = self._receiver, reading.stamp_ns - self._delay_ns
-        place = receiver.usable_place(reading.place)
-        if receiver.is_late(stamp_ns, place):
-            return []
-        velocity_n = receiver.usable_velocity(reading.velocity_n)
-        self._position_flag.hear(stamp_ns, reading.position_flag)
-        self._yaw_flag.hear(stamp_ns, reading.yaw_flag)
-        yaw_deg = reading.yaw_deg
-        parts: dict[str, Value | None] = {
-            "place": place,
-            "velocity": velocity_n,
-            "yaw": None if yaw_deg is None else (float(yaw_deg),),
-        }
-        there = {part: value for part, value in parts.items() if value is not None}
-        fresh = receiver.news(stamp_ns, there)
-        quality = self._quality(stamp_ns)
-        samples: list[RtkSample] = list(
-            receiver.samples(stamp_ns, fresh, place, velocity_n, quality)
-        )
+        stamp_ns, yaw_deg = reading.stamp_ns - self._delay_ns, reading.yaw_deg
+        yaw: dict[str, Value] = {} if yaw_deg is None else {"yaw": (float(yaw_deg),)}
+        fresh, samples = self._taken(stamp_ns, reading, yaw)
         if yaw_deg is not None and "yaw" in fresh:
             samples += self._heading(stamp_ns, yaw_deg)
         return samples
+
+    def _hear(self, stamp_ns: int, reading: RtkReading) -> None:
+        self._position_flag.hear(stamp_ns, reading.position_flag)
+        self._yaw_flag.hear(stamp_ns, reading.yaw_flag)
 
     def _quality(self, stamp_ns: int) -> Quality:
         flag = self._position_flag.at(stamp_ns)
@@ -70,7 +55,7 @@ class RtkInterpreter:
 
     def _heading(self, stamp_ns: int, yaw_deg: float) -> list[HeadingSample]:
         if self._yaw_flag.at(stamp_ns) != FIXED_FLAG:
-            self._counts["rtk_yaw_not_fixed"] += 1
+            self._count("yaw_not_fixed")
             return []
         self._baseline.add(stamp_ns, math.radians(yaw_deg))
         heading_rad = math.radians((yaw_deg - self._offset_deg) % 360.0)
@@ -79,12 +64,5 @@ class RtkInterpreter:
 
     def diagnostics(self, now_ns: int) -> dict[str, str]:
         """Return flags in words, age of the newest epoch, and whether the receiver is frozen."""
-        epoch_ns = self._receiver.epoch_ns
-        found = {
-            "rtk_flag": flag_text(self._position_flag.newest),
-            "rtk_yaw_flag": flag_text(self._yaw_flag.newest),
-        }
-        if epoch_ns is not None:
-            found["rtk_age_s"] = f"{(now_ns - self._delay_ns - epoch_ns) * 1e-9:.2f}"
-            found["rtk_frozen"] = "yes" if self._receiver.frozen else "no"
-        return found
+        flags = {"rtk_flag": self._position_flag, "rtk_yaw_flag": self._yaw_flag}
+        return {name: flag_text(flag.newest) for name, flag in flags.items()} | self._age(now_ns)

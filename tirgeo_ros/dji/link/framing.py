@@ -30,6 +30,10 @@ _HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
 _FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
 _CRC16, _CRC32 = Struct("<H"), Struct("<I")
 _SOF = 0xAA
+_COUNTED = (
+    *("frames", "bad_headers", "bad_crc32", "truncated"),
+    *("encrypted", "undecryptable", "unknown_encryption"),
+)
 _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
 PLAIN, _AES_256 = 0, 1
 
@@ -87,18 +91,7 @@ class FrameReader:
         self._needed = HEADER_BYTES  # with fewer bytes held there is nothing to do
         self._offset = 0  # of the first held byte in the stream
         self._framed_bytes = 0
-        self._counts = dict.fromkeys(
-            (
-                "frames",
-                "bad_headers",
-                "bad_crc32",
-                "truncated",
-                "encrypted",
-                "undecryptable",
-                "unknown_encryption",
-            ),
-            0,
-        )
+        self._counts = dict.fromkeys(_COUNTED, 0)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -150,7 +143,9 @@ class FrameReader:
             at += length if frame else 1
             if frame:
                 frames.append(frame)
-        self._keep(len(held) if at_end else self._tail(at), HEADER_BYTES)
+        # an incomplete header may begin within the last bytes
+        found = -1 if at_end else held.find(_SOF, max(at, len(held) - HEADER_BYTES + 1))
+        self._keep(len(held) if found < 0 else found, HEADER_BYTES)
         return frames
 
     def _length(self, header: bytes) -> int:
@@ -172,12 +167,9 @@ class FrameReader:
             return None
         self._counts["frames"] += 1
         self._framed_bytes += length
-        return self._opened(self._offset + at, whole)
-
-    def _opened(self, offset: int, whole: bytes) -> ProtocolFrame:
-        length, session, encryption, sequence = _FIELDS.unpack_from(whole)
+        _, session, encryption, sequence = _FIELDS.unpack_from(whole)
         frame = ProtocolFrame(
-            offset,
+            self._offset + at,
             length,
             session & _SESSIONS,
             bool(session & _ACK),
@@ -200,11 +192,6 @@ class FrameReader:
             return frame._replace(data=data)
         self._counts["undecryptable"] += known and self._aes is not None
         return frame._replace(is_encrypted=True)
-
-    def _tail(self, at: int) -> int:
-        """Return where an incomplete header may begin."""
-        found = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
-        return len(self._held) if found < 0 else found
 
     def _keep(self, start: int, needed: int) -> None:
         self._held = self._held[start:]

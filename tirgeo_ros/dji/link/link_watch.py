@@ -84,12 +84,7 @@ class LinkWatch:
         self._heard_bytes_s = self._heard_frame_s = float("-inf")
         self._opened_s = float("-inf")
         self._last = _Look(0.0, 0, 0, 0)
-        self._report: LinkReport | None = None
-
-    @property
-    def report(self) -> LinkReport | None:
-        """Return the condition at the last look; None before the first."""
-        return self._report
+        self.report: LinkReport | None = None  # the condition at the last look
 
     def look(
         self,
@@ -107,33 +102,18 @@ class LinkWatch:
         """
         if state is LinkState.OPEN:
             condition = self._listen(_Look(now_s, byte_count, frame_count, locked_count))
-            message = self._message(condition)
+            message = f"{self._port}: {self._words(condition)}"
         else:
             self._looks.clear()
             condition = LinkCondition(state.value)
-        before, self._report = self._report, self._made(now_s, condition, message)
+        before = self.report
         changed = before is None or before.condition is not condition
-        return self._report if changed else None
+        since_s = now_s if before is None or changed else before.since_s
+        level = _LEVELS.get(condition, LinkLevel.ERROR)
+        self.report = LinkReport(condition, level, message, since_s, *self._rates())
+        return self.report if changed else None
 
     def _listen(self, look: _Look) -> LinkCondition:
-        self._note(look)
-        if look.now_s - self._heard_frame_s < PATIENCE_S:
-            return LinkCondition.WRONG_KEY if self._locked else LinkCondition.RECEIVING
-        if look.now_s - self._opened_s < PATIENCE_S:
-            return LinkCondition.WAITING
-        garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
-        if garbage and look.now_s - self._heard_bytes_s < PATIENCE_S:
-            return LinkCondition.WRONG_BAUD
-        return LinkCondition.SILENT
-
-    @property
-    def _locked(self) -> bool:
-        """Return whether nearly all frames of the last two seconds are still encrypted."""
-        first, last = self._looks[0], self._last
-        locked = last.locked_count - first.locked_count
-        return 0 < _LOCKED_PERCENT * (last.frame_count - first.frame_count) <= 100 * locked
-
-    def _note(self, look: _Look) -> None:
         if not self._looks:  # what came before the port was open does not count
             self._opened_s = look.now_s
             self._heard_bytes_s = self._heard_frame_s = float("-inf")
@@ -148,45 +128,51 @@ class LinkWatch:
             self._looks.append(look)
         while len(self._looks) > 1 and look.now_s - self._looks[1].now_s >= PATIENCE_S:
             self._looks.popleft()
+        return self._condition(look.now_s)
 
-    def _message(self, condition: LinkCondition) -> str:
-        return f"{self._port}: {self._words(condition)}"
+    def _condition(self, now_s: float) -> LinkCondition:
+        if now_s - self._heard_frame_s < PATIENCE_S:
+            return LinkCondition.WRONG_KEY if self._locked else LinkCondition.RECEIVING
+        if now_s - self._opened_s < PATIENCE_S:
+            return LinkCondition.WAITING
+        garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
+        if garbage and now_s - self._heard_bytes_s < PATIENCE_S:
+            return LinkCondition.WRONG_BAUD
+        return LinkCondition.SILENT
+
+    @property
+    def _locked(self) -> bool:
+        """Return whether nearly all frames of the last two seconds are still encrypted."""
+        first, last = self._looks[0], self._last
+        locked = last.locked_count - first.locked_count
+        return 0 < _LOCKED_PERCENT * (last.frame_count - first.frame_count) <= 100 * locked
 
     def _words(self, condition: LinkCondition) -> str:
-        if condition is LinkCondition.RECEIVING:
-            return f"receiving at {self._baud} baud"
-        if condition is LinkCondition.WAITING:
-            return "open, nothing understood yet"
-        if condition is LinkCondition.SILENT:
-            return (
+        others = ", ".join(str(baud) for baud in USUAL_BAUDS if baud != self._baud)
+        wrong_key = "is not the aircraft's" if self._has_key else "is not set"
+        words = {
+            LinkCondition.RECEIVING: f"receiving at {self._baud} baud",
+            LinkCondition.WAITING: "open, nothing understood yet",
+            LinkCondition.SILENT: (
                 f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
                 "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
-            )
-        if condition is LinkCondition.WRONG_KEY:
-            wrong = "is not the aircraft's" if self._has_key else "is not set"
-            return (
-                f"frames come, but they are encrypted and the parameter key {wrong}: set it to "
-                "the app key with which the aircraft was activated (DJI's developer site)"
-            )
-        others = ", ".join(str(baud) for baud in USUAL_BAUDS if baud != self._baud)
-        return (
-            f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {self._baud} baud: set baud "
-            f"as in DJI Assistant 2 (SDK tab); usual are {others}"
-        )
-
-    def _made(self, now_s: float, condition: LinkCondition, message: str) -> LinkReport:
-        before = self._report
-        same = before is not None and before.condition is condition
-        since_s = before.since_s if before is not None and same else now_s
-        level = _LEVELS.get(condition, LinkLevel.ERROR)
-        return LinkReport(condition, level, message, since_s, *self._rates())
+            ),
+            LinkCondition.WRONG_KEY: (
+                f"frames come, but they are encrypted and the parameter key {wrong_key}: set it "
+                "to the app key with which the aircraft was activated (DJI's developer site)"
+            ),
+            LinkCondition.WRONG_BAUD: (
+                f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {self._baud} baud: set "
+                f"baud as in DJI Assistant 2 (SDK tab); usual are {others}"
+            ),
+        }
+        return words[condition]
 
     def _rates(self) -> tuple[float, float]:
+        """Return bytes and frames per second; zeros before there is a time to count over."""
         if not self._looks or self._last.now_s <= self._looks[0].now_s:
             return 0.0, 0.0
         first, last = self._looks[0], self._last
         span_s = last.now_s - first.now_s
-        return (
-            (last.byte_count - first.byte_count) / span_s,
-            (last.frame_count - first.frame_count) / span_s,
-        )
+        byte_count = last.byte_count - first.byte_count
+        return byte_count / span_s, (last.frame_count - first.frame_count) / span_s

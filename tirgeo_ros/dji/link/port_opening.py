@@ -45,11 +45,13 @@ def pyserial_opener() -> Opener:
         raise DjiError("a serial port needs pyserial: pip install pyserial") from error
 
     def opened(path: str, baud: int) -> Port:
-        _require_device(path)
+        device = Path(path).stat()
+        if not stat.S_ISCHR(device.st_mode):
+            raise OSError(errno.ENOTTY, "it is a file or a folder")
         try:
             return _opened(Serial, path, baud)
         except ValueError:
-            if not _is_pseudo_terminal(path):
+            if os.major(device.st_rdev) not in _PTY_MAJORS:
                 raise
             return _opened(Serial, path, _ANY_BAUD)
 
@@ -70,12 +72,3 @@ def _opened(make: Callable[..., Any], path: str, baud: int) -> Port:
     with suppress(OSError, ValueError):
         port.set_low_latency_mode(True)
     return port  # type: ignore[no-any-return]
-
-
-def _require_device(path: str) -> None:
-    if not stat.S_ISCHR(Path(path).stat().st_mode):
-        raise OSError(errno.ENOTTY, "it is a file or a folder")
-
-
-def _is_pseudo_terminal(path: str) -> bool:
-    return os.major(Path(path).stat().st_rdev) in _PTY_MAJORS

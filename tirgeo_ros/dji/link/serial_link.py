@@ -74,7 +74,7 @@ class SerialLink:
         self._guard = threading.Lock()  # nobody may close the handle while it is used
         self._closed = threading.Event()
         self._poll = select.poll()
-        self._state = LinkState.NO_DEVICE
+        self.state = LinkState.NO_DEVICE
         self._reason = ""
         self._pause_s = 0.0
         self._next_try_s = self._looked_up_s = time.monotonic()
@@ -82,15 +82,10 @@ class SerialLink:
         self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
     @property
-    def state(self) -> LinkState:
-        """Return the port's current state."""
-        return self._state
-
-    @property
     def message(self) -> str:
         """Return the state as a line for a person: port, what to do, cause."""
         reason = f" ({self._reason})" if self._reason else ""
-        return f"{self._port}: {_MESSAGES[self._state]}{reason}"
+        return f"{self._port}: {_MESSAGES[self.state]}{reason}"
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, in one batch; wait ``timeout_s`` for the first byte.
@@ -103,7 +98,9 @@ class SerialLink:
         try:
             return self._take(handle, timeout_s)
         except (OSError, ValueError) as error:
-            self._lose(_reason(error))
+            self._drop()
+            self.state, self._reason = LinkState.LOST, _reason(error)
+            self._next_try_s = time.monotonic()
             return b""
 
     def write(self, data: bytes) -> bool:
@@ -156,17 +153,6 @@ class SerialLink:
         except (OSError, ValueError) as error:
             self._refused(error)
             return None
-        return self._opened(handle)
-
-    def _refused(self, error: OSError | ValueError) -> None:
-        self._pause_s = min(max(2 * self._pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
-        self._next_try_s = time.monotonic() + self._pause_s
-        state = _state(error)
-        if state is LinkState.NO_DEVICE and self._state is LinkState.LOST:
-            return  # keep the reason why the port was lost for as long as it is away
-        self._state, self._reason = state, _reason(error)
-
-    def _opened(self, handle: Port) -> Port | None:
         with self._guard:
             if self._closed.is_set():
                 handle.close()
@@ -174,15 +160,19 @@ class SerialLink:
             self._handle = handle
         self._poll = select.poll()
         self._poll.register(handle.fileno(), select.POLLIN)
-        self._state, self._reason = LinkState.OPEN, ""
+        self.state, self._reason = LinkState.OPEN, ""
         self._pause_s, self._looked_up_s = 0.0, time.monotonic()
         self.openings += 1
         return handle
 
-    def _lose(self, reason: str) -> None:
-        self._drop()
-        self._state, self._reason = LinkState.LOST, reason
-        self._next_try_s = time.monotonic()
+    def _refused(self, error: OSError | ValueError) -> None:
+        self._pause_s = min(max(2 * self._pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
+        self._next_try_s = time.monotonic() + self._pause_s
+        known = _STATES.get(getattr(error, "errno", None), LinkState.NO_DEVICE)
+        state = LinkState.BAUD_REFUSED if isinstance(error, ValueError) else known
+        if state is LinkState.NO_DEVICE and self.state is LinkState.LOST:
+            return  # keep the reason why the port was lost for as long as it is away
+        self.state, self._reason = state, _reason(error)
 
     def _drop(self) -> None:
         with self._guard:
@@ -190,12 +180,6 @@ class SerialLink:
             if handle is not None:
                 with suppress(OSError, ValueError):  # it may be gone already
                     handle.close()
-
-
-def _state(error: OSError | ValueError) -> LinkState:
-    if isinstance(error, ValueError):
-        return LinkState.BAUD_REFUSED
-    return _STATES.get(error.errno, LinkState.NO_DEVICE)
 
 
 def _reason(error: OSError | ValueError) -> str:

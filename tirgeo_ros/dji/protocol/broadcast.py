@@ -9,7 +9,6 @@ aircraft.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from enum import Enum
 from functools import lru_cache
@@ -31,10 +30,8 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     Time,
     Vector,
     Velocity,
-    flat,
 )
-
-_MASK = struct.Struct("<H")
+from tirgeo_ros.dji.protocol.packed_fields import Make, PackedFields
 
 
 class Layout(Enum):
@@ -74,167 +71,105 @@ class Broadcast(NamedTuple):
     @property
     def mask(self) -> int:
         """Return the frame's mask: a bit for each part that is present."""
-        return sum(
-            {1 << bit for bit, part in _LAYOUTS[self.layout] if self[part.slot] is not None}
-        )
+        parts = _LAYOUTS[self.layout]
+        return sum({1 << bit for bit, (name, *_) in parts if getattr(self, name) is not None})
 
 
-class _Part(NamedTuple):
-    slot: int  # in Broadcast
-    form: str  # as in ``struct``
-    make: Callable[[tuple[Any, ...]], Any]
+_Part = tuple[str, str, Make]  # name in Broadcast, form as in ``struct``, maker
 
+_MOTION: tuple[_Part, ...] = (
+    ("quaternion_wxyz", "4f", tuple),
+    ("acceleration_as_packed", "3f", tuple),
+    ("velocity", "3fB", lambda v: Velocity(v[:3], v[3])),
+    ("angular_rate_radps", "3f", tuple),
+    ("position", "2d2fB", Position._make),
+)
+_RTK: _Part = ("rtk", "2I2d4fh2B", lambda v: Rtk._make((*v[:5], v[5:8], *v[8:])))
+_MAG_RC_GIMBAL: tuple[_Part, ...] = (
+    ("mag", "3h", tuple),
+    ("rc", "6h", Rc._make),
+    ("gimbal", "3fB", Gimbal._make),
+)
+_DEVICE: _Part = ("device", "2B", Device._make)
 
-def _part(name: str, form: str, make: Callable[[tuple[Any, ...]], Any]) -> _Part:
-    return _Part(Broadcast._fields.index(name), form, make)
-
-
-def _time_31(v: tuple[Any, ...]) -> Time:
-    return Time(v[0], v[1], None, None, v[2])
-
-
-def _velocity(v: tuple[Any, ...]) -> Velocity:
-    return Velocity(v[:3], v[3])
-
-
-def _gps_31(v: tuple[Any, ...]) -> Gps:
-    return Gps._make((*v[:5], v[5:], None))
-
-
-def _gps(v: tuple[Any, ...]) -> Gps:
-    return Gps._make((*v[:5], v[5:8], GpsDetail._make(v[8:])))
-
-
-def _rtk(v: tuple[Any, ...]) -> Rtk:
-    return Rtk._make((*v[:5], v[5:8], *v[8:]))
-
-
-_QUATERNION = _part("quaternion_wxyz", "4f", tuple)
-_ACCELERATION = _part("acceleration_as_packed", "3f", tuple)
-_VELOCITY = _part("velocity", "3fB", _velocity)
-_ANGULAR_RATE = _part("angular_rate_radps", "3f", tuple)
-_POSITION = _part("position", "2d2fB", Position._make)
-_OBSTACLES = _part("relative_position", "6fB", RelativePosition._make)
-_RTK = _part("rtk", "2I2d4fh2B", _rtk)
-_MAG = _part("mag", "3h", tuple)
-_RC = _part("rc", "6h", Rc._make)
-_GIMBAL = _part("gimbal", "3fB", Gimbal._make)
-_DEVICE = _part("device", "2B", Device._make)
-_TIME_31 = _part("time", "2IB", _time_31)
-_STATUS_31 = _part("status", "B", lambda v: Status(v[0]))
-_BATTERY_31 = _part("battery", "B", lambda v: Battery(None, None, None, v[0]))
+_TIME_31: _Part = ("time", "2IB", lambda v: Time(v[0], v[1], None, None, v[2]))
+_TAIL_31: tuple[_Part, ...] = (
+    *_MAG_RC_GIMBAL,
+    ("status", "B", lambda v: Status(v[0])),
+    ("battery", "B", lambda v: Battery(None, None, None, v[0])),
+    _DEVICE,
+)
+_GPS_31: _Part = ("gps", "2I3i3f", lambda v: Gps._make((*v[:5], v[5:], None)))
 
 #: Bit of the mask and part, in the order of the bytes.
 _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
     Layout.MODERN: (
-        (0, _part("time", "3IHB", Time._make)),
-        (1, _QUATERNION),
-        (2, _ACCELERATION),
-        (3, _VELOCITY),
-        (4, _ANGULAR_RATE),
-        (5, _POSITION),
-        (5, _OBSTACLES),
-        (6, _part("gps", "2I3i3f6f2I2H", _gps)),
+        *enumerate([("time", "3IHB", Time._make), *_MOTION]),
+        (5, ("relative_position", "6fB", RelativePosition._make)),
+        (
+            6,
+            ("gps", "2I3i3f6f2I2H", lambda v: Gps._make((*v[:5], v[5:8], GpsDetail._make(v[8:])))),
+        ),
         (7, _RTK),
-        (8, _MAG),
-        (9, _RC),
-        (10, _GIMBAL),
-        (11, _part("status", "4B", Status._make)),
-        (12, _part("battery", "I2iB", Battery._make)),
+        *enumerate(_MAG_RC_GIMBAL, 8),
+        (11, ("status", "4B", Status._make)),
+        (12, ("battery", "I2iB", Battery._make)),
         (13, _DEVICE),
-        (14, _part("compass", "B", lambda v: v[0])),
+        (14, ("compass", "B", lambda v: v[0])),
     ),
-    Layout.LEGACY: (
-        (0, _TIME_31),
-        (1, _QUATERNION),
-        (2, _ACCELERATION),
-        (3, _VELOCITY),
-        (4, _ANGULAR_RATE),
-        (5, _POSITION),
-        (6, _part("gps", "2I3i3f", _gps_31)),
-        (7, _RTK),
-        (8, _MAG),
-        (9, _RC),
-        (10, _GIMBAL),
-        (11, _STATUS_31),
-        (12, _BATTERY_31),
-        (13, _DEVICE),
-    ),
-    Layout.M100: (
-        (0, _TIME_31),
-        (1, _QUATERNION),
-        (2, _ACCELERATION),
-        (3, _VELOCITY),
-        (4, _ANGULAR_RATE),
-        (5, _POSITION),
-        (6, _MAG),
-        (7, _RC),
-        (8, _GIMBAL),
-        (9, _STATUS_31),
-        (10, _BATTERY_31),
-        (11, _DEVICE),
-    ),
+    Layout.LEGACY: (*enumerate([_TIME_31, *_MOTION, _GPS_31, _RTK, *_TAIL_31]),),
+    Layout.M100: (*enumerate([_TIME_31, *_MOTION, *_TAIL_31]),),
 }
-
-
-class _Plan(NamedTuple):
-    """Hold how to read or write the frames of one mask in one layout."""
-
-    layout: Layout
-    whole: struct.Struct
-    parts: tuple[tuple[int, int, int, Callable[[tuple[Any, ...]], Any]], ...]  # slot, from, to
 
 
 # Up to 2**16 masks in three layouts could be requested; an aircraft sends a handful.
 @lru_cache(maxsize=256)
-def _plan(layout: Layout, mask: int) -> _Plan | None:
-    """Return the plan; None where the layout does not define a bit of the mask."""
-    if mask & ~sum({1 << bit for bit, _ in _LAYOUTS[layout]}):
+def _packed(layout: Layout, mask: int) -> PackedFields | None:
+    """Return how the parts are packed; None where the layout does not define a bit of the mask."""
+    parts = _LAYOUTS[layout]
+    if mask & ~sum({1 << bit for bit, _ in parts}):
         return None
-    form, at, parts = "<H", 1, []
-    for bit, part in _LAYOUTS[layout]:
-        if mask >> bit & 1:
-            count = _numbers(part.form)
-            parts.append((part.slot, at, at + count, part.make))
-            form, at = form + part.form, at + count
-    return _Plan(layout, struct.Struct(form), tuple(parts))
+    return PackedFields("<H", [part for bit, part in parts if mask >> bit & 1])
 
 
-def _numbers(form: str) -> int:
-    packed = struct.Struct(f"<{form}")
-    return len(packed.unpack(bytes(packed.size)))
+class _Plan(NamedTuple):
+    """Hold how to read the frames of one mask and length."""
+
+    layout: Layout
+    numbers: Callable[[bytes], tuple[Any, ...]]
+    parts: tuple[tuple[int, int, int, Make], ...]  # place in Broadcast, numbers from, to
 
 
 @lru_cache(maxsize=256)
 def _fitting(mask: int, length: int) -> _Plan | None:
-    plans = (_plan(layout, mask) for layout in Layout)
-    return next((plan for plan in plans if plan and plan.whole.size == length), None)
+    for layout in Layout:
+        packed = _packed(layout, mask)
+        if packed and packed.size == length:
+            place = Broadcast._fields.index
+            return _Plan(
+                layout,
+                packed.numbers,
+                tuple((place(name), a, b, make) for name, a, b, make in packed.parts),
+            )
+    return None
 
 
 def broadcast_length(layout: Layout, mask: int) -> int | None:
-    """Return the bytes of a broadcast's value, mask included.
-
-    Returns None where the layout lacks a bit.
-    """
-    plan = _plan(layout, mask)
-    return None if plan is None else plan.whole.size
+    """Return the bytes of a broadcast's value with its mask; None if the layout lacks a bit."""
+    packed = _packed(layout, mask)
+    return None if packed is None else packed.size
 
 
 def decode_broadcast(value: bytes) -> Broadcast | None:
-    """Decode a broadcast's value (what follows set and id).
-
-    Returns None where no layout has its length.
-    """
-    if len(value) < _MASK.size:
-        return None
-    plan = _fitting(value[0] | value[1] << 8, len(value))
+    """Decode a broadcast's value (what follows set and id); None if no layout has its length."""
+    plan = _fitting(value[0] | value[1] << 8, len(value)) if len(value) > 1 else None
     if plan is None:
         return None
-    numbers = plan.whole.unpack(value)
+    numbers = plan.numbers(value)
     parts: list[Any] = [None] * len(Broadcast._fields)
     parts[0] = plan.layout
-    for slot, start, stop, make in plan.parts:
-        parts[slot] = make(numbers[start:stop])
+    for place, start, stop, make in plan.parts:
+        parts[place] = make(numbers[start:stop])
     return Broadcast._make(parts)
 
 
@@ -243,28 +178,13 @@ def encode_broadcast(broadcast: Broadcast) -> bytes:
 
     Raises DjiError for a part or number that the layout cannot hold.
     """
-    plan = _plan(broadcast.layout, broadcast.mask)
-    assert plan is not None  # ``mask`` contains only bits of the layout
-    _refuse_strays(broadcast, plan)
-    numbers: list[Any] = [broadcast.mask]
-    for slot, start, stop, _ in plan.parts:
-        part = flat(broadcast[slot])
-        if len(part) != stop - start:
-            raise DjiError(
-                f"broadcast: {Broadcast._fields[slot]} needs {stop - start} numbers in "
-                f"{broadcast.layout.value}"
-            )
-        numbers += part
-    try:
-        return plan.whole.pack(*numbers)
-    except (struct.error, OverflowError) as error:
-        raise DjiError(f"broadcast cannot be sent: {error}") from None
-
-
-def _refuse_strays(broadcast: Broadcast, plan: _Plan) -> None:
-    """Refuse parts for which the layout has no bit: they would be lost silently."""
-    given = {slot for slot, part in enumerate(broadcast) if slot and part is not None}
-    strays = given - {slot for slot, *_ in plan.parts}
-    if strays:
-        names = ", ".join(Broadcast._fields[slot] for slot in sorted(strays))
-        raise DjiError(f"broadcast: {broadcast.layout.value} has no {names}")
+    packed = _packed(broadcast.layout, broadcast.mask)
+    assert packed is not None  # ``mask`` contains only bits of the layout
+    values = broadcast._asdict()
+    what = f"broadcast in {values.pop('layout').value}"
+    given = {name for name, part in values.items() if part is not None}
+    if strays := sorted(
+        given.difference(name for name, *_ in packed.parts)
+    ):  # they would be lost silently
+        raise DjiError(f"{what}: there is no {', '.join(strays)}")
+    return packed.pack([broadcast.mask], values, what)

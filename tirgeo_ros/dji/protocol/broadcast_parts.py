@@ -27,17 +27,7 @@ class Velocity(NamedTuple):
     """Hold the velocity over ground: north, east, up (z is not NED's)."""
 
     xyz_mps: Vector
-    info: int = 0
-
-    @property
-    def health(self) -> int:
-        """Return 1 where GPS is used."""
-        return self.info & 1
-
-    @property
-    def sensor_id(self) -> int:
-        """Return the sensor's number; only the old layouts have it."""
-        return self.info >> 1 & 0xF
+    info: int = 0  # bit 0: GPS is used; bits 1-4: the sensor, in old layouts alone
 
 
 class Position(NamedTuple):
@@ -120,22 +110,7 @@ class Gimbal(NamedTuple):
     roll_deg: float
     pitch_deg: float
     yaw_deg: float
-    limits: int = 0
-
-    @property
-    def pitch_limit(self) -> int:
-        """Return 1 at the end of the axis."""
-        return self.limits & 1
-
-    @property
-    def roll_limit(self) -> int:
-        """Return 1 at the end of the axis."""
-        return self.limits >> 1 & 1
-
-    @property
-    def yaw_limit(self) -> int:
-        """Return 1 at the end of the axis."""
-        return self.limits >> 2 & 1
+    limits: int = 0  # bits: pitch, roll, yaw at the end of its axis
 
 
 class Status(NamedTuple):
@@ -160,22 +135,7 @@ class Device(NamedTuple):
     """Hold who controls the aircraft."""
 
     control_mode: int
-    bits: int
-
-    @property
-    def device_status(self) -> int:
-        """Return 0 for remote control, 1 app, 2 serial (4 on M300)."""
-        return self.bits & 7
-
-    @property
-    def flight_status(self) -> int:
-        """Return 1 where the serial line has the control."""
-        return self.bits >> 3 & 1
-
-    @property
-    def vrc_status(self) -> int:
-        """Return 1 where a virtual remote control is on."""
-        return self.bits >> 4 & 1
+    bits: int  # 0-2: 0 remote control, 1 app, 2 serial (4 on M300); 3: serial; 4: virtual RC
 
 
 class GpsFused(NamedTuple):
@@ -222,12 +182,3 @@ class HardSync(NamedTuple):
     q_wxyz: Quaternion
     accel_g: Vector
     gyro_radps: Vector
-
-
-def flat(part: object) -> list[float]:
-    """Return the numbers of a part in the order of their bytes, without None."""
-    if part is None:
-        return []
-    if isinstance(part, tuple):
-        return [number for item in part for number in flat(item)]
-    return [part]  # type: ignore[list-item]

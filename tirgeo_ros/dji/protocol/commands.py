@@ -152,14 +152,10 @@ def _decode_value(kind: type[Request], value: bytes) -> Request | None:
     if kind is MatchVersion:
         return MatchVersion(*struct.unpack("<I", value))
     if kind is AddPackage:
-        return _decode_add_package(value)
+        number, rate_hz, config, count = _ADD_PACKAGE.unpack_from(value)
+        uids = struct.unpack(f"<{count}I", value[_ADD_PACKAGE.size :])
+        return AddPackage(number, rate_hz, bool(config & 1), uids)
     return ResetPackages() if kind is ResetPackages else RemovePackage(value[0])
-
-
-def _decode_add_package(value: bytes) -> AddPackage:
-    number, rate_hz, config, count = _ADD_PACKAGE.unpack_from(value)
-    uids = struct.unpack(f"<{count}I", value[_ADD_PACKAGE.size :])
-    return AddPackage(number, rate_hz, bool(config & 1), uids)
 
 
 class VersionAck(NamedTuple):
@@ -198,19 +194,17 @@ def decode_version_ack(value: bytes) -> VersionAck | None:
     if len(value) < 2:
         return None
     matches = list(_HARDWARE_FIRMWARE.finditer(value, 2))
-    hardware, firmware = _hardware_firmware(matches[-1]) if matches else ("", None)
+    hardware, firmware = "", None
+    if matches:
+        name, *numbers = matches[-1].groups()
+        hardware = name.decode("ascii")
+        a, b, c, d = (int(number or 0) for number in numbers)
+        firmware = (a, b, c, d) if max(a, b, c, d) < 256 else None
     has_crc = firmware is not None and firmware < _FIRST_WITHOUT_CRC
     crc = int.from_bytes(value[2:6], "little") if has_crc else None
     serial, _, name = value[6 if has_crc else 2 :].partition(b"\0")
     code = int.from_bytes(value[:2], "little")
     return VersionAck(code, _text(serial), _text(name), hardware, firmware, crc)
-
-
-def _hardware_firmware(match: re.Match[bytes]) -> tuple[str, Firmware | None]:
-    hardware, *numbers = match.groups()
-    a, b, c, d = (int(number or 0) for number in numbers)
-    firmware = (a, b, c, d) if max(a, b, c, d) < 256 else None
-    return hardware.decode("ascii"), firmware
 
 
 def _text(raw: bytes) -> str:

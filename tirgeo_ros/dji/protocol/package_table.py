@@ -36,24 +36,37 @@ def package_table(tree: object, file: str) -> PackageTable:
     entries = tree[_ROOT]
     if not isinstance(entries, Mapping) or not entries:
         raise DjiError(f"{file}: {_ROOT}: needs an entry for each package, by its id")
-    packages = [_package(number, entry, file) for number, entry in entries.items()]
-    _refuse_doubles(packages, file)
+    holder: dict[str, int] = {}
+    packages = [_package(n, entry, f"{file}: {_ROOT}.{n}") for n, entry in entries.items()]
+    for package in packages:
+        for topic in package.topics:  # the aircraft refuses a topic in two packages
+            if topic.name in holder:
+                raise DjiError(
+                    f"{file}: {_ROOT}.{package.id}.topics: {topic.name} stands in package "
+                    f"{holder[topic.name]} already"
+                )
+            holder[topic.name] = package.id
     return PackageTable(packages)
 
 
-def _package(number: object, entry: object, file: str) -> Package:
-    where = f"{file}: {_ROOT}.{number}"
+def _package(number: Any, entry: Any, where: str) -> Package:
     if not _is_number(number) or number not in PACKAGE_IDS:
         raise DjiError(f"{where}: ids of packages are {PACKAGE_IDS[0]} to {PACKAGE_IDS[-1]}")
     if not isinstance(entry, Mapping):
         raise DjiError(f"{where}: needs {', '.join(_KEYS)}")
-    _check_keys(entry, where)
-    package = Package(
-        int(number),  # type: ignore[call-overload]
-        _rate(entry["rate_hz"], where),
-        _truth(entry["with_timestamp"], where),
-        _topics(entry["topics"], where),
-    )
+    if unknown := [key for key in entry if key not in _KEYS]:
+        raise DjiError(f"{where}: unknown key {unknown[0]}{_hint(unknown[0], _KEYS)}")
+    if missing := [key for key in _KEYS if key not in entry]:
+        raise DjiError(f"{where}: {missing[0]} is missing")
+    rate_hz, with_timestamp, names = (entry[key] for key in _KEYS)
+    if not _is_number(rate_hz) or not 1 <= rate_hz <= _MAX_RATE_HZ:
+        raise DjiError(f"{where}.rate_hz: {rate_hz}: a whole number from 1 to {_MAX_RATE_HZ}")
+    if not isinstance(with_timestamp, bool):
+        raise DjiError(f"{where}.with_timestamp: {with_timestamp}: true or false")
+    if not isinstance(names, list) or not names:
+        raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
+    topics = tuple(_topic(name, where) for name in names)
+    package = Package(number, rate_hz, with_timestamp, topics)
     if package.length - 1 > MAX_DATA_BYTES:
         raise DjiError(
             f"{where}: {package.length - 1} bytes, more than the {MAX_DATA_BYTES} of a push"
@@ -61,35 +74,8 @@ def _package(number: object, entry: object, file: str) -> Package:
     return package
 
 
-def _check_keys(entry: Mapping[Any, Any], where: str) -> None:
-    for key in entry:
-        if key not in _KEYS:
-            raise DjiError(f"{where}: unknown key {key}{_hint(key, _KEYS)}")
-    for key in _KEYS:
-        if key not in entry:
-            raise DjiError(f"{where}: {key} is missing")
-
-
 def _is_number(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _rate(value: Any, where: str) -> int:
-    if not _is_number(value) or not 1 <= value <= _MAX_RATE_HZ:
-        raise DjiError(f"{where}.rate_hz: {value}: a whole number from 1 to {_MAX_RATE_HZ}")
-    return int(value)
-
-
-def _truth(value: object, where: str) -> bool:
-    if not isinstance(value, bool):
-        raise DjiError(f"{where}.with_timestamp: {value}: true or false")
-    return value
-
-
-def _topics(names: object, where: str) -> tuple[Topic, ...]:
-    if not isinstance(names, list) or not names:
-        raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
-    return tuple(_topic(name, where) for name in names)
 
 
 def _topic(name: Any, where: str) -> Topic:
@@ -105,16 +91,3 @@ def _topic(name: Any, where: str) -> Topic:
 def _hint(name: object, known: Any) -> str:
     near = difflib.get_close_matches(str(name), known, n=1)
     return f" (did you mean {near[0]}?)" if near else ""
-
-
-def _refuse_doubles(packages: list[Package], file: str) -> None:
-    """Refuse a topic in two packages, since the aircraft does."""
-    holder: dict[str, int] = {}
-    for package in packages:
-        for topic in package.topics:
-            if topic.name in holder:
-                raise DjiError(
-                    f"{file}: {_ROOT}.{package.id}.topics: {topic.name} stands in package "
-                    f"{holder[topic.name]} already"
-                )
-            holder[topic.name] = package.id

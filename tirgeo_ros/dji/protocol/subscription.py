@@ -6,14 +6,13 @@ request that made it (set 0B, id 01), kept here in a ``PackageTable``.
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol.broadcast_parts import flat
 from tirgeo_ros.dji.protocol.commands import AddPackage, RemovePackage, Request, ResetPackages
+from tirgeo_ros.dji.protocol.packed_fields import PackedFields
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, BY_UID, Topic
 
 #: Capacity of one push: stamp and topics, without the package's id.
@@ -39,7 +38,7 @@ class Package(NamedTuple):
     @property
     def length(self) -> int:
         """Return the bytes of its push's value."""
-        return _plan(self).whole.size
+        return _packed(self).size
 
     @property
     def request(self) -> AddPackage:
@@ -57,76 +56,37 @@ class Push(NamedTuple):
     values: dict[str, Any]  # numbers, tuples and named tuples of ``dji.protocol.broadcast_parts``
 
 
-#: The packages of an aircraft whose requests were not seen.
-USUAL_PACKAGES = (
-    Package.of(
+_USUAL = (
+    (
         0,
         5,
-        with_timestamp=True,
-        names=(
-            *("GPS_DATE", "GPS_TIME", "GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"),
-            *("BATTERY_INFO", "RTK_POSITION", "RTK_VELOCITY", "RTK_YAW"),
-            *("RTK_YAW_INFO", "RTK_POSITION_INFO"),
-        ),
+        True,
+        """GPS_DATE GPS_TIME GPS_POSITION GPS_VELOCITY GPS_DETAILS BATTERY_INFO
+        RTK_POSITION RTK_VELOCITY RTK_YAW RTK_YAW_INFO RTK_POSITION_INFO""",
     ),
-    Package.of(
+    (
         1,
         50,
-        with_timestamp=True,
-        names=(
-            *("GPS_FUSED", "ALTITUDE_FUSIONED", "HEIGHT_FUSION", "STATUS_FLIGHT"),
-            *("STATUS_DISPLAYMODE", "GIMBAL_ANGLES", "GIMBAL_STATUS", "RC", "VELOCITY"),
-            "GPS_CONTROL_LEVEL",
-        ),
+        True,
+        """GPS_FUSED ALTITUDE_FUSIONED HEIGHT_FUSION STATUS_FLIGHT STATUS_DISPLAYMODE
+        GIMBAL_ANGLES GIMBAL_STATUS RC VELOCITY GPS_CONTROL_LEVEL""",
     ),
-    Package.of(
-        2,
-        100,
-        with_timestamp=True,
-        names=("QUATERNION", "ACCELERATION_GROUND", "ANGULAR_RATE_FUSIONED"),
-    ),
-    Package.of(3, 400, with_timestamp=True, names=("HARD_SYNC",)),
-    Package.of(
-        4,
-        200,
-        with_timestamp=False,
-        names=("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "ACCELERATION_BODY"),
-    ),
+    (2, 100, True, "QUATERNION ACCELERATION_GROUND ANGULAR_RATE_FUSIONED"),
+    (3, 400, True, "HARD_SYNC"),
+    (4, 200, False, "ACCELERATION_RAW ANGULAR_RATE_RAW ACCELERATION_BODY"),
+)
+#: The packages of an aircraft whose requests were not seen.
+USUAL_PACKAGES = tuple(
+    Package.of(number, rate_hz, stamped, names.split())
+    for number, rate_hz, stamped, names in _USUAL
 )
 
 
-class PackageTable:
+class PackageTable(dict[int, Package]):
     """Hold the packages that are known, by id; by default the usual ones."""
 
     def __init__(self, packages: Iterable[Package] = USUAL_PACKAGES) -> None:
-        self._packages = {package.id: package for package in packages}
-
-    def __iter__(self) -> Iterator[Package]:
-        """Return the known packages, sorted by id."""
-        return iter([self._packages[number] for number in sorted(self._packages)])
-
-    def __len__(self) -> int:
-        return len(self._packages)
-
-    def get(self, number: int) -> Package | None:
-        """Return the package of that id; None if not known."""
-        return self._packages.get(number)
-
-    def add(self, package: Package) -> None:
-        """Set a package, replacing one of the same id."""
-        self._packages[package.id] = package
-
-    def remove(self, number: int) -> None:
-        """Forget a package."""
-        self._packages.pop(number, None)
-
-    def clear(self) -> None:
-        """Forget all packages."""
-        self._packages.clear()
-
-    def copy(self) -> PackageTable:
-        """Return a table of the same packages."""
-        return PackageTable(self)
+        super().__init__((package.id, package) for package in packages)
 
     def learn(self, request: Request) -> bool:
         """Apply a host's request to the table; return whether it is about packages.
@@ -135,12 +95,12 @@ class PackageTable:
         """
         match request:
             case AddPackage(number, rate_hz, with_timestamp, uids):
-                self.remove(number)
+                self.pop(number, None)
                 if all(uid in BY_UID for uid in uids):
                     topics = tuple(BY_UID[uid] for uid in uids)
-                    self.add(Package(number, rate_hz, with_timestamp, topics))
+                    self[number] = Package(number, rate_hz, with_timestamp, topics)
             case RemovePackage(number):
-                self.remove(number)
+                self.pop(number, None)
             case ResetPackages():
                 self.clear()
             case _:
@@ -148,21 +108,10 @@ class PackageTable:
         return True
 
 
-class _Plan(NamedTuple):
-    """Hold how to read or write the pushes of a package."""
-
-    whole: struct.Struct
-    topics: tuple[tuple[str, int, int, Callable[[tuple[Any, ...]], Any]], ...]  # name, from, to
-
-
 @lru_cache(maxsize=64)
-def _plan(package: Package) -> _Plan:
-    form, at = ("<BII", 3) if package.with_timestamp else ("<B", 1)
-    topics = []
-    for topic in package.topics:
-        topics.append((topic.name, at, at + topic.numbers, topic.make))
-        form, at = form + topic.form, at + topic.numbers
-    return _Plan(struct.Struct(form), tuple(topics))
+def _packed(package: Package) -> PackedFields:
+    parts = ((topic.name, topic.form, topic.make) for topic in package.topics)
+    return PackedFields("<BII" if package.with_timestamp else "<B", parts)
 
 
 def decode_push(value: bytes, table: PackageTable) -> Push | None:
@@ -173,11 +122,11 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
     package = table.get(value[0]) if value else None
     if package is None:
         return None
-    plan = _plan(package)
-    if len(value) != plan.whole.size:
+    packed = _packed(package)
+    if len(value) != packed.size:
         return None
-    numbers = plan.whole.unpack(value)
-    values = {name: make(numbers[start:stop]) for name, start, stop, make in plan.topics}
+    numbers = packed.numbers(value)
+    values = {name: make(numbers[start:stop]) for name, start, stop, make in packed.parts}
     if package.with_timestamp:
         return Push(package, numbers[1], numbers[2], values)
     return Push(package, None, None, values)
@@ -185,16 +134,6 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
 
 def encode_push(push: Push) -> bytes:
     """Encode a push's value. Raises DjiError for values that its package cannot hold."""
-    plan = _plan(push.package)
-    numbers: list[Any] = [push.package.id]
-    if push.package.with_timestamp:
-        numbers += [push.time_ms, push.time_ns]
-    for name, start, stop, _ in plan.topics:
-        part = flat(push.values.get(name))
-        if len(part) != stop - start:
-            raise DjiError(f"package {push.package.id}: {name} needs {stop - start} numbers")
-        numbers += part
-    try:
-        return plan.whole.pack(*numbers)
-    except (struct.error, OverflowError) as error:
-        raise DjiError(f"package {push.package.id} cannot be sent: {error}") from None
+    number, *_, with_timestamp, _topics = push.package
+    head = [number, push.time_ms, push.time_ns] if with_timestamp else [number]
+    return _packed(push.package).pack(head, push.values, f"package {number}")

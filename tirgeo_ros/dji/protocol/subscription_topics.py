@@ -6,8 +6,6 @@ Names, numbers and structures are those of DJI's Onboard SDK 3.9; the values are
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from tirgeo_ros.dji.protocol.broadcast_parts import (
@@ -23,6 +21,7 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     RtkPosition,
     Velocity,
 )
+from tirgeo_ros.dji.protocol.packed_fields import Make
 
 
 class Topic(NamedTuple):
@@ -35,29 +34,11 @@ class Topic(NamedTuple):
     uid: int
     max_hz: int | None  # None where it is not documented
     form: str  # as in ``struct``, without its byte order
-    make: Callable[[tuple[Any, ...]], Any]
-
-    @property
-    def length(self) -> int:
-        """Return its bytes in a push."""
-        return struct.calcsize(f"<{self.form}")
-
-    @property
-    def numbers(self) -> int:
-        """Return how many numbers these bytes hold."""
-        return len(struct.unpack(f"<{self.form}", bytes(self.length)))
+    make: Make
 
 
 def _number(v: tuple[Any, ...]) -> Any:
     return v[0]
-
-
-def _velocity(v: tuple[Any, ...]) -> Velocity:
-    return Velocity(v[:3], v[3])
-
-
-def _hard_sync(v: tuple[Any, ...]) -> HardSync:
-    return HardSync._make((*v[:5], v[5:9], v[9:12], v[12:]))
 
 
 #: Every topic that can be read. Vectors are tuples, single numbers are plain.
@@ -66,7 +47,7 @@ TOPICS = (
     Topic("ACCELERATION_GROUND", 0x8696C85B, 200, "3f", tuple),  # m/s2, north-east-up
     Topic("ACCELERATION_BODY", 0xBB17D5FE, 200, "3f", tuple),  # m/s2, forward-right-up
     Topic("ACCELERATION_RAW", 0xC3503A6E, 400, "3f", tuple),  # m/s2, FRD
-    Topic("VELOCITY", 0x18FB271D, 200, "3fB", _velocity),  # north-east-up
+    Topic("VELOCITY", 0x18FB271D, 200, "3fB", lambda v: Velocity(v[:3], v[3])),  # north-east-up
     Topic("ANGULAR_RATE_FUSIONED", 0x3599C4BE, 200, "3f", tuple),  # rad/s, its axes are disputed
     Topic("ANGULAR_RATE_RAW", 0x700389EE, 400, "3f", tuple),  # rad/s, FRD
     Topic("ALTITUDE_FUSIONED", 0x11E9C81A, 200, "f", _number),  # m, by pressure
@@ -91,7 +72,13 @@ TOPICS = (
     Topic("STATUS_FLIGHT", 0x20CFB02A, 50, "B", _number),
     Topic("STATUS_DISPLAYMODE", 0x1A67D6A1, 50, "B", _number),
     Topic("BATTERY_INFO", 0x69779DD9, 50, "I2iB", Battery._make),
-    Topic("HARD_SYNC", 0xECBEF06D, 400, "3IHB4f3f3f", _hard_sync),
+    Topic(
+        "HARD_SYNC",
+        0xECBEF06D,
+        400,
+        "3IHB4f3f3f",
+        lambda v: HardSync._make((*v[:5], v[5:9], v[9:12], v[12:])),
+    ),
     Topic("GPS_CONTROL_LEVEL", 0xE30B17B0, 50, "B", _number),
     Topic("GPS_SIGNAL_LEVEL", 0xA6A0395F, 50, "B", _number),
     Topic("RTK_CONNECT_STATUS", 0x6F349326, 50, "H", _number),  # bit 0

@@ -14,11 +14,10 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     NavigationInput,
-    PositionSample,
 )
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
-from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, Push, encode_push
+from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_push
 from tirgeo_ros.dji.simulator.answers import CommandDesk
 from tirgeo_ros.dji.simulator.gimbal_angles import SimulatedGimbalAngles
 from tirgeo_ros.dji.simulator.pushed_parts import (
@@ -75,7 +74,8 @@ class Aircraft:
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
         self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
-        self._counts: Counter[str] = Counter()
+        #: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``
+        self.counts: Counter[str] = Counter()
         self._waiting: deque[tuple[int, NavigationInput]] = deque()
         self._sequence = 0
         self._switch_on()
@@ -92,11 +92,6 @@ class Aircraft:
         self._told_ns = 0
         self._slots: dict[int, int] = {}  # bit of the mask -> period in which it was last sent
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return counts: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``."""
-        return dict(self._counts)
-
     def answer(self, data: bytes) -> bytes:
         """Return what the aircraft writes back to the host's bytes."""
         return self.desk.answer(data)
@@ -105,11 +100,12 @@ class Aircraft:
         """Take a sample; return the frames that are ready, in the order of their times."""
         if isinstance(sample, JointSample | CameraAttitudeSample):
             if not self._gimbal.take(sample):
-                self._counts["invalid"] += 1
-        elif _is_sound(sample):
+                self.counts["invalid"] += 1
+        # a receiver without a solution may send any position
+        elif getattr(sample, "status", None) is FixStatus.NONE or not fault_of(sample):
             self._waiting.append((arrival_ns, sample))
         else:
-            self._counts["invalid"] += 1
+            self.counts["invalid"] += 1
         return self._until(arrival_ns - _AHEAD_NS)
 
     def flush(self) -> list[Outgoing]:
@@ -136,7 +132,7 @@ class Aircraft:
         before = self._imu
         if before is not None and imu.stamp_ns <= before.stamp_ns:
             if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
-                self._counts["imu_not_later"] += 1
+                self.counts["imu_not_later"] += 1
                 return []
             self._switch_on()
             before = None
@@ -146,19 +142,18 @@ class Aircraft:
         frames = self._pushes(before, imu, latency_ns)
         frames += self._broadcast(imu, arrival_ns)
         self._imu = imu
-        return [self._in_order(frame) for frame in frames]
-
-    def _in_order(self, frame: Outgoing) -> Outgoing:
-        """Return the frame, not earlier than the one before: the link keeps the order."""
-        self._told_ns = max(self._told_ns, frame.time_ns)
-        return Outgoing(self._told_ns, frame.data)
+        found = []
+        for time_ns, data in frames:
+            self._told_ns = max(self._told_ns, time_ns)  # the link keeps the order
+            found.append(Outgoing(self._told_ns, data))
+        return found
 
     def _broadcast(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
         due = {bit for bit, code in enumerate(self.desk.rates) if self._is_due(bit, code, imu)}
-        broadcast = broadcast_of(self._instant(imu), self._layout, due.__contains__)
+        broadcast = broadcast_of(self._instant(imu), self._layout, due)
         if not broadcast.mask:
             return []
-        self._counts["broadcasts"] += 1
+        self.counts["broadcasts"] += 1
         return [Outgoing(arrival_ns, self._framed(_BROADCAST + encode_broadcast(broadcast)))]
 
     def _is_due(self, bit: int, code: int, imu: ImuSample) -> bool:
@@ -180,24 +175,20 @@ class Aircraft:
             start_ns = imu.stamp_ns - 1
         due = sorted(
             (stamp_ns, package)
-            for package in self.desk.packages
+            for package in self.desk.packages.values()
             for stamp_ns in _grid(self._first_ns, start_ns, imu.stamp_ns, package.rate_hz)
         )
         frames = []
         for stamp_ns, package in due:
             at = imu if before is None else between(before, imu, stamp_ns)
-            push = self._push(package, self._instant(at))
-            if push is not None:
-                frames.append(Outgoing(stamp_ns + latency_ns, self._framed(_PUSH + push)))
-        self._counts["pushes"] += len(frames)
+            instant = self._instant(at)
+            values = topic_values(instant, tuple(topic.name for topic in package.topics))
+            if values is not None:
+                push = Push(package, instant.time.ms, instant.time.rest_ns, values)
+                data = self._framed(_PUSH + encode_push(push))
+                frames.append(Outgoing(stamp_ns + latency_ns, data))
+        self.counts["pushes"] += len(frames)
         return frames
-
-    def _push(self, package: Package, instant: Instant) -> bytes | None:
-        values = topic_values(instant, tuple(topic.name for topic in package.topics))
-        if values is None:
-            return None
-        time = instant.time
-        return encode_push(Push(package, time.ms, time.rest_ns, values))
 
     def _instant(self, imu: ImuSample) -> Instant:
         assert self._first_ns is not None
@@ -224,12 +215,6 @@ def frames_of(aircraft: Aircraft, samples: Iterable[tuple[int, Sample]]) -> Iter
     for arrival_ns, sample in samples:
         yield from aircraft.take(arrival_ns, sample)
     yield from aircraft.flush()
-
-
-def _is_sound(sample: NavigationInput) -> bool:
-    """Return whether a sample is usable; a receiver without a solution may send any position."""
-    lost = isinstance(sample, PositionSample) and sample.status is FixStatus.NONE
-    return lost or not fault_of(sample)
 
 
 def _grid(first_ns: int, after_ns: int, until_ns: int, rate_hz: int) -> Iterator[int]:

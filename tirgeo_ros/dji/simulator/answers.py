@@ -72,14 +72,11 @@ class CommandDesk:
             return b""
         asked = (frame.session, frame.sequence, frame.data)
         if self._answered is None or self._answered[0] != asked:
-            self._answered = (asked, self._ack(frame))
+            value, number = self._done(frame.data), (frame.session, frame.sequence)
+            wanted = value and frame.session
+            ack = encode_frame(value, session=number[0], sequence=number[1], is_ack=True)
+            self._answered = (asked, ack if wanted else b"")
         return self._answered[1]  # a repeated request, whose ack was lost, gets the same ack
-
-    def _ack(self, frame: ProtocolFrame) -> bytes:
-        value = self._done(frame.data)
-        if not value or not frame.session:
-            return b""
-        return encode_frame(value, session=frame.session, sequence=frame.sequence, is_ack=True)
 
     def _done(self, data: bytes) -> bytes:
         request = decode_request(data)
@@ -91,52 +88,43 @@ class CommandDesk:
         return (_LENGTH).to_bytes(1 if data[0] else 2, "little") if known else b""
 
     def _do(self, request: Request) -> int:
-        if isinstance(request, Activate):
-            code = self._activation.pop(0) if len(self._activation) > 1 else self._activation[0]
-            self.activated = code == 0
-            return code
-        if isinstance(request, SetRates):
-            return self._set_rates(request.codes)
-        if isinstance(request, MatchVersion):
-            return 0 if request.version == SUBSCRIPTION_VERSION else _VERSION
-        if not self.activated:
-            return _DENIED
-        return self._change_packages(request)
-
-    def _set_rates(self, codes: tuple[int, ...]) -> int:
-        if max(codes) > _HIGHEST_RATE:
-            return 1
-        kept = zip(codes, self.rates, strict=True)
-        self.rates = tuple(old if code == _KEEP_RATE else code for code, old in kept)
-        return 0
-
-    def _change_packages(self, request: Request) -> int:
-        if isinstance(request, AddPackage):
-            code = self._fault(request)
-            if not code:
-                topics = tuple(BY_UID[uid] for uid in request.uids)
-                self.packages.add(
-                    Package(request.id, request.rate_hz, request.with_timestamp, topics)
-                )
-            return code
-        if isinstance(request, RemovePackage):
-            known = self.packages.get(request.id) is not None
-            self.packages.remove(request.id)
-            return 0 if known else _UNKNOWN
-        assert isinstance(request, ResetPackages)
-        self.packages.clear()
-        return 0
+        """Do what a request asks for; return the code of its ack."""
+        code = 0
+        match request:
+            case Activate():
+                left = self._activation
+                code = left.pop(0) if len(left) > 1 else left[0]
+                self.activated = code == 0
+            case SetRates(codes) if max(codes) > _HIGHEST_RATE:
+                code = 1
+            case SetRates(codes):
+                kept = zip(codes, self.rates, strict=True)
+                self.rates = tuple(old if new == _KEEP_RATE else new for new, old in kept)
+            case MatchVersion(version):
+                code = 0 if version == SUBSCRIPTION_VERSION else _VERSION
+            case _ if not self.activated:
+                code = _DENIED
+            case AddPackage(number, rate_hz, with_timestamp, uids):
+                code = self._fault(request)
+                if not code:
+                    topics = tuple(BY_UID[uid] for uid in uids)
+                    self.packages[number] = Package(number, rate_hz, with_timestamp, topics)
+            case RemovePackage(number):
+                code = 0 if self.packages.pop(number, None) else _UNKNOWN
+            case ResetPackages():
+                self.packages.clear()
+        return code
 
     def _fault(self, request: AddPackage) -> int:
         """Return the code of why a package is refused, 0 if it is accepted."""
         known = {topic.uid for topic in TOPICS if topic.name in TOLD_TOPICS}
         topics = tuple(BY_UID[uid] for uid in request.uids if uid in known)
-        taken = {topic.uid for package in self.packages for topic in package.topics}
+        taken = {topic.uid for package in self.packages.values() for topic in package.topics}
         made = Package(request.id, request.rate_hz, request.with_timestamp, topics)
         slowest_hz = min((topic.max_hz or _ANY_HZ for topic in topics), default=0)
         faults = {
             _ID: request.id not in PACKAGE_IDS,
-            _EXISTS: self.packages.get(request.id) is not None,
+            _EXISTS: request.id in self.packages,
             _EMPTY: not request.uids,
             _UID: len(topics) < len(request.uids),
             _TOPIC_TAKEN: taken.intersection(request.uids)

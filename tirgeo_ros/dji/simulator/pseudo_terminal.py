@@ -37,11 +37,6 @@ class PseudoTerminal:
         self.plug()
 
     @property
-    def is_plugged(self) -> bool:
-        """Return whether the port exists."""
-        return self._master is not None
-
-    @property
     def is_open(self) -> bool:
         """Return whether somebody has the port open."""
         if self._master is None:

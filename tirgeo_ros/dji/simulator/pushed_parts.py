@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
@@ -16,16 +16,15 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     Device,
     Gimbal,
     GimbalAngles,
+    Gps,
     GpsFused,
     GpsPosition,
     HardSync,
-    Quaternion,
     Rc,
     RelativePosition,
     RtkPosition,
     Status,
     Time,
-    Vector,
 )
 from tirgeo_ros.dji.simulator.satellites import Satellites
 
@@ -90,17 +89,20 @@ def between(before: ImuSample, after: ImuSample, stamp_ns: int) -> ImuSample:
     )
 
 
-def broadcast_of(instant: Instant, layout: Layout, wanted: Callable[[int], bool]) -> Broadcast:
-    """Return the broadcast of an instant; ``wanted`` tells whether a bit of the mask is due."""
+_Make = Callable[[Instant], Any]
+
+
+def broadcast_of(instant: Instant, layout: Layout, due: Collection[int]) -> Broadcast:
+    """Return the broadcast of an instant with the parts whose bits of the mask are due."""
     modern = layout is Layout.MODERN
     found = {
         name: make(instant)
         for bit, name, make in _PARTS
-        if wanted(bit) and (modern or name not in {"relative_position", "compass"})
+        if bit in due and (modern or name not in {"relative_position", "compass"})
     }
-    if modern:
-        return Broadcast(layout, **found)
-    return Broadcast(layout, **{name: _old(part) for name, part in found.items()})
+    if not modern:
+        found = {name: _old(part) for name, part in found.items()}
+    return Broadcast(layout, **found)
 
 
 def _old(part: Any) -> Any:
@@ -111,7 +113,7 @@ def _old(part: Any) -> Any:
         return Status(part.flight)
     if isinstance(part, Battery):
         return Battery(None, None, None, part.percentage)
-    return part._replace(detail=None) if hasattr(part, "detail") else part
+    return part._replace(detail=None) if isinstance(part, Gps) else part
 
 
 def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | None:
@@ -120,56 +122,27 @@ def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | N
     return None if any(value is None for value in found.values()) else found
 
 
-def _time(i: Instant) -> Time:
-    return Time(i.time.ms, i.time.rest_ns, i.time.ticks, 0, 0)
+def _numbers(v: Array | None) -> Any:
+    """Return a vector or quaternion as a tuple."""
+    return None if v is None else tuple(v.tolist())
 
 
-def _quaternion(i: Instant) -> Quaternion | None:
+def _quaternion(i: Instant) -> Any:
+    return _numbers(i.imu.autopilot_q_nb)
+
+
+def _force_g(i: Instant) -> Any:
+    return _numbers(i.imu.specific_force_b / G_M_S2)
+
+
+def _rate(i: Instant) -> Any:
+    return _numbers(i.imu.angular_rate_b)
+
+
+def _over_ground(i: Instant, v_b: Array, up: int) -> Any:
+    """Return a vector over ground, its third axis down (``up`` = 1) or up (-1)."""
     q = i.imu.autopilot_q_nb
-    return None if q is None else _four(q)
-
-
-def _four(q: Array) -> Quaternion:
-    w, x, y, z = q.tolist()
-    return w, x, y, z
-
-
-def _three(v: Array) -> Vector:
-    x, y, z = v.tolist()
-    return x, y, z
-
-
-def _force_g(i: Instant) -> Vector:
-    return _three(i.imu.specific_force_b / G_M_S2)
-
-
-def _force(i: Instant) -> Vector:
-    return _three(i.imu.specific_force_b)
-
-
-def _force_up(i: Instant) -> Vector:
-    x, y, z = _force(i)
-    return x, y, -z
-
-
-def _force_over_ground(i: Instant) -> Vector | None:
-    return _over_ground(i, i.imu.specific_force_b, up=True)
-
-
-def _rate(i: Instant) -> Vector:
-    return _three(i.imu.angular_rate_b)
-
-
-def _rate_over_ground(i: Instant) -> Vector | None:
-    return _over_ground(i, i.imu.angular_rate_b, up=False)
-
-
-def _over_ground(i: Instant, v_b: Array, *, up: bool) -> Vector | None:
-    q = i.imu.autopilot_q_nb
-    if q is None:
-        return None
-    north, east, down = _three(matrix_from_quat(q) @ v_b)
-    return north, east, -down if up else down
+    return None if q is None else _numbers(matrix_from_quat(q) @ v_b * (1, 1, up))
 
 
 def _hard_sync(i: Instant) -> HardSync | None:
@@ -193,43 +166,32 @@ def _gps_fused(i: Instant) -> GpsFused:
     return GpsFused(place.lon_rad, place.lat_rad, place.altitude_m, detail.nsv if detail else 0)
 
 
-def _gps_position(i: Instant) -> GpsPosition:
-    gps = i.satellites.gps(i.now_ns)
-    return GpsPosition(gps.lon_1e7, gps.lat_1e7, gps.hfsl_mm)
-
-
-def _rtk_position(i: Instant) -> RtkPosition:
-    rtk = i.satellites.rtk(i.now_ns)
-    return RtkPosition(rtk.lon_deg, rtk.lat_deg, rtk.hfsl_m)
-
-
-def _rtk(name: str) -> Callable[[Instant], Any]:
-    return lambda i: getattr(i.satellites.rtk(i.now_ns), name)
-
-
-def _gps(name: str) -> Callable[[Instant], Any]:
-    return lambda i: getattr(i.satellites.gps(i.now_ns), name)
-
-
-def _place(name: str) -> Callable[[Instant], Any]:
-    return lambda i: getattr(i.satellites.position(i.now_ns), name)
-
-
 def _always(value: Any) -> Callable[[Instant], Any]:
     return lambda _: value
 
 
+def _received(part: str, *names: str, make: Callable[..., Any] | None = None) -> _Make:
+    """Return what reads a receiver's part: the whole, a field, or what ``make`` makes of some."""
+
+    def read(i: Instant) -> Any:
+        whole = getattr(i.satellites, part)(i.now_ns)
+        fields = [getattr(whole, name) for name in names]
+        return make(*fields) if make else fields[0] if fields else whole
+
+    return read
+
+
 #: Bit of the mask, name in ``Broadcast``, and how the part is made.
-_PARTS: tuple[tuple[int, str, Callable[[Instant], Any]], ...] = (
-    (0, "time", _time),
+_PARTS: tuple[tuple[int, str, _Make], ...] = (
+    (0, "time", lambda i: Time(i.time.ms, i.time.rest_ns, i.time.ticks, 0, 0)),
     (1, "quaternion_wxyz", _quaternion),
     (2, "acceleration_as_packed", _force_g),
-    (3, "velocity", lambda i: i.satellites.velocity(i.now_ns)),
+    (3, "velocity", _received("velocity")),
     (4, "angular_rate_radps", _rate),
-    (5, "position", lambda i: i.satellites.position(i.now_ns)),
+    (5, "position", _received("position")),
     (5, "relative_position", _always(_NOTHING_NEAR)),
-    (6, "gps", lambda i: i.satellites.gps(i.now_ns)),
-    (7, "rtk", lambda i: i.satellites.rtk(i.now_ns)),
+    (6, "gps", _received("gps")),
+    (7, "rtk", _received("rtk")),
     (8, "mag", _always(_MAG)),
     (9, "rc", _always(_RC)),
     (10, "gimbal", lambda i: i.gimbal),
@@ -239,28 +201,28 @@ _PARTS: tuple[tuple[int, str, Callable[[Instant], Any]], ...] = (
     (14, "compass", _always(0)),
 )
 
-_TOPICS: Mapping[str, Callable[[Instant], Any]] = {
+_TOPICS: dict[str, _Make] = {
     "QUATERNION": _quaternion,
-    "ACCELERATION_GROUND": _force_over_ground,
-    "ACCELERATION_BODY": _force_up,
-    "ACCELERATION_RAW": _force,
-    "VELOCITY": lambda i: i.satellites.velocity(i.now_ns),
-    "ANGULAR_RATE_FUSIONED": _rate_over_ground,
+    "ACCELERATION_GROUND": lambda i: _over_ground(i, i.imu.specific_force_b, -1),
+    "ACCELERATION_BODY": lambda i: _numbers(i.imu.specific_force_b * (1, 1, -1)),
+    "ACCELERATION_RAW": lambda i: _numbers(i.imu.specific_force_b),
+    "VELOCITY": _received("velocity"),
+    "ANGULAR_RATE_FUSIONED": lambda i: _over_ground(i, i.imu.angular_rate_b, 1),
     "ANGULAR_RATE_RAW": _rate,
-    "ALTITUDE_FUSIONED": _place("altitude_m"),
-    "ALTITUDE_BAROMETER": _place("altitude_m"),
-    "HEIGHT_FUSION": _place("height_m"),
+    "ALTITUDE_FUSIONED": _received("position", "altitude_m"),
+    "ALTITUDE_BAROMETER": _received("position", "altitude_m"),
+    "HEIGHT_FUSION": _received("position", "height_m"),
     "GPS_FUSED": _gps_fused,
-    "GPS_DATE": _gps("date"),
-    "GPS_TIME": _gps("time"),
-    "GPS_POSITION": _gps_position,
-    "GPS_VELOCITY": _gps("vel_ned_cmps"),
-    "GPS_DETAILS": _gps("detail"),
-    "RTK_POSITION": _rtk_position,
-    "RTK_VELOCITY": _rtk("vel_cmps"),
-    "RTK_YAW": _rtk("yaw_deg"),
-    "RTK_POSITION_INFO": _rtk("pos_flag"),
-    "RTK_YAW_INFO": _rtk("yaw_flag"),
+    "GPS_DATE": _received("gps", "date"),
+    "GPS_TIME": _received("gps", "time"),
+    "GPS_POSITION": _received("gps", "lon_1e7", "lat_1e7", "hfsl_mm", make=GpsPosition),
+    "GPS_VELOCITY": _received("gps", "vel_ned_cmps"),
+    "GPS_DETAILS": _received("gps", "detail"),
+    "RTK_POSITION": _received("rtk", "lon_deg", "lat_deg", "hfsl_m", make=RtkPosition),
+    "RTK_VELOCITY": _received("rtk", "vel_cmps"),
+    "RTK_YAW": _received("rtk", "yaw_deg"),
+    "RTK_POSITION_INFO": _received("rtk", "pos_flag"),
+    "RTK_YAW_INFO": _received("rtk", "yaw_flag"),
     "COMPASS": _always(_MAG),
     "RC": _always(_RC),
     "GIMBAL_ANGLES": _gimbal_angles,

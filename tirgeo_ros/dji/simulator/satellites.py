@@ -20,7 +20,7 @@ from tirgeo_ros.dji.interpret.antenna_baseline import baseline_deg
 from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, Position, Rtk, Vector, Velocity
 
 SatelliteSample = PositionSample | VelocitySample | HeadingSample
-S = TypeVar("S", bound=SatelliteSample)
+S = TypeVar("S", PositionSample, VelocitySample)
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 POSITION_FLAGS: Mapping[FixStatus, int] = {
@@ -41,7 +41,10 @@ _GOOD_HEALTH = 5
 
 
 class Satellites:
-    """Hold the newest data of each receiver, and return it in the units of the messages."""
+    """Hold the newest data of each receiver, and return it in the units of the messages.
+
+    Where a receiver is silent, its data has the flags of no solution, and zeros.
+    """
 
     def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
         self._undulation_m = config.geoid_undulation_m
@@ -63,25 +66,22 @@ class Satellites:
             self._positions[sample.source] = sample
 
     def rtk(self, now_ns: int) -> Rtk:
-        """Return the RTK data; flags of no solution, and zeros, where the receiver is silent."""
-        position = _recent(self._positions.get(Source.RTK_POSITION), now_ns)
-        heading = _recent(self._heading, now_ns)
-        lon_deg, lat_deg, height_m = self._degrees(position)
+        """Return the RTK data."""
+        position = _recent(now_ns, self._positions, Source.RTK_POSITION)
+        silent = self._heading is None or now_ns - self._heading.stamp_ns > _SILENT_NS
         return Rtk(
             *_date_and_time(now_ns if position is None else position.stamp_ns),
-            lon_deg,
-            lat_deg,
-            height_m,
-            _cm_s(_recent(self._velocities.get(Source.RTK_VELOCITY), now_ns)),
-            0 if heading is None else self._baseline_yaw_deg(heading),
+            *self._degrees(position),
+            _cm_s(_recent(now_ns, self._velocities, Source.RTK_VELOCITY)),
+            0 if silent or self._heading is None else self._baseline_yaw_deg(self._heading),
             0 if position is None else POSITION_FLAGS[position.status],
-            0 if heading is None else _YAW_FIXED,
+            0 if silent else _YAW_FIXED,
         )
 
     def gps(self, now_ns: int) -> Gps:
-        """Return the ordinary receiver's data; no fix, and zeros, where it is silent."""
-        position = _recent(self._positions.get(Source.GPS_POSITION), now_ns)
-        velocity = _recent(self._velocities.get(Source.GPS_VELOCITY), now_ns)
+        """Return the ordinary receiver's data."""
+        position = _recent(now_ns, self._positions, Source.GPS_POSITION)
+        velocity = _recent(now_ns, self._velocities, Source.GPS_VELOCITY)
         lon_deg, lat_deg, height_m = self._degrees(position)
         return Gps(
             *_date_and_time(now_ns if position is None else position.stamp_ns),
@@ -94,9 +94,7 @@ class Satellites:
 
     def position(self, now_ns: int) -> Position:
         """Return the fused position: the receiver's, heights above the sea and the start."""
-        sources = (Source.RTK_POSITION, Source.GPS_POSITION)
-        found = [_recent(self._positions.get(source), now_ns) for source in sources]
-        best = next((sample for sample in found if sample is not None), None)
+        best = _recent(now_ns, self._positions, Source.RTK_POSITION, Source.GPS_POSITION)
         if best is None:
             return Position(0.0, 0.0, 0.0, 0.0, 0)
         height_m = best.height_m - self._undulation_m
@@ -106,9 +104,7 @@ class Satellites:
 
     def velocity(self, now_ns: int) -> Velocity:
         """Return the fused velocity: the receiver's, north, east, up (m/s)."""
-        sources = (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
-        found = [_recent(self._velocities.get(source), now_ns) for source in sources]
-        best = next((sample for sample in found if sample is not None), None)
+        best = _recent(now_ns, self._velocities, Source.RTK_VELOCITY, Source.GPS_VELOCITY)
         if best is None:
             return Velocity((0.0, 0.0, 0.0), 0)
         north, east, down = best.velocity_n.tolist()
@@ -155,8 +151,10 @@ class Satellites:
         )
 
 
-def _recent(sample: S | None, now_ns: int) -> S | None:
-    return None if sample is None or now_ns - sample.stamp_ns > _SILENT_NS else sample
+def _recent(now_ns: int, samples: Mapping[Source, S], *sources: Source) -> S | None:
+    """Return the sample of the first of these sources that is not silent."""
+    found = (samples[source] for source in sources if source in samples)
+    return next((sample for sample in found if now_ns - sample.stamp_ns <= _SILENT_NS), None)
 
 
 def _cm_s(velocity: VelocitySample | None) -> Vector:

@@ -8,10 +8,11 @@ does no harm.
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.sources import psdk_messages as psdk
-from tirgeo_ros.dji.sources.readings import GpsReading, Quaternion, Reading, RtkReading, Vector
+from tirgeo_ros.dji.sources.psdk_messages import READERS
+from tirgeo_ros.dji.sources.readings import Reading, RtkReading
 from tirgeo_ros.dji.sources.rtk_flag_pairing import EpochFlags
 
 _SECOND_NS = 1_000_000_000
@@ -28,20 +29,59 @@ _SLOW_GIMBAL = (
 )
 
 
-class PsdkDecoder:
-    """Provide a method for each topic: its values, its header's stamp (0: none), its arrival.
+#: Topics of a fused value -> the receiver's own, in whose place it stands.
+_FUSED = {"gps_position_fused": "gps_position", "velocity_ground_fused": "gps_velocity"}
+_FLAGS = {"rtk_position_info": "position_flag", "rtk_yaw_info": "yaw_flag"}
+#: The flag that each of RTK's values waits for; the velocity's is the position's.
+_FLAG_OF = {
+    "rtk_position": "position_flag",
+    "rtk_velocity": "position_flag",
+    "rtk_yaw": "yaw_flag",
+}
 
-    Each returns the readings that are complete; ``due`` must be called for those that wait. Stamps
-    and arrivals are of one clock.
+
+class PsdkDecoder:
+    """Convert the topics' values to readings, which have the stamp of the header.
+
+    ``take`` and ``due`` return the readings that are complete; ``due`` must be called for those
+    that wait. Stamps and arrivals are of one clock.
     """
 
     def __init__(self) -> None:
-        self._imu, self._attitude, self._gimbal = SteadyStamps(), SteadyStamps(), SteadyStamps()
-        self._positions, self._yaws = EpochFlags("position_flag"), EpochFlags("yaw_flag")
-        self._fused_place, self._fused_velocity = _StandIn(), _StandIn()
+        self._steady = {topic: SteadyStamps() for topic in ("imu", "attitude", "gimbal_angles")}
+        self._pairs = {name: EpochFlags(name) for name in ("position_flag", "yaw_flag")}
+        self._stand_ins = {own: _StandIn() for own in _FUSED.values()}
         self._gimbal_ns: int | None = None  # the newest stamp
         self._gimbal_step_ns = 0.0  # interval between two stamps, smoothed
         self._counts: Counter[str] = Counter()
+
+    def take(self, topic: str, values: Any, stamp_ns: int, arrival_ns: int) -> list[Reading]:
+        """Take a message: its values, its header's stamp (0: none) and its arrival.
+
+        ``values`` by ``topic``: ``attitude`` a quaternion wxyz; ``imu`` that, rate (rad/s) and
+        specific force; ``gimbal_angles`` rad; positions latitude, longitude (deg), height above
+        the sea (m); velocities m/s; ``gps_details`` fix and (horizontal, vertical (mm), speed
+        (cm/s)) accuracy; ``rtk_yaw`` the uint16; ``rtk_..._info`` the flag, without a header.
+        """
+        if topic in _FLAGS:
+            return [*self._pairs[_FLAGS[topic]].flag(values, arrival_ns)]
+        if topic in self._stand_ins:
+            self._stand_ins[topic].own_came(arrival_ns)
+        if topic in _FUSED:
+            if not self._stand_ins[_FUSED[topic]].is_wanted(arrival_ns):
+                return []
+            self._counts["fused"] += 1
+        if not stamp_ns:
+            self._counts["unstamped"] += 1
+            stamp_ns = arrival_ns
+        if topic == "gimbal_angles":
+            self._note_gimbal(stamp_ns)
+        if topic in self._steady:
+            stamp_ns = self._steady[topic].stamp_ns(stamp_ns)
+        reading = READERS[topic](stamp_ns, values)
+        if isinstance(reading, RtkReading):
+            return [*self._pairs[_FLAG_OF[topic]].value(topic, reading, arrival_ns)]
+        return [reading]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -50,7 +90,7 @@ class PsdkDecoder:
         ``unstamped``: messages without a stamp; ``fused``: fused values in place of the GPS's;
         ``rtk_..._alone``: values of RTK whose own flag did not come.
         """
-        alone = self._positions.alone + self._yaws.alone
+        alone = sum((pairs.alone for pairs in self._pairs.values()), Counter())
         return dict(self._counts) | {f"{topic}_alone": number for topic, number in alone.items()}
 
     @property
@@ -60,90 +100,7 @@ class PsdkDecoder:
 
     def due(self, now_ns: int) -> list[Reading]:
         """Return the readings that have waited long enough; to be called every 10 ms."""
-        return [*self._positions.due(now_ns), *self._yaws.due(now_ns)]
-
-    def on_attitude(self, q_wxyz: Quaternion, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``attitude``: FLU to ENU."""
-        stamp_ns = self._attitude.stamp_ns(self._stamp(stamp_ns, arrival_ns))
-        return [psdk.attitude(stamp_ns, q_wxyz)]
-
-    def on_imu(
-        self, values: tuple[Quaternion, Vector, Vector], stamp_ns: int, arrival_ns: int
-    ) -> list[Reading]:
-        """Take ``imu``: attitude, rate (rad/s), specific force."""
-        stamp_ns = self._imu.stamp_ns(self._stamp(stamp_ns, arrival_ns))
-        return [psdk.imu(stamp_ns, *values)]
-
-    def on_gimbal_angles(self, xyz_rad: Vector, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``gimbal_angles`` (rad)."""
-        stamp_ns = self._stamp(stamp_ns, arrival_ns)
-        self._note_gimbal(stamp_ns)
-        return [psdk.gimbal(self._gimbal.stamp_ns(stamp_ns), xyz_rad)]
-
-    def on_gps_position(self, values: Vector, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``gps_position``: latitude, longitude (deg), height above the sea (m)."""
-        self._fused_place.own_came(arrival_ns)
-        return [GpsReading(self._stamp(stamp_ns, arrival_ns), psdk.place(values))]
-
-    def on_gps_velocity(self, ned_m_s: Vector, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``gps_velocity`` (NED, m/s)."""
-        self._fused_velocity.own_came(arrival_ns)
-        return [GpsReading(self._stamp(stamp_ns, arrival_ns), velocity_n=ned_m_s)]
-
-    def on_gps_details(
-        self, values: tuple[float, Vector], stamp_ns: int, arrival_ns: int
-    ) -> list[Reading]:
-        """Take ``gps_details``: fix; horizontal and vertical (mm) and speed accuracy (cm/s)."""
-        return [psdk.gps_details(self._stamp(stamp_ns, arrival_ns), *values)]
-
-    def on_gps_position_fused(
-        self, values: Vector, stamp_ns: int, arrival_ns: int
-    ) -> list[Reading]:
-        """Take ``gps_position_fused``, the replacement of ``gps_position``."""
-        if not self._fused_place.is_wanted(arrival_ns):
-            return []
-        self._counts["fused"] += 1
-        return [psdk.fused_position(self._stamp(stamp_ns, arrival_ns), values)]
-
-    def on_velocity_ground_fused(
-        self, enu_m_s: Vector, stamp_ns: int, arrival_ns: int
-    ) -> list[Reading]:
-        """Take ``velocity_ground_fused``, the replacement of ``gps_velocity``."""
-        if not self._fused_velocity.is_wanted(arrival_ns):
-            return []
-        self._counts["fused"] += 1
-        stamp_ns = self._stamp(stamp_ns, arrival_ns)
-        return [GpsReading(stamp_ns, velocity_n=psdk.velocity_enu(enu_m_s))]
-
-    def on_rtk_position(self, values: Vector, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``rtk_position`` as ``gps_position``; it waits for its flag."""
-        reading = RtkReading(self._stamp(stamp_ns, arrival_ns), place=psdk.place(values))
-        return [*self._positions.value("rtk_position", reading, arrival_ns)]
-
-    def on_rtk_velocity(self, ned_m_s: Vector, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``rtk_velocity``; it waits for its flag, which is the position's."""
-        reading = RtkReading(self._stamp(stamp_ns, arrival_ns), velocity_n=ned_m_s)
-        return [*self._positions.value("rtk_velocity", reading, arrival_ns)]
-
-    def on_rtk_yaw(self, yaw: int, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take ``rtk_yaw``: the uint16; it waits for its flag."""
-        yaw_deg = psdk.baseline_yaw_deg(yaw)
-        reading = RtkReading(self._stamp(stamp_ns, arrival_ns), yaw_deg=yaw_deg)
-        return [*self._yaws.value("rtk_yaw", reading, arrival_ns)]
-
-    def on_rtk_position_info(self, flag: int, arrival_ns: int) -> list[Reading]:
-        """Take ``rtk_position_info``, which has no header."""
-        return [*self._positions.flag(flag, arrival_ns)]
-
-    def on_rtk_yaw_info(self, flag: int, arrival_ns: int) -> list[Reading]:
-        """Take ``rtk_yaw_info``, which has no header."""
-        return [*self._yaws.flag(flag, arrival_ns)]
-
-    def _stamp(self, stamp_ns: int, arrival_ns: int) -> int:
-        if stamp_ns:
-            return stamp_ns
-        self._counts["unstamped"] += 1
-        return arrival_ns
+        return [reading for pairs in self._pairs.values() for reading in pairs.due(now_ns)]
 
     def _note_gimbal(self, stamp_ns: int) -> None:
         if self._gimbal_ns is not None and stamp_ns > self._gimbal_ns:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
+from typing import Any
 
 from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.dji.sources.readings import (
@@ -21,6 +23,8 @@ from tirgeo_ros.dji.sources.readings import (
     ImuOrigin,
     ImuReading,
     Quaternion,
+    Reading,
+    RtkReading,
     Vector,
 )
 
@@ -75,15 +79,6 @@ def fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
     return GpsReading(stamp_ns, where, vertical_sigma_m=_FUSED_HEIGHT_SIGMA_M)
 
 
-def velocity_enu(velocity_m_s: Vector) -> Vector:
-    """Convert ``velocity_ground_fused``, which is ENU as its frame says, to NED.
-
-    ``gps_velocity`` and ``rtk_velocity`` are NED already, whatever their frames say.
-    """
-    east, north, up = velocity_m_s
-    return north, east, -up
-
-
 def baseline_yaw_deg(yaw: int) -> int:
     """Convert ``rtk_yaw``: an int16 that comes as uint16."""
     return yaw - 0x10000 if yaw >= 0x8000 else yaw
@@ -99,3 +94,26 @@ def gps_details(stamp_ns: int, fix: float, accuracies: Vector) -> GpsReading:
         vertical_sigma_m=vertical_mm * 1e-3,
         velocity_sigma_m_s=speed_cm_s * 1e-2,
     )
+
+
+def _fused_velocity(stamp_ns: int, enu_m_s: Vector) -> GpsReading:
+    """Convert ``velocity_ground_fused``, which is ENU as its frame says."""
+    east, north, up = enu_m_s
+    return GpsReading(stamp_ns, velocity_n=(north, east, -up))
+
+
+#: How the values of a topic become a reading with this stamp. ``gps_velocity`` and
+#: ``rtk_velocity`` are NED, whatever their frames say.
+READERS: dict[str, Callable[[int, Any], Reading]] = {
+    "attitude": attitude,
+    "imu": lambda stamp_ns, values: imu(stamp_ns, *values),
+    "gimbal_angles": gimbal,
+    "gps_position": lambda stamp_ns, values: GpsReading(stamp_ns, place(values)),
+    "gps_velocity": lambda stamp_ns, ned_m_s: GpsReading(stamp_ns, velocity_n=ned_m_s),
+    "gps_details": lambda stamp_ns, values: gps_details(stamp_ns, *values),
+    "gps_position_fused": fused_position,
+    "velocity_ground_fused": _fused_velocity,
+    "rtk_position": lambda stamp_ns, values: RtkReading(stamp_ns, place=place(values)),
+    "rtk_velocity": lambda stamp_ns, ned_m_s: RtkReading(stamp_ns, velocity_n=ned_m_s),
+    "rtk_yaw": lambda stamp_ns, yaw: RtkReading(stamp_ns, yaw_deg=baseline_yaw_deg(yaw)),
+}

@@ -12,18 +12,23 @@ aircraft sent it is a parameter (``rtk.delay_s``, ``delay``), which the interpre
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from functools import cache
 from itertools import pairwise
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.sources import ros1_messages
-from tirgeo_ros.dji.sources import ros1_messages_old as ros1_older
 from tirgeo_ros.dji.sources.readings import ImuReading, Reading, RtkReading
-from tirgeo_ros.dji.sources.ros1_rtk_epochs import RtkEpochs
-from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags, StampSurvey
+from tirgeo_ros.dji.sources.ros1_messages import (
+    ACCELERATION,
+    FUSED_HEIGHT_SIGMA_M,
+    READERS,
+    OlderImu,
+)
+from tirgeo_ros.dji.sources.ros1_rtk_epochs import Arrived, RtkEpochs
+from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags, clock_shift_ns
 
 #: The possible names of the wrapper's node.
 WRAPPERS = ("dji_sdk", "dji_osdk_ros")
@@ -37,17 +42,9 @@ _WRAPPER_GRAVITY, _TWICE_M_S2 = 9.801, 50.0
 #: are off by a fifth, and lost messages are few.
 _BURST_SHARE, _BURST_NUMBER = 0.5, 20
 
-_READERS: dict[tuple[str, str], Callable[[Any, int], Reading]] = {
-    (name, typename): read
-    for table in (ros1_messages.TOPICS, ros1_older.TOPICS)
-    for name, (typename, read) in table.items()
-}
-_TYPES: dict[str, tuple[str, ...]] = {
-    name: tuple(
-        typename for topic, typename in [*_READERS, ros1_older.ACCELERATION] if topic == name
-    )
-    for name in [*ros1_messages.TOPICS, *ros1_older.TOPICS, ros1_older.ACCELERATION[0]]
-}
+#: Number of stamps that decides of which clock they are.
+_SURVEYED = 400
+
 #: What each topic becomes.
 FEEDS: dict[str, tuple[str, ...]] = {
     "imu": ("imu/data",),
@@ -78,19 +75,10 @@ _RECEIVER, _FUSED = "A3_GPS", {"global_position", "velocity"}
 _BAROMETRIC = {"gps_position", "global_position"}
 
 
-class Arrived(NamedTuple):
-    """Hold a reading and the time when its message was recorded."""
-
-    arrival_ns: int
-    reading: Reading
-
-
+@cache
 def types_of(name: str) -> tuple[str, ...]:
-    """Return the types that a topic may have, by its name in the wrapper.
-
-    The tuple is empty if the topic is not read.
-    """
-    return _TYPES.get(name, ())
+    """Return the types that a topic may have, by its name in the wrapper; none if not read."""
+    return tuple(typename for topic, typename in (*READERS, ACCELERATION) if topic == name)
 
 
 def used(names: Collection[str]) -> set[str]:
@@ -99,7 +87,7 @@ def used(names: Collection[str]) -> set[str]:
     If the receiver's own position is present, the fused one is not read. The newer wrapper's
     ``velocity`` is the only one that it has; it has no ``A3_GPS``.
     """
-    known = {name for name in names if name in _TYPES}
+    known = {name for name in names if name in FEEDS}
     return known - _FUSED if _RECEIVER in known else known
 
 
@@ -107,8 +95,8 @@ def notes_of(name: str) -> list[str]:
     """Return notes for people on values of a topic that are easily misunderstood."""
     if name not in _BAROMETRIC:
         return []
-    sigma_m = f"{ros1_messages.FUSED_HEIGHT_SIGMA_M:g} m"
     told = "its height is a barometer's and its accuracy is not told"
+    sigma_m = f"{FUSED_HEIGHT_SIGMA_M:g} m"
     return [f"{name}: {told}: gps/fix has a standard deviation of {sigma_m} in height"]
 
 
@@ -124,20 +112,22 @@ class Ros1Survey:
     """Find a bag's ``Ros1Setup`` from its first messages, however many."""
 
     def __init__(self) -> None:
-        self._stamps = StampSurvey()
+        self._lags_ns: list[int] = []
         self._forces_m_s2: list[float] = []
         self._imu_ns: list[int] = []
 
     @property
     def is_full(self) -> bool:
         """Return whether it has seen enough."""
-        return self._stamps.is_full
+        return len(self._lags_ns) >= _SURVEYED
 
     def add(self, name: str, message: Any, record_ns: int) -> None:
         """Take a message of one of the wrapper's topics."""
-        self._stamps.add(_header_ns(message), record_ns)
+        stamp_ns = _header_ns(message)
+        if stamp_ns:
+            self._lags_ns.append(record_ns - stamp_ns)
         if name == "imu":
-            self._imu_ns.append(_header_ns(message))
+            self._imu_ns.append(stamp_ns)
             force = message.linear_acceleration
             self._forces_m_s2.append(math.hypot(force.x, force.y, force.z))
 
@@ -147,7 +137,7 @@ class Ros1Survey:
         sizes = [size for size in self._forces_m_s2 if math.isfinite(size)]
         twice = bool(sizes) and median(sizes) > _TWICE_M_S2
         gravity = _WRAPPER_GRAVITY if twice else 1.0
-        return Ros1Setup(self._stamps.shift_ns, gravity, self._has_bursts)
+        return Ros1Setup(clock_shift_ns(self._lags_ns), gravity, self._has_bursts)
 
     @property
     def _has_bursts(self) -> bool:
@@ -166,7 +156,7 @@ class Ros1Decoder:
     def __init__(self, setup: Ros1Setup = Ros1Setup()) -> None:  # noqa: B008  immutable
         self._setup = setup
         self._epochs = RtkEpochs()
-        self._older = ros1_older.OlderImu()
+        self._older = OlderImu()
         self._lags = StampLags()
         self._steady = SteadyStamps() if setup.bursts else None
 
@@ -186,17 +176,17 @@ class Ros1Decoder:
             given = self._read(name, typename, message, stamp_ns)
         except AttributeError as error:
             raise MessageError(f"its definition has no {error.name}") from None
-        found = [Arrived(*epoch) for epoch in self._epochs.due(arrival_ns)]
+        found = self._epochs.due(arrival_ns)
         for reading in given:
             if isinstance(reading, RtkReading):
-                found += [Arrived(*epoch) for epoch in self._epochs.take(reading, arrival_ns)]
+                found += self._epochs.take(reading, arrival_ns)
             else:
                 found.append(Arrived(arrival_ns, reading))
         return found
 
     def flush(self) -> list[Arrived]:
         """Return the readings that waited, at the end of a bag."""
-        return [Arrived(*epoch) for epoch in self._epochs.flush()]
+        return self._epochs.flush()
 
     @property
     def warnings(self) -> list[str]:
@@ -229,9 +219,9 @@ class Ros1Decoder:
         return stamp_ns
 
     def _read(self, name: str, typename: str, message: Any, stamp_ns: int) -> list[Reading]:
-        if (name, typename) == ros1_older.ACCELERATION:
+        if (name, typename) == ACCELERATION:
             return [*self._older.acceleration(message, stamp_ns)]
-        reading = _READERS[name, typename](message, stamp_ns)
+        reading = READERS[name, typename](message, stamp_ns)
         if name == "attitude_quaternion":
             return [reading, *self._older.attitude_quaternion(message, stamp_ns)]
         if isinstance(reading, ImuReading) and self._setup.gravity != 1.0:

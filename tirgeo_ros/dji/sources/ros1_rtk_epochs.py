@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from tirgeo_ros.dji.sources.readings import RtkReading
+from tirgeo_ros.dji.sources.readings import Reading, RtkReading
 
 #: Half of RTK's 200 ms: what comes later is nearer to the next epoch.
 _HALF_EPOCH_NS = 100_000_000
 
 
-class RtkEpoch(NamedTuple):
-    """Hold an epoch and the time when the last of its messages came."""
+class Arrived(NamedTuple):
+    """Hold a reading and the time when the last of its messages was recorded."""
 
     arrival_ns: int
-    reading: RtkReading
+    reading: Reading
 
 
 class RtkEpochs:
@@ -30,13 +30,10 @@ class RtkEpochs:
     """
 
     def __init__(self) -> None:
-        self._begun_ns = 0
-        self._arrival_ns = 0
+        self._begun_ns = self._arrival_ns = self._stamp_ns = 0
         self._parts: dict[str, Any] = {}
-        self._stamp_ns: int | None = None
-        self._stamped_by = ""
 
-    def take(self, part: RtkReading, arrival_ns: int) -> list[RtkEpoch]:
+    def take(self, part: RtkReading, arrival_ns: int) -> list[Arrived]:
         """Take the content of one message; return the epoch that it ends."""
         given = {name: value for name, value in part._asdict().items() if value is not None}
         stamp_ns = given.pop("stamp_ns")
@@ -51,15 +48,12 @@ class RtkEpochs:
         self._arrival_ns = arrival_ns
         return done
 
-    def due(self, now_ns: int) -> list[RtkEpoch]:
+    def due(self, now_ns: int) -> list[Arrived]:
         """Return the epoch, if nothing more of it can come."""
         over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
         return self.flush() if over else []
 
-    def flush(self) -> list[RtkEpoch]:
+    def flush(self) -> list[Arrived]:
         """Return the epoch as far as it has come."""
         parts, self._parts = self._parts, {}
-        if not parts or self._stamp_ns is None:
-            return []
-        reading = RtkReading(self._stamp_ns)._replace(**parts)
-        return [RtkEpoch(self._arrival_ns, reading)]
+        return [Arrived(self._arrival_ns, RtkReading(self._stamp_ns, **parts))] if parts else []

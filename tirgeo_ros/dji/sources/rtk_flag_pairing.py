@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any
 
 from tirgeo_ros.dji.sources.readings import RtkReading
 
@@ -36,8 +36,8 @@ class EpochFlags:
     times are of one clock; where it goes back, what waits is released.
     """
 
-    def __init__(self, name: Literal["position_flag", "yaw_flag"]) -> None:
-        """Take ``name``, the flag's field in RtkReading."""
+    def __init__(self, name: str) -> None:
+        """Take ``name``, the field in RtkReading: position_flag or yaw_flag."""
         self._name = name
         self._values: dict[str, Waiting] = {}  # by topic
         self._flags: deque[_Flag] = deque()
@@ -52,7 +52,9 @@ class EpochFlags:
     def flag(self, flag: int, arrival_ns: int) -> list[RtkReading]:
         """Take a flag; return what is complete now, or has waited long enough."""
         done = self.due(arrival_ns)
-        self._flags.append(_Flag(arrival_ns, self._with(RtkReading(arrival_ns), flag)))
+        number: dict[str, Any] = {self._name: flag}
+        reading = RtkReading(arrival_ns)._replace(**number)
+        self._flags.append(_Flag(arrival_ns, reading))
         return done + [reading for topic in self._values for reading in self._paired(topic)]
 
     def due(self, now_ns: int) -> list[RtkReading]:
@@ -72,14 +74,9 @@ class EpochFlags:
         for flag in self._flags:
             if values and topic not in flag.served:
                 flag.served.add(topic)
-                number = getattr(flag.reading, self._name)
-                done.append(self._with(values.popleft()[1], number))
+                number: dict[str, Any] = {self._name: getattr(flag.reading, self._name)}
+                done.append(values.popleft()[1]._replace(**number))
         return done
-
-    def _with(self, reading: RtkReading, flag: int) -> RtkReading:
-        if self._name == "yaw_flag":
-            return reading._replace(yaw_flag=flag)
-        return reading._replace(position_flag=flag)
 
 
 def _is_over(arrival_ns: int, now_ns: int) -> bool:

@@ -22,7 +22,7 @@ _BITS_A_BYTE = 10  # with start and stop
 
 
 class SerialDecoder:
-    """Convert the link's bytes to readings; ``due`` returns what the host has to send."""
+    """Convert the link's bytes to readings; ``host.due`` returns what is to be sent."""
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
         """Build the parsers; raise DjiError for an invalid key."""
@@ -33,9 +33,9 @@ class SerialDecoder:
         self._hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
         clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
         self._telemetry = Telemetry(clocks, packages)
-        self._host = HostSession(config.host, packages, key)
+        self.host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
-        self._locked = 0
+        self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
 
     def take(
@@ -52,7 +52,7 @@ class SerialDecoder:
         """
         if data:
             self._heard_s = now_s
-            first_ns = arrival_ns - gathered_ns - self.bytes * self._byte_ns
+            first_ns = arrival_ns - gathered_ns - self.counts["bytes"] * self._byte_ns
             frames = self._frames.feed(data)
             ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
             arrivals = [min(end_ns, arrival_ns) for end_ns in ends]
@@ -69,7 +69,7 @@ class SerialDecoder:
         self._heard_s = None
         frames = self._frames.rescan()
         readings = self._read(frames, [arrival_ns] * len(frames), now_s)
-        self._host.restart()
+        self.host.restart()
         return readings
 
     def _read(
@@ -77,34 +77,15 @@ class SerialDecoder:
     ) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
-            self._locked += _is_locked(frame)
-            self._host.take(frame, now_s)
+            self.locked += _is_locked(frame)
+            self.host.take(frame, now_s)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
 
-    def due(self, now_s: float) -> bytes:
-        """Return what is to be sent now; nothing where the node only listens."""
-        return self._host.due(now_s)
-
     @property
-    def bytes(self) -> int:
-        """Return how many bytes came in all."""
-        return self._frames.counts["bytes"]
-
-    @property
-    def frames(self) -> int:
-        """Return how many frames came in all."""
-        return self._frames.counts["frames"]
-
-    @property
-    def locked(self) -> int:
-        """Return how many frames were encrypted and not, or not rightly, decrypted."""
-        return self._locked
-
-    @property
-    def host_message(self) -> str:
-        """Return the host session's message for a person."""
-        return self._host.message
+    def counts(self) -> dict[str, int]:
+        """Return how many bytes and frames came, and of which kinds (``FrameReader.counts``)."""
+        return self._frames.counts
 
     @property
     def diagnostics(self) -> dict[str, str]:
@@ -118,7 +99,7 @@ class SerialDecoder:
         }
         for name, clock in clocks.items():
             found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
-        return found | self._host.diagnostics
+        return found | self.host.diagnostics
 
 
 def _is_locked(frame: ProtocolFrame) -> bool:

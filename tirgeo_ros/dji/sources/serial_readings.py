@@ -15,9 +15,17 @@ from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
 from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, GpsPosition, HardSync, Rtk
+from tirgeo_ros.dji.protocol.broadcast_parts import (
+    Gimbal,
+    GimbalAngles,
+    Gps,
+    GpsDetail,
+    GpsPosition,
+    HardSync,
+    Rtk,
+)
 from tirgeo_ros.dji.protocol.plausibility import doubtful
-from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
+from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,
@@ -53,7 +61,14 @@ class Clocks(NamedTuple):
 
 
 class Telemetry:
-    """Convert frames to readings; count what cannot be read."""
+    """Convert frames to readings; count what cannot be read.
+
+    Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
+    whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
+    as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
+    ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
+    GPS_POSITION with the latitude first.
+    """
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
         self._clocks = clocks
@@ -62,19 +77,7 @@ class Telemetry:
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
         # the aircraft's position, from fields whose order is certain
         self._known: GeodeticPlace | None = None
-        self._counts: Counter[str] = Counter()
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return the counts since the start.
-
-        ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts whose
-        length fits no layout; ``unknown_package``: pushes that do not fit their package, as far as
-        it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-        ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
-        GPS_POSITION with the latitude first.
-        """
-        return dict(self._counts)
+        self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
         """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
@@ -83,20 +86,20 @@ class Telemetry:
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
             return self._read_push(frame.value, arrival_ns)
         self._traffic.take(frame)
-        self._counts["other"] += 1
+        self.counts["other"] += 1
         return []
 
     def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
         parts = decode_broadcast(value)
         if parts is None:
-            self._counts["unknown_layout"] += 1
+            self.counts["unknown_layout"] += 1
             return []
-        self._counts["broadcast"] += 1
+        self.counts["broadcast"] += 1
         stamp_ns = arrival_ns
         if parts.time is not None:
             stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
         elif parts.mask:
-            self._counts["untimed"] += 1
+            self.counts["untimed"] += 1
         readings = _inertial(
             stamp_ns,
             ImuOrigin.BROADCAST,
@@ -109,19 +112,23 @@ class Telemetry:
             readings.append(_gps(stamp_ns, parts.gps))
         if parts.rtk is not None:
             readings.append(_rtk(stamp_ns, parts.rtk))
-        if parts.gimbal is not None:
-            angles = parts.gimbal
-            readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
-        return readings
+        return readings + _gimbal(stamp_ns, parts.gimbal)
 
     def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
         push = decode_push(value, self._packages)
         if push is None:
-            self._counts["unknown_package"] += 1
+            self.counts["unknown_package"] += 1
             return []
-        self._counts["subscription"] += 1
-        stamp_ns = self._sent_ns(push, arrival_ns)
-        values = self._plausible_values(push)
+        self.counts["subscription"] += 1
+        if push.time_ms is None:
+            steady = self._steady.setdefault(push.package.id, SteadyStamps())
+            stamp_ns = steady.stamp_ns(arrival_ns)
+        else:
+            stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
+        values = push.values
+        if implausible := doubtful(push):  # many of them where the package table is wrong
+            self.counts["implausible"] += 1
+            values = {name: value for name, value in values.items() if name not in implausible}
         readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
         readings += _inertial(
             stamp_ns,
@@ -132,26 +139,7 @@ class Telemetry:
         if (fused := values.get("GPS_FUSED")) is not None:
             self._known = GeodeticPlace(fused.lat_rad, fused.lon_rad, 0.0)
         readings += self._satellites(stamp_ns, values)
-        if (angles := values.get("GIMBAL_ANGLES")) is not None:
-            readings.append(_gimbal(stamp_ns, angles.roll_deg, angles.pitch_deg, angles.yaw_deg))
-        return readings
-
-    def _plausible_values(self, push: Push) -> dict[str, Any]:
-        """Return the plausible values of a push.
-
-        A wrong package table makes many of them implausible.
-        """
-        implausible = doubtful(push)
-        if not implausible:
-            return push.values
-        self._counts["implausible"] += 1
-        return {name: value for name, value in push.values.items() if name not in implausible}
-
-    def _sent_ns(self, push: Push, arrival_ns: int) -> int:
-        if push.time_ms is not None:
-            return self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
-        steady = self._steady.setdefault(push.package.id, SteadyStamps())
-        return steady.stamp_ns(arrival_ns)
+        return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
 
     def _hard_sync(self, tick: HardSync | None, arrival_ns: int) -> list[Reading]:
         if tick is None:
@@ -186,7 +174,7 @@ class Telemetry:
         """
         longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._is_swapped(latitude, longitude):
-            self._counts["axes_swapped"] += 1
+            self.counts["axes_swapped"] += 1
             latitude, longitude = longitude, latitude
         return GeodeticPlace(latitude, longitude, raw.z_raw * 1e-3)
 
@@ -208,9 +196,11 @@ def _inertial(
     return [] if q_nb is None else [AttitudeReading(stamp_ns, q_nb)]
 
 
-def _gimbal(stamp_ns: int, roll_deg: float, pitch_deg: float, yaw_deg: float) -> GimbalReading:
-    angles = (math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
-    return GimbalReading(stamp_ns, *angles)
+def _gimbal(stamp_ns: int, angles: Gimbal | GimbalAngles | None) -> list[Reading]:
+    if angles is None:
+        return []
+    degrees = angles.roll_deg, angles.pitch_deg, angles.yaw_deg
+    return [GimbalReading(stamp_ns, *map(math.radians, degrees))]
 
 
 def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
