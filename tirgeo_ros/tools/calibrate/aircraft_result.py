@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Collection, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,59 +29,27 @@ from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotv
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+from tirgeo_ros.tools.calibrate.estimates import PER_UNIT, head_lines
 
 _ALL, _EKF = "", "ekf_node"
 _UNITS = ("m",) * 3 + ("deg",) * 2 + ("ms",) * 3
-_PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
-_DIGITS = {"m": 3, "deg": 2, "ms": 1}
-#: Parameter of the nodes -> the estimated parameters that it is made of.
-_KEYS = {
-    "aircraft.rtk_antenna_m": PARAMETERS[ANTENNA],
-    "aircraft.second_antenna_m": PARAMETERS[DIRECTION],
-    "rtk.delay_s": PARAMETERS[5:6],
-    "rtk.velocity_delay_s": PARAMETERS[6:7],
-    "heading.delay_s": PARAMETERS[7:8],
-    "aircraft.imu_rpy_deg": LEVEL,
-}
 _LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
-class AircraftEstimate(NamedTuple):
-    """Hold one parameter, in its unit."""
+class AircraftResult(NamedTuple):
+    """Hold the result of a calibration."""
 
-    unit: str
-    before: float
-    found: float
-    sigma: float
-    left_out: float  # rms change when a sixth of the flight is left out
-
-
-@dataclass(frozen=True)
-class AircraftResult:
-    """Hold the full result of a calibration."""
-
-    estimates: dict[str, AircraftEstimate]
+    estimates: dict[str, dict[str, Any]]
     untold: dict[str, str]
     nis: dict[str, dict[str, float]]
     nodes: dict[str, dict[str, Value]]
     notes: list[str]
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the result as plain values for JSON."""
-        return {
-            "parameters": {name: one._asdict() for name, one in self.estimates.items()},
-            "not_told": self.untold,
-            "nis": self.nis,
-        }
-
 
 def summary(
     config: EkfConfig, found: AircraftFit, level: MountingLevel | None, hold: Collection[str]
 ) -> AircraftResult:
-    """Return the result of a fit.
-
-    ``level`` is None if the bag has no attitude of the autopilot.
-    """
+    """Return the result of a fit; ``level`` is None if the bag has no attitude."""
     estimates = {name: _estimate(found, PARAMETERS.index(name)) for name in found.told}
     untold = dict(found.untold)
     turn = np.zeros(3)
@@ -96,32 +63,35 @@ def summary(
     return AircraftResult(estimates, untold, nis, nodes, _notes(config, found))
 
 
-def _estimate(found: AircraftFit, k: int) -> AircraftEstimate:
-    unit = _UNITS[k]
-    numbers = found.first[k], found.values[k], found.sigma[k], found.left_out[k]
-    return AircraftEstimate(unit, *(float(x) * _PER_UNIT[unit] for x in numbers))
+def _estimate(found: AircraftFit, k: int) -> dict[str, Any]:
+    values = (found.first[k], found.values[k], found.sigma[k], found.left_out[k])
+    return _in_unit(_UNITS[k], values)
+
+
+def _in_unit(unit: str, values: Iterable[float]) -> dict[str, Any]:
+    numbers = [float(x) * PER_UNIT[unit] for x in values]
+    names = ("before", "found", "sigma", "left_out")
+    return {"unit": unit, **dict(zip(names, numbers, strict=True))}
 
 
 def _add_level(
-    level: MountingLevel | None, estimates: dict[str, AircraftEstimate], untold: dict[str, str]
+    level: MountingLevel | None, estimates: dict[str, dict[str, Any]], untold: dict[str, str]
 ) -> Array:
-    """Return the IMU's turn about x and y (2,), FRD, rad.
+    """Add the level to ``estimates`` or ``untold``; return the IMU's turn about x, y, FRD, rad.
 
     Zero where the flight does not determine it.
-    It adds to ``estimates`` and ``untold``.
     """
+    turn = np.zeros(2)
     if level is None:
         untold |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
-        return np.zeros(2)
-    turn = np.zeros(2)
+        return turn
     for k, (name, sign) in enumerate(zip(LEVEL, (1.0, -1.0), strict=True)):
         sigma = float(level.sigma_rad[k])
         if sigma > LEVEL_LIMIT_RAD:
             untold[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
-        numbers = sign * turn[k], sigma, float(level.left_out_rad[k])
-        estimates[name] = AircraftEstimate("deg", 0.0, *(math.degrees(x) for x in numbers))
+        estimates[name] = _in_unit("deg", (0.0, sign * turn[k], sigma, level.left_out_rad[k]))
     return turn
 
 
@@ -218,20 +188,10 @@ def parameter_text(bag_in: PathLike, result: AircraftResult) -> str:
 
     Its head lists their sigmas, and the parameters that the flight does not determine.
     """
-    lines = [f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}."]
-    lines += [_line(name, one) for name, one in result.estimates.items()]
-    for key, names in _KEYS.items():
-        for name in names:
-            if name in result.untold:
-                lines.append(f"{key}: {name} not told: {result.untold[name]}")
-    lines += result.notes
+    lines = [
+        f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}.",
+        *head_lines(result.estimates),
+        *(f"not told: {name}: {reason}" for name, reason in result.untold.items()),
+        *result.notes,
+    ]
     return parameters_yaml(result.nodes, "\n".join(lines))
-
-
-def _line(name: str, one: AircraftEstimate) -> str:
-    digits = _DIGITS[one.unit]
-    return (
-        f"{name}: {one.found:.{digits}f} +- {one.sigma:.{digits}f} {one.unit} "
-        f"(before {one.before:.{digits}f}; without a sixth of the flight "
-        f"{one.left_out:.{digits}f} off)"
-    )

@@ -65,8 +65,7 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
-    _check_ground(wanted, configs)
-    _check_antennas(wanted, configs)
+    _check_wanted(wanted, configs)
     seen, points = load_observations(observations), load_survey(survey)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
@@ -85,7 +84,7 @@ def calibrate_boresight(
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in contents],
-        **result.as_dict(),
+        **result.numbers,
         "unknown_ids": read.unknown,
         "without_pose": read.lost,
         "notes": chosen + read.notes + notes + result.notes,
@@ -93,15 +92,12 @@ def calibrate_boresight(
     }
 
 
-def _check_ground(wanted: Sequence[str], configs: NodeConfigs) -> None:
+def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "ground_height" in wanted and configs.overlay.dem:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; take that out of the "
             "parameters, or ground_height out of the list"
         )
-
-
-def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
         raise CalibrationError(
             "heading_offset: it turns the second RTK antenna about the first; set "
@@ -120,12 +116,16 @@ def _fitted(
     notes = []
     if not strict:  # an estimated north could only increase the uncertainty of these
         usual = [name for name in wanted if name != IF_TOLD]
-        _refuse(doubt(read.flight, read.sightings, usual, _foreseen(read, usual)))
+        _refuse(
+            doubt(read.flight, read.sightings, usual, foreseen(read.flight, read.sightings, usual))
+        )
     why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
     if why is not None:
         wanted = [name for name in wanted if name != IF_TOLD]
         notes.append(f"{IF_TOLD} held at its present value: {why}")
-    _refuse(doubt(read.flight, read.sightings, wanted, _foreseen(read, wanted)))
+    _refuse(
+        doubt(read.flight, read.sightings, wanted, foreseen(read.flight, read.sightings, wanted))
+    )
     found = fit(read.flight, read.sightings, wanted)
     left = doubt(read.flight, read.sightings, wanted, found.covariance)
     if left is not None and found.noise_factor > 1:
@@ -138,10 +138,6 @@ def _fitted(
     return found, notes
 
 
-def _foreseen(read: ReadFlight, wanted: Sequence[str]) -> Array:
-    return foreseen(read.flight, read.sightings, wanted)
-
-
 def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
     """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``."""
     if read.follows_north and strict:
@@ -150,7 +146,7 @@ def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> 
         return _FOLLOWED
     if strict:
         return None
-    covariance = _foreseen(read, wanted)
+    covariance = foreseen(read.flight, read.sightings, wanted)
     found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
     is_told = found is None and not _costs_the_others(read, wanted, covariance)
     if is_told or _is_off(read, wanted, covariance):
@@ -165,7 +161,7 @@ def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> 
 def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
     """Return whether estimating the gimbal's north makes another parameter much less certain."""
     others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
-    alone = _foreseen(read, [wanted[k] for k in others]).diagonal()
+    alone = foreseen(read.flight, read.sightings, [wanted[k] for k in others]).diagonal()
     return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
 
 
@@ -176,6 +172,11 @@ def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
     trial = fit(read.flight, read.sightings, wanted)
     change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
     return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
+
+
+def _doubt_foreseen(read: ReadFlight, wanted: Sequence[str]) -> Ambiguity | None:
+    covariance = foreseen(read.flight, read.sightings, wanted)
+    return doubt(read.flight, read.sightings, wanted, covariance)
 
 
 def _refuse(found: Ambiguity | None) -> None:

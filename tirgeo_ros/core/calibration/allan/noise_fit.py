@@ -14,9 +14,7 @@ averaging times share their data; a misfit beyond it enlarges them.
 
 from __future__ import annotations
 
-import itertools
 import math
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -176,7 +174,7 @@ class AllanAnalysis:
         degrees = self.span_s / self.tau_s  # first guess: averages without overlap
         for _ in range(_STEPS):
             weights = _weights(model, degrees)[start:]
-            powers = non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
+            powers = _non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
             noise = columns[:, :3] @ powers[:3]
             model = np.maximum(columns @ powers, 1e-9 * variances)
             spread = covariance(powers[:3], self._products).diagonal()
@@ -185,33 +183,23 @@ class AllanAnalysis:
         return powers
 
 
-def non_negative(columns: Array, values: Array) -> Array:
-    """Solve least squares (n, k), (n,) with no negative coefficient: the best of all subsets."""
-    size = columns.shape[1]
-    best, best_cost = np.zeros(size), float(values @ values)
-    scale = np.linalg.norm(columns, axis=0)
-    usable = [k for k in range(size) if scale[k] > 0]
-    for count in range(1, len(usable) + 1):
-        for chosen in map(list, itertools.combinations(usable, count)):
-            part = columns[:, chosen] / scale[chosen]
-            solved = np.linalg.lstsq(part, values, rcond=None)[0]
-            cost = float(((part @ solved - values) ** 2).sum())
-            if (solved >= 0).all() and cost < best_cost:
-                best, best_cost = np.zeros(size), cost
-                best[chosen] = solved / scale[chosen]
-    return best
-
-
 def deviation_band(variances: Array, degrees: Array, share: float = 0.95) -> tuple[Array, Array]:
-    """Return the lowest and highest Allan deviation (k,) at a confidence level.
+    """Return the lowest and highest Allan deviation (k,) at a confidence level (chi-square)."""
+    from scipy.special import chdtri  # noqa: PLC0415  slow to import
 
-    Chi-square quantiles by Wilson and Hilferty, within 1 % down to 3 degrees of freedom.
-    """
-    z = NormalDist().inv_cdf(0.5 + 0.5 * share)
-    c = 2 / (9 * degrees)
-    high = (1 - c + z * np.sqrt(c)) ** 3
-    low = np.maximum(1 - c - z * np.sqrt(c), 0.05) ** 3
+    high, low = (
+        chdtri(degrees, tail) / degrees for tail in (0.5 - 0.5 * share, 0.5 + 0.5 * share)
+    )
     return np.sqrt(variances / high), np.sqrt(variances / low)
+
+
+def _non_negative(columns: Array, values: Array) -> Array:
+    """Solve least squares (n, k), (n,) with no negative coefficient; the columns are scaled."""
+    from scipy.optimize import nnls  # noqa: PLC0415  slow to import
+
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(nnls(columns / scale, values)[0] / scale)
 
 
 def _weights(model: Array, degrees: Array) -> Array:
