@@ -159,7 +159,7 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
 
 def _missing_topics(runs: FlightRuns) -> dict[int, str]:
     """Return the parameters that belong to topics missing in the bag, with the reason."""
-    found = {}
+    found: dict[int, str] = {}
     if not runs.recorded.has(Source.RTK_VELOCITY):
         found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
     if not runs.recorded.has(Source.RTK_HEADING):

@@ -11,7 +11,7 @@ from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.model import PointSighting
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 #: Length of a panel's longest arrow, px of the picture.
 _LONGEST_PX = 60.0
@@ -47,15 +47,6 @@ def _panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
         # An outlier may be hundreds of pixels off: its arrow is cut.
         lengths = np.hypot(*residuals[shown].T)
         cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
-        arrows = -residuals[shown] * times * cut
         panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
-        panel.quiver(
-            *uv[shown].T,
-            *arrows.T,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            color=colour,
-            width=0.003,
-        )
+        arrows(panel, uv[shown], -residuals[shown] * times * cut, colour, 0.003)
     panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
 from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 _ARROW_SHARE = 0.06  # length of a typical arrow as a share of the picture's width
 _MOST_NAMES = 40
@@ -30,17 +30,7 @@ def _draw_corners(axes: Any, fit: LensFit, views: Mapping[str, BoardSighting]) -
         u, v = views[name].corners_px.T
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(u, v, ".", color=colour, markersize=3)
-        axes.quiver(
-            u,
-            v,
-            *(scale * view.errors_px.T),
-            color=colour,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            width=0.0012,
-            headwidth=4,
-        )
+        arrows(axes, views[name].corners_px, scale * view.errors_px, colour, 0.0012)
     axes.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
     axes.set(xlabel="column, px", ylabel="row, px")

@@ -10,7 +10,7 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
 )
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.io.surveys.control_points import ControlPoints
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 _LONGEST = 0.12  # length of the longest residual, as a share of the picture's width
 
@@ -35,15 +35,7 @@ def residuals_png(
     axis.plot(*control.pixels.T, "+", color=COLOURS[0], ms=8, label="control points")
     longest = float(residuals.lengths_px.max())
     scale = _LONGEST * float(np.ptp(control.pixels[:, 0])) / longest if longest > 0 else 1.0
-    axis.quiver(
-        *control.pixels.T,
-        *(residuals.pixels * scale).T,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        color=COLOURS[2],
-        width=0.004,
-    )
+    arrows(axis, control.pixels, residuals.pixels * scale, COLOURS[2], 0.004)
     for name, (column, row) in zip(control.names, control.pixels.tolist(), strict=True):
         axis.annotate(name, (column, row), textcoords="offset points", xytext=(5, 5))
     axis.set_title(

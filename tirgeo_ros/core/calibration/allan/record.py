@@ -23,6 +23,7 @@ _BACK_NS = 1_000_000_000
 _FEWEST = 100  # samples needed for a rate
 _ALONE = 1.75  # times the median step: no sample is missing in a shorter step
 _BURSTS = 0.3  # a median step below this share of the mean: samples come in bursts
+_AROUND = 101  # steps whose mean is the local one
 _LONG_GAP = 30.0  # times the mean step: longer than the pause between bursts
 _MOST_MISSING = 0.2  # share of the samples, or the record is refused
 
@@ -34,7 +35,7 @@ class ImuRecord:
     runs: list[Array]  # pieces (n, 6) without a break; NaN where a sample is missing
     starts_s: list[float]  # of the pieces, from the first sample, without clock steps
     step_s: float
-    jitter_s: float  # standard deviation of the stamps about the grid
+    jitter_s: float  # of the stamps: that of the times between samples, over sqrt(2)
     samples: int  # on the grid
     irregular: dict[str, int]  # faults of stamps and values: name -> number
 
@@ -75,9 +76,9 @@ def record_of(stamps_ns: IntArray, blocks: Sequence[Array]) -> ImuRecord:
     }
     kept = np.flatnonzero(finite)[rising]
     times_ns = times_ns[rising]
-    step_ns = _step_ns(times_ns)
+    step_ns, steps = _places(times_ns)
     edges = [0, *(np.flatnonzero(np.diff(times_ns) > _SPLIT_NS) + 1).tolist(), len(times_ns)]
-    placed = [_slots(times_ns[a:b] / step_ns) for a, b in pairwise(edges)]
+    placed = [_slots(steps[a:b]) for a, b in pairwise(edges)]
     sizes = [int(slots[-1]) + 1 for slots, _ in placed]
     lost = sum(sizes) - len(kept) + irregular["not_finite"]
     if lost > _MOST_MISSING * (len(kept) + lost):
@@ -96,7 +97,7 @@ def record_of(stamps_ns: IntArray, blocks: Sequence[Array]) -> ImuRecord:
         np.split(_gridded(blocks, kept, places, int(begins[-1])), begins[1:-1]),
         [float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
         step_ns * 1e-9,
-        float(np.std(np.concatenate([off for _, off in placed]))) * step_ns * 1e-9,
+        float(np.std(np.concatenate([off for _, off in placed]))) * step_ns * 1e-9 / math.sqrt(2),
         len(kept),
         irregular,
     )
@@ -122,26 +123,39 @@ def _without_clock_steps(stamps_ns: IntArray) -> IntArray:
     return np.asarray(times_ns + np.cumsum(shifts))
 
 
-def _step_ns(times_ns: IntArray) -> float:
-    """Return the time between samples where none is missing; the mean time if they burst."""
+def _places(times_ns: IntArray) -> tuple[float, Array]:
+    """Return the time between samples where none is missing (ns), and the times (n,) in steps.
+
+    A step is the mean of those around, since clocks and rates wander; where samples come in bursts
+    it includes the pauses.
+    """
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  slow to import
+
     steps = np.diff(times_ns).astype(float)
-    steps = steps[steps <= _SPLIT_NS]
-    if len(steps) + 1 < _FEWEST:
+    within = steps <= _SPLIT_NS
+    if within.sum() + 1 < _FEWEST:
         raise CalibrationError(
-            f"{len(steps) + 1} samples are too few to tell their rate; record longer"
+            f"{within.sum() + 1} samples are too few to tell their rate; record longer"
         )
-    usual = float(np.median(steps))
+    usual = float(np.median(steps[within]))
     for _ in range(2):
-        steps = steps[steps <= _LONG_GAP * steps.mean()]
-    if usual < _BURSTS * steps.mean():
-        return float(steps.mean())
-    return float(steps[steps <= _ALONE * usual].mean())
+        within = within & (steps <= _LONG_GAP * steps[within].mean())
+    if usual >= _BURSTS * steps[within].mean():
+        within = steps <= _ALONE * usual
+    step_ns = float(steps[within].mean())
+    around = min(_AROUND, len(steps))
+    total, number = (
+        uniform_filter1d(column, around, mode="nearest")
+        for column in (np.where(within, steps, 0.0), within.astype(float))
+    )
+    local = np.where(number > 0.5, total / np.maximum(number, 0.5), step_ns)
+    return step_ns, np.concatenate([[0.0], np.cumsum(steps / local)])
 
 
 def _slots(places: Array) -> tuple[IntArray, Array]:
-    """Return rising slots (n,) from 0 for samples at these times in steps, and their distances."""
+    """Return rising slots (n,) from 0 for samples at times in steps, and steps less slots."""
     # The grid's phase is that of most stamps, whatever the jitter of the first one.
     phase = float(np.angle(np.exp(2j * np.pi * places).mean())) / math.tau
     own = np.arange(len(places))
     slots = np.maximum.accumulate(np.rint(places - phase).astype(np.int64) - own) + own
-    return slots - slots[0], places - phase - slots
+    return slots - slots[0], np.diff(places) - np.diff(slots)
