@@ -14,6 +14,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.tools.calibrate.aircraft_flight import read_aircraft
+from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot
 from tirgeo_ros.tools.calibrate.aircraft_result import parameter_text, summary
 from tirgeo_ros.tools.calibrate.estimates import by_reason
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -73,8 +74,6 @@ def calibrate_aircraft(
     if output is not None:
         contents[output] = parameter_text(bag_in, result)
     if plot is not None:
-        from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot  # noqa: PLC0415  matplotlib
-
         contents[plot] = innovation_plot(found)
     write_files(contents, CalibrationError)
     return {

@@ -13,7 +13,6 @@ from tirgeo_ros.core.calibration.boresight.observability import (
     check_numbers,
     doubt,
 )
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
@@ -21,6 +20,7 @@ from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
 from tirgeo_ros.tools.calibrate.boresight_result import parameter_text, summary
+from tirgeo_ros.tools.calibrate.residual_plots import boresight_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
@@ -77,9 +77,7 @@ def calibrate_boresight(
     result = summary(read, configs, found)
     contents: dict[PathLike, str | bytes] = {output: parameter_text(bag_in, result)}
     if plot is not None:
-        from tirgeo_ros.tools.calibrate.boresight_plot import residual_plot  # noqa: PLC0415  matplotlib
-
-        contents[plot] = residual_plot(read.flight.camera, read.sightings, found)
+        contents[plot] = boresight_png(read.flight.camera, read.sightings, found)
     write_files(contents, CalibrationError)
     return {
         "input": os.fspath(bag_in),
@@ -139,7 +137,10 @@ def _fitted(
 
 
 def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
-    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``."""
+    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``.
+
+    It is estimated if it costs the others little, or is clearly off its held value.
+    """
     if read.follows_north and strict:
         raise CalibrationError(_FOLLOWED)
     if read.follows_north:
@@ -148,30 +149,20 @@ def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> 
         return None
     covariance = foreseen(read.flight, read.sightings, wanted)
     found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
-    is_told = found is None and not _costs_the_others(read, wanted, covariance)
-    if is_told or _is_off(read, wanted, covariance):
-        return None
-    if found is None:
-        return "beside it the others would be much less certain"
-    if IF_TOLD not in found.names:
-        return "this flight leaves too much uncertain for it"
-    return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
-
-
-def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Return whether estimating the gimbal's north makes another parameter much less certain."""
     others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
     alone = foreseen(read.flight, read.sightings, [wanted[k] for k in others]).diagonal()
-    return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
-
-
-def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Return whether the gimbal's north is observable and significantly off its held value."""
-    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is not None:
-        return False
-    trial = fit(read.flight, read.sightings, wanted)
-    change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
-    return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
+    costs = bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
+    if found is None and not costs:
+        return None
+    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is None:
+        trial = fit(read.flight, read.sightings, wanted)
+        change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
+        if abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]:
+            return None
+    if found is None or IF_TOLD not in found.names:
+        too_much = "this flight leaves too much uncertain for it"
+        return too_much if found else "beside it the others would be much less certain"
+    return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
 
 
 def _doubt_foreseen(read: ReadFlight, wanted: Sequence[str]) -> Ambiguity | None:

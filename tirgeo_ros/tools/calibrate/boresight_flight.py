@@ -7,7 +7,7 @@ a step in each parameter that acts before the camera pose is computed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,12 +84,21 @@ def read_flight(
     )
     points = {point.id: point for point in survey}
     known = [one for one in seen if one.id in points]
+    places_n = {
+        point.id: usual.plane.ned_from_geodetic(
+            point.latitude_rad, point.longitude_rad, point.height_m
+        )
+        for point in survey
+    }
     posed = [one for one in known if _has_pose(flight, one.stamp_ns)]
     heights = [points[name].height_m for name in {one.id for one in posed}]
     return ReadFlight(
         flight,
         usual.plane,
-        [_sighting(one, points, usual.plane) for one in posed],
+        [
+            PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), places_n[one.id])
+            for one in posed
+        ],
         len(seen) - len(known),
         len(known) - len(posed),
         float(np.median(heights)) if heights else math.nan,
@@ -127,11 +136,3 @@ def _has_pose(flight: SightedFlight, stamp_ns: int) -> bool:
     everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
     found = [poses(exposure_ns) for poses in everywhere]
     return all(one is not None and one[1] is not None for one in found)
-
-
-def _sighting(
-    seen: Observation, points: Mapping[str, SurveyPoint], plane: TangentPlane
-) -> PointSighting:
-    at = points[seen.id]
-    point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
-    return PointSighting(seen.id, seen.stamp_ns, np.array([seen.u, seen.v]), point_n)

@@ -12,7 +12,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
-from tirgeo_ros.core.config import AircraftConfig, EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -128,21 +128,17 @@ def _nodes(
         if (node, key) == _BORESIGHT:
             values[key] = [found.get(a, _present(a, read, configs)) for a in PARAMETERS[:3]]
         elif key == _SECOND:
-            turn_deg = value - _present(name, read, configs)
-            values[key] = _turned_second_m(configs.ekf.aircraft, math.radians(turn_deg))
+            # The second antenna is turned about the first, clockwise from above.
+            turn_rad = math.radians(value - _present(name, read, configs))
+            aircraft = configs.ekf.aircraft
+            first, second = np.array(aircraft.rtk_antenna_m), np.array(aircraft.second_antenna_m)
+            values[key] = (first + rotation_z(-turn_rad) @ (second - first)).tolist()
         else:
             values[key] = value / (PER_UNIT["ms"] if name == "latency" else 1.0)
     for node, values in nodes.items():
         config = _configs_of(configs)[node]
         config_from(type(config), {**values_of(config), **values}, "what was found")
     return nodes
-
-
-def _turned_second_m(aircraft: AircraftConfig, turn_rad: float) -> list[float]:
-    """Return the second antenna's position (3,) m turned about the first, clockwise from above."""
-    first, second = np.array(aircraft.rtk_antenna_m), np.array(aircraft.second_antenna_m)
-    turned: list[float] = (first + rotation_z(-turn_rad) @ (second - first)).tolist()
-    return turned
 
 
 def _outliers(read: ReadFlight, found: BoresightFit) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
     pictures_of_files,
     sharpest,
 )
-from tirgeo_ros.tools.calibrate.lens_plots import coverage_png
+from tirgeo_ros.tools.calibrate.residual_plots import lens_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
@@ -124,7 +124,7 @@ def calibrate_lens(
     seen.leave(fit.refused)
     files: dict[PathLike, str | bytes] = {output: camera_yaml(fit.camera, camera_name)}
     if plot is not None:
-        files[plot] = coverage_png(fit, seen.views)
+        files[plot] = lens_png(fit, seen.views)
     write_files(files, CalibrationError)
     damage = None if video is None else video.damage
     output_files = [os.fspath(path) for path in files]

@@ -21,7 +21,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, w
 from tirgeo_ros.io.pictures.geotiff_output import write_warped
 from tirgeo_ros.io.surveys.control_points import ControlPoints, load_control_points
 from tirgeo_ros.io.surveys.pixel_features import PixelFeatures
-from tirgeo_ros.tools.calibrate.map_residuals import residuals_png
+from tirgeo_ros.tools.calibrate.residual_plots import orthophoto_png
 
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
 _LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
@@ -72,7 +72,7 @@ def calibrate_map(
     if residuals_csv is not None:
         files[residuals_csv] = _csv(control, residuals)
     if plot is not None:
-        files[plot] = residuals_png(control, found, residuals, features.pixels, outside)
+        files[plot] = orthophoto_png(control, found, residuals, features.pixels, outside)
     write_files(files, MapError)
     warnings = list(_warnings(control, found, residuals, features, outside))
     return {

@@ -30,6 +30,14 @@ _AS_NEAR = 3.0
 _TIMES = 200  # correlation times that are tried
 
 
+class Term(NamedTuple):
+    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
+
+    value: float | None
+    sigma: float
+    upper: float  # two standard deviations above
+
+
 class GaussMarkov(NamedTuple):
     """Hold a first-order Gauss-Markov process, in the unit of the record."""
 
@@ -42,13 +50,6 @@ class GaussMarkov(NamedTuple):
     def variances(self, tau_s: Array) -> Array:
         """Return the Allan variances (k,)."""
         return self.sigma**2 * gauss_markov(tau_s, self.time_s)
-
-
-class BiasInstability(NamedTuple):
-    """Hold the bias instability B and its standard deviation, in the unit of the record."""
-
-    value: float
-    sigma: float
 
 
 def gauss_markov(tau_s: Array, time_s: float | Array) -> Array:
@@ -69,13 +70,13 @@ def fit_bias(
     model: Array,
     covariance: Array,
     used: slice,
-    instability: BiasInstability | None = None,
+    flicker: Term,
 ) -> GaussMarkov:
     """Return the process nearest to Allan variances (k,) from which white noise is subtracted.
 
     ``model`` (k,) and ``covariance`` (k, k) are of the complete variances, with the white noise.
-    ``instability`` is B if it is significant; it becomes the standard deviation if a process with
-    it is about as near. Correlation times are tried from four times the shortest averaging time
+    ``flicker`` is B; if it is significant, it becomes the standard deviation if a process with it
+    is about as near. Correlation times are tried from four times the shortest averaging time
     to four times the longest, which is the record's length.
     """
     weights = 1 / (model[used] * np.sqrt(covariance.diagonal() / model**2 + _MODEL**2)[used])
@@ -97,12 +98,13 @@ def fit_bias(
             bound, float(times_s[-1]), sigmas[-1] / (2 * bound), math.inf, seen=False
         )
     sigma = math.sqrt(powers[best])
-    found = BiasInstability(sigma, float(sigmas[best]) / (2 * sigma))
-    if instability is not None:
-        constrained = costs(np.full(_TIMES, instability.value**2))
+    spread = float(sigmas[best]) / (2 * sigma)
+    if flicker.value is not None:
+        constrained = costs(np.full(_TIMES, flicker.value**2))
         if constrained.min() <= _AS_NEAR * cost[best]:
-            cost, best, found = constrained, int(np.argmin(constrained)), instability
+            cost, best = constrained, int(np.argmin(constrained))
+            sigma, spread = flicker.value, flicker.sigma
     # A misfit of the model counts as error of the time.
     near = times_s[cost <= cost[best] + max(1.0, cost[best] / len(weights))]
     factor = float(max(near[-1] / times_s[best], times_s[best] / near[0]))
-    return GaussMarkov(found.value, float(times_s[best]), found.sigma, factor, seen=True)
+    return GaussMarkov(sigma, float(times_s[best]), spread, factor, seen=True)

@@ -8,7 +8,7 @@ the floor and is not changed by lines, also not by those of a walker's steps. A 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,8 @@ class Pieces(NamedTuple):
 
     def where(self, these: BoolArray) -> Pieces:
         """Return the pieces selected by a mask (n,)."""
-        return Pieces(*(column[these] for column in self[:-1]), self.frequencies_hz)
+        columns: dict[str, Any] = {name: getattr(self, name)[these] for name in self._fields[:-1]}
+        return Pieces(**columns, frequencies_hz=self.frequencies_hz)
 
     def above_motion(self) -> BoolArray:
         """Return (f,) which frequencies are used; the last one's band is only half as wide."""
@@ -73,7 +74,7 @@ def pieces_of(record: ImuRecord) -> Pieces:
     if not blocks:
         empty, none = np.zeros((0, 6)), np.zeros(0)
         spectra = np.zeros((0, 0, 6))
-        return Pieces(none, none.astype(bool), *[empty] * 4, spectra, none)
+        return Pieces(none, none.astype(bool), empty, empty, empty, empty, spectra, none)
     values = np.stack([block for _, block in blocks])  # (n, samples, 6)
     hz, power = signal.welch(values, 1 / record.step_s, nperseg=second, axis=1)
     used = (hz > MOTION_HZ) & (hz < hz[-1])

@@ -145,7 +145,7 @@ def _places(times_ns: IntArray) -> tuple[float, Array]:
     step_ns = float(steps[within].mean())
     around = min(_AROUND, len(steps))
     total, number = (
-        uniform_filter1d(column, around, mode="nearest")
+        uniform_filter1d(column, around)
         for column in (np.where(within, steps, 0.0), within.astype(float))
     )
     local = np.where(number > 0.5, total / np.maximum(number, 0.5), step_ns)

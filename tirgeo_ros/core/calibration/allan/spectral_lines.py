@@ -52,7 +52,7 @@ def lines_at_rest(record: ImuRecord) -> list[SpectralLine]:
     """
     from scipy import ndimage, signal  # noqa: PLC0415  slow to import
 
-    power, number = np.zeros(()), 0
+    power, number = np.zeros((_SIZE // 2 + 1, 6)), 0
     for _, block in record.blocks(_SIZE, _PRESENT):
         hz, own = signal.periodogram(filled(block), 1 / record.step_s, "hann", axis=0)
         power, number = power + own, number + 1
