@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece
+from tirgeo_ros.core.calibration.allan.record import ImuRecord
 
 
 def white(rng, size, n, step_s):
@@ -44,12 +44,9 @@ def noise(rng, size, n, b, k, step_s):
     return white(rng, size, n, step_s) + flicker(rng, size, b, step_s) + walk(rng, size, k, step_s)
 
 
-def pieces(values, sizes=(1 << 15,), counts=None):
-    """A record (n,) or (n, channels) in pieces of these sizes, again and again."""
-    values = values[:, None] if values.ndim == 1 else values
-    counts = np.ones(len(values)) if counts is None else counts
-    begin, number = 0, 0
-    while begin < len(values):
-        end = begin + sizes[number % len(sizes)]
-        yield Piece(begin, begin == 0, (values * counts[:, None])[begin:end], counts[begin:end])
-        begin, number = end, number + 1
+def record(values, step_s, lost=None):
+    """A record (n, channels) on its grid, without the samples in ``lost`` (n, bool)."""
+    values = values.copy()
+    if lost is not None:
+        values[lost] = np.nan
+    return ImuRecord([values], [0.0], step_s, 0.0, len(values), {})

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from aircraft_flights import AZIMUTH_DEG, TURNS, aircraft_samples, recorded, truth
+from aircraft_flights import TURNS, aircraft_samples, recorded, truth
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, longest_piece
 from tirgeo_ros.core.aircraft_calibration.fit import fit
@@ -16,12 +16,7 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
     LIMITS,
     PARAMETERS,
     Floors,
-    configured,
-    reported_direction_rad,
-    restamped,
-    values_of_config,
 )
-from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
@@ -156,42 +151,7 @@ def test_without_attitude_and_headings_it_says_what_is_missing(flight):
         fit(FlightRuns(replace(flight, imu=imu, aids=aids), EkfConfig()), ())
 
 
-def test_values_go_into_the_filter_and_its_samples(flight):
-    aircraft = AircraftConfig(
-        imu_m=(1.0, 0.0, 0.0), rtk_antenna_m=(1.1, 0.2, 0.3), second_antenna_m=(1.1, -0.8, 0.3)
-    )
-    config = EkfConfig(aircraft=aircraft)
-    values = values_of_config(config)
-    np.testing.assert_allclose(values[:3], (0.1, 0.2, 0.3), atol=1e-12)
-    np.testing.assert_allclose(values[3:5], (math.pi / 2, 0.0), atol=1e-12)
-    assert reported_direction_rad(config) == pytest.approx(math.pi / 2)
-    values[AZIMUTH] += 0.1
-    values[5] = 0.02
-    inside = configured(config, values, Floors(0.2))
-    assert inside.rtk.position_sigma_floor_m == 0.2
-    assert inside.aircraft.rtk_antenna_m == pytest.approx((0.1, 0.2, 0.3))
-    for before, after in zip(
-        flight.aids[:6], restamped(flight.aids[:6], values, math.pi / 2), strict=True
-    ):
-        if isinstance(before, HeadingSample):
-            assert after.heading_rad == pytest.approx(before.heading_rad - 0.1)
-        elif before.source is Source.RTK_POSITION:
-            assert before.stamp_ns - after.stamp_ns == 20_000_000
-        else:
-            assert before.stamp_ns == after.stamp_ns
-
-
 def test_the_longest_part_without_a_gap_is_taken(flight):
     imu = [*flight.imu[:100], *flight.imu[150:400], *flight.imu[440:500]]
     assert longest_piece(imu, 0.2) == (100, 350)
     assert longest_piece(imu, 1.0) == (0, len(imu))
-
-
-def test_weights_fall_beyond_two_and_a_half_sigma():
-    assert huber_weight(2.4, 1.0) == 1.0
-    assert huber_weight(5.0, 1.0) == 0.5
-    assert huber_weight(5.0, 2.0) == 1.0
-
-
-def test_the_planted_direction_is_not_that_of_the_parameters():
-    assert abs(values_of_config(EkfConfig())[AZIMUTH]) < 1e-9 < math.radians(AZIMUTH_DEG)

@@ -48,11 +48,6 @@ def test_a_points_file_of_older_qgis_in_a_named_plane(tmp_path):
     assert found.pixels.tolist() == [[10, 20]]
 
 
-def test_points_keep_their_places_in_the_file_as_names(tmp_path):
-    path = write(tmp_path, "o.points", POINTS.replace("-200.25,1,", "-200.25,0,"))
-    assert load_control_points(path, None, None).names == ["2"]
-
-
 def test_two_systems_for_one_points_file_are_refused(tmp_path):
     path = write(tmp_path, "o.points", POINTS)
     assert len(load_control_points(path, None, "EPSG:4326").names) == 2

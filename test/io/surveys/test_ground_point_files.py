@@ -110,9 +110,3 @@ def test_cursor_on_target_events():
     assert event["stale"] == "2021-10-21T12:00:35.605Z"
     point = {key: float(value) for key, value in events[0].find("point").attrib.items()}
     assert point == {"lat": 39.85, "lon": 116.7, "hae": 11.5, "ce": 2.0, "le": 0.1}
-
-
-def test_nothing_asked_is_an_empty_file_of_each_form():
-    assert json.loads(geojson([])) == {"type": "FeatureCollection", "features": []}
-    assert list(ET.fromstring(cot([]))) == []
-    assert list(ET.fromstring(kml([]))[0]) == []

@@ -46,27 +46,11 @@ def test_survey_round_trip(tmp_path_factory, suffix, made):
         assert abs(point.height_m - wanted.height_m) <= 0.51e-4
 
 
-def test_geojson_has_longitude_first(tmp_path):
-    path = tmp_path / "s.geojson"
-    save_survey(path, [SurveyPoint("P1", math.radians(30), math.radians(-97), 150.5)])
-    (feature,) = json.loads(path.read_text())["features"]
-    assert feature["geometry"] == {"type": "Point", "coordinates": [-97.0, 30.0, 150.5]}
-    assert feature["properties"] == {"id": "P1"}
-
-
 def test_csv_by_hand(tmp_path):
     path = tmp_path / "s.csv"
     path.write_bytes(b"\xef\xbb\xbfh, id ,lat,lon,note\r\n12.5,7, 30 ,-97,by the oak\r\n")
     (point,) = load_survey(path)
     assert point == SurveyPoint("7", math.radians(30), math.radians(-97), 12.5)
-
-
-def test_numbers_as_ids_in_geojson(tmp_path):
-    path = tmp_path / "s.geojson"
-    geometry = {"type": "Point", "coordinates": [1, 2, 3]}
-    feature = {"type": "Feature", "properties": {"id": 5}, "geometry": geometry}
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    assert load_survey(path)[0].id == "5"
 
 
 def test_observation_round_trip(tmp_path):

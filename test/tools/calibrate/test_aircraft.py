@@ -19,10 +19,8 @@ from aircraft_flights import (
 )
 
 from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
-from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
-from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS, calibrate_aircraft
 from tirgeo_ros.tools.cli._calibrations import aircraft as verb
 from tirgeo_ros.tools.cli.main import main as command
@@ -87,30 +85,6 @@ def test_what_it_finds_is_written_under_the_nodes_names(found):
     assert "imu.delay_s" not in ekf
     assert "1 m is written" in head
     assert "+- " in head
-
-
-@pytest.mark.slow
-def test_what_is_written_is_what_the_nodes_take(found):
-    """Read as the nodes read it, with every name known."""
-    _, out = found
-    config = load_config(out, "ekf_node", EkfConfig)
-    everywhere, ekf = written(out)[0]["/**"], written(out)[0]["/**/ekf_node"]
-    assert list(config.aircraft.rtk_antenna_m) == everywhere["aircraft.rtk_antenna_m"]
-    assert config.rtk.delay_s == ekf["rtk.delay_s"]
-    assert config.rtk.velocity_delay_s == ekf["rtk.velocity_delay_s"]
-    assert config.heading.delay_s == ekf["heading.delay_s"]
-    assert not config.aircraft.rtk_lever_sigma_b.any()  # it is measured now
-
-
-@pytest.mark.slow
-def test_the_level_is_that_of_the_autopilot(found):
-    """Its tilt is off by 0.3 deg rms for 10 s at a time: in 70 s by 0.1 to 0.2 in the mean."""
-    result, out = found
-    for name in ("level_roll", "level_pitch"):
-        if name in result["parameters"]:
-            assert abs(result["parameters"][name]["found"]) < 0.6
-    level = [name for name in ("level_roll", "level_pitch") if name in result["parameters"]]
-    assert ("aircraft.imu_rpy_deg" in written(out)[0]["/**"]) == bool(level)
 
 
 @pytest.mark.slow

@@ -76,20 +76,6 @@ def test_ekf_node_takes_what_it_writes(found):
     assert "B: flicker floor / 0.664" in head
 
 
-@pytest.mark.slow
-def test_what_is_not_seen_is_a_bound_and_told(found):
-    _, result = found
-    axes = {axis["axis"]: axis for axis in result["axes"]}
-    for name in ("gyro x", "gyro y", "accel x", "accel y", "accel z"):
-        assert axes[name]["bias_instability"] is None
-        assert axes[name]["bias_instability_upper"] > 0
-        assert not axes[name]["bias_seen"]
-    assert "0.17 h show no bias instability of gyro x, gyro y" in result["warning"]
-    assert "record longer" in result["warning"]
-    assert "moved" not in result["warning"]
-    assert "vibration" not in result["warning"]
-
-
 def test_the_plot_and_the_numbers_stand_beside_it(found):
     folder, result = found
     assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]
@@ -117,14 +103,6 @@ def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
     assert [axis["axis"] for axis in result["axes"]][:3] == ["gyro x", "gyro y", "gyro z"]
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
     assert (tmp_path / "a.png").is_file()
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_a_part_of_the_record(still, tmp_path):
-    result = calibrate_allan(still, tmp_path / "imu.yaml", from_s=100.0, to_s=400.0)
-    assert result["samples"] == 300 * RATE_HZ + 1
-    assert result["span_s"] == pytest.approx(300, abs=0.1)
 
 
 @pytest.mark.slow
@@ -168,26 +146,7 @@ def test_someone_lifts_the_drone(lifted, tmp_path):
         calibrate_allan(lifted, out, from_s=50.0)
     assert list(tmp_path.iterdir()) == []
     assert "moved" not in calibrate_allan(lifted, out, to_s=499.0)["warning"]
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_a_record_that_moved_is_written_where_it_must(lifted, tmp_path, capsys):
-    words = ["calibrate", "allan", str(lifted), "-o", str(tmp_path / "imu.yaml")]
-    assert command.main(words) == 1
-    assert capsys.readouterr().err.startswith("tirgeo calibrate allan: ")
-    assert not (tmp_path / "imu.yaml").exists()
-    assert command.main([*words, "--moved"]) == 0
-    assert "warning: the IMU moved at 499-505 s" in capsys.readouterr().err
-    assert (tmp_path / "imu.yaml").is_file()
-
-
-def test_a_flight_is_sent_to_calibrate_imu(tmp_path):
-    values = record(8)
-    values[:, 0] += 0.05 * np.sin(np.arange(SIZE) / RATE_HZ)
-    bag = bag_of(tmp_path / "a.mcap", values=values)
-    with pytest.raises(CalibrationError, match=r"0-600 s.* of a flight, tirgeo calibrate imu"):
-        calibrate_allan(bag, tmp_path / "imu.yaml")
+    assert "the IMU moved at 499-505 s" in calibrate_allan(lifted, out, moved=True)["warning"]
 
 
 @pytest.mark.slow
@@ -211,21 +170,13 @@ def test_a_warm_up_that_ends_is_warned_of(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.long
-def test_a_topic_faster_than_its_sensor(tmp_path):
-    values = np.repeat(record(6, SIZE // 2), 2, axis=0)
-    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
-    assert "50 % of the samples equal the one before" in result["warning"]
-
-
-@pytest.mark.slow
 def test_refusals(still, tmp_path):
     out = tmp_path / "imu.yaml"
     with pytest.raises(BagError, match=r"/imu/raw is not there; topics of .*: /imu/data; give"):
         calibrate_allan(still, out, topic="imu/raw")
     with pytest.raises(CalibrationError, match=r"none of .* messages has a sample; look at"):
         calibrate_allan(still, out, from_s=1e6)
-    with pytest.raises(CalibrationError, match="40 s in one piece tell nothing"):
+    with pytest.raises(CalibrationError, match="40 s in one piece do not show"):
         calibrate_allan(still, out, to_s=40.0)
     with pytest.raises(CalibrationError, match="would take the place of"):
         calibrate_allan(still, out, plot=out)
@@ -245,10 +196,3 @@ def test_a_dead_axis_and_a_lossy_record_are_refused(tmp_path):
     bag = bag_of(tmp_path / "lossy.mcap", even(6000), values)
     with pytest.raises(CalibrationError, match=r"missing or not finite beside .* good ones"):
         calibrate_allan(bag, tmp_path / "imu.yaml")
-
-
-def test_wrong_use(still, tmp_path, capsys):
-    words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "a.yaml")]
-    with pytest.raises(SystemExit, match="2"):
-        command.main([*words, "--from", "10", "--to", "5"])
-    assert "--from must be 0 or more, and less than --to" in capsys.readouterr().err

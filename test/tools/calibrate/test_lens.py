@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.io.pictures.camera_file import load_camera
-from tirgeo_ros.tools.calibrate.board_pictures import files_of, sharpest
+from tirgeo_ros.tools.calibrate.board_pictures import files_of
 from tirgeo_ros.tools.calibrate.lens import calibrate_lens
 from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli.main import main, parser_of, verbs
@@ -157,19 +157,6 @@ def test_files_come_in_the_order_of_their_numbers(tmp_path):
     assert [path.stem for path in files_of([folder])] == ["view_1", "view_2", "view_10"]
 
 
-def test_what_is_not_there_is_told(tmp_path):
-    with pytest.raises(CalibrationError, match="there is no such file or folder"):
-        files_of([tmp_path / "none"])
-    with pytest.raises(CalibrationError, match="no pictures in it"):
-        files_of([tmp_path])
-    with pytest.raises(CalibrationError, match="give a bag by itself"):
-        calibrate_lens([tmp_path / "a.mcap", tmp_path], BOARD, tmp_path / "camera.yaml")
-
-
-def test_an_empty_video_has_no_sharpest_picture():
-    assert list(sharpest(iter([]), 1.0)) == []
-
-
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
@@ -213,3 +200,12 @@ def test_sigmas_hold_over_many_boards(tmp_path):
     rms = np.sqrt((np.array(z) ** 2).mean())
     assert 0.5 < rms < 1.5
     assert np.abs(z).max() < 3.9  # one in 10 000 of a normal distribution
+
+
+def test_what_is_not_there_is_told(tmp_path):
+    with pytest.raises(CalibrationError, match="there is no such file or folder"):
+        files_of([tmp_path / "none"])
+    with pytest.raises(CalibrationError, match="no pictures in it"):
+        files_of([tmp_path])
+    with pytest.raises(CalibrationError, match="give a bag by itself"):
+        calibrate_lens([tmp_path / "a.mcap", tmp_path], BOARD, tmp_path / "camera.yaml")

@@ -39,8 +39,10 @@ _AVERAGED_S = 0.1
 #: Measurements nearer to the end of the IMU's record or to the alignment are left out.
 _MARGIN_NS = 500_000_000
 _ATTITUDE_STEP_NS = 50_000_000
-#: Sigmas added to an alignment: with wrong values it errs by more than its covariance says.
-_START_SIGMA = {"tilt": np.radians(2.0), "yaw": np.radians(5.0), "velocity": 0.5, "position": 2.0}
+#: Sigmas of the error states that wrong values add to an alignment.
+_START_SIGMA = np.zeros(STATES)
+_START_SIGMA[ATTITUDE] = np.radians([2.0, 2.0, 5.0])
+_START_SIGMA[VELOCITY], _START_SIGMA[POSITION] = 0.5, 2.0
 _ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
 
 
@@ -99,7 +101,9 @@ class FlightRuns:
         for sample in _merged(self.recorded.imu, self._aids(values)):
             found = aligner.add(sample)
             if found is not None:
-                return _inflated(found)
+                # Wrong values make it worse than its covariance says.
+                covariance = found.covariance + np.diag(_START_SIGMA**2)
+                return replace(found, covariance=covariance, later=())
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
 
     def run(
@@ -168,15 +172,6 @@ def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSam
             yield ordered[at]
             at += 1
         yield sample
-
-
-def _inflated(alignment: Alignment) -> Alignment:
-    """Return the alignment with the uncertainty that wrong values add."""
-    more = np.zeros(STATES)
-    more[ATTITUDE] = _START_SIGMA["tilt"], _START_SIGMA["tilt"], _START_SIGMA["yaw"]
-    more[VELOCITY], more[POSITION] = _START_SIGMA["velocity"], _START_SIGMA["position"]
-    covariance = alignment.covariance + np.diag(more**2)
-    return replace(alignment, covariance=covariance, later=())
 
 
 class _Averages:

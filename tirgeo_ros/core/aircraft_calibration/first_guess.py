@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,10 +23,8 @@ _DELAYS_S = np.arange(-0.5, 0.501, 0.02)
 _DIRECTIONS_RAD = np.arange(8) * math.tau / 8
 
 
-class _Runner(Protocol):
-    def __call__(
-        self, values: Array, floors: Floors, *, without: Source | None = None
-    ) -> FilterRun: ...
+#: Runs the filter with values and floors, perhaps without a source.
+_Runner = Callable[..., FilterRun]
 
 
 def started(run: _Runner, runs: FlightRuns, values: Array, held: bool) -> Array:

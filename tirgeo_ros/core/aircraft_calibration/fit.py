@@ -140,7 +140,11 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
         untold[ELEVATION] = _with_advice(ELEVATION, "the flight does not tell it from the others")
     if ELEVATION in free:
         run = search.settled(run.values, free, Floors(), _MOST_STEPS)
-    _check_settled(search, run, free)
+    if free and np.max(np.abs(search.step(run, free) / search.scale(run, free))) > 1.0:
+        raise CalibrationError(
+            "the fit does not settle: are the topics those of one aircraft, and the IMU's axes "
+            "those of base_link?"
+        )
     sigma, left_out = _sigma(search, run, free)
     why_not = _unobserved(run, free, sigma)
     told = [k for k in free if k not in why_not]
@@ -159,7 +163,7 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
 
 def _missing_topics(runs: FlightRuns) -> dict[int, str]:
     """Return the parameters that belong to topics missing in the bag, with the reason."""
-    found = {}
+    found: dict[int, str] = {}
     if not runs.recorded.has(Source.RTK_VELOCITY):
         found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
     if not runs.recorded.has(Source.RTK_HEADING):
@@ -181,15 +185,6 @@ def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]
     found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
     poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
     return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
-
-
-def _check_settled(search: _Search, run: FilterRun, free: list[int]) -> None:
-    change, scale = search.step(run, free), search.scale(run, free)
-    if free and np.max(np.abs(change / scale)) > 1.0:
-        raise CalibrationError(
-            "the fit does not settle: are the topics those of one aircraft, and the IMU's axes "
-            "those of base_link?"
-        )
 
 
 def _sigma_text(k: int, sigma: float) -> str:

@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.coordinates.crs import to_wgs84
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.surveys.survey import Mark, SurveyPoint, check_rows, load_marks, load_survey
+from tirgeo_ros.io.surveys.survey import check_rows, load_marks, load_survey
 
 _QGIS_X, _QGIS_Y = ("mapX", "mapY")
 _QGIS_PIXELS = (("sourceX", "sourceY"), ("pixelX", "pixelY"))  # of now and of QGIS before 3.26
@@ -44,7 +44,7 @@ def load_control_points(
     SurveyError.
     """
     if survey is not None:
-        return _matched(points, load_marks(points), survey, load_survey(survey))
+        return _matched(points, survey)
     return _qgis(points, points_crs)
 
 
@@ -57,27 +57,16 @@ def downward(pixels: Array) -> Array:
     return pixels * np.array([1.0, -1.0]) if upward else pixels
 
 
-def _matched(
-    points: PathLike,
-    marks: Sequence[Mark],
-    survey: PathLike,
-    surveyed: Sequence[SurveyPoint],
-) -> ControlPoints:
-    places = {point.id: point for point in surveyed}
-    used = [mark for mark in marks if mark.id in places]
+def _matched(points: PathLike, survey: PathLike) -> ControlPoints:
+    marks = {mark.id: mark for mark in load_marks(points)}
+    places = {point.id: point for point in load_survey(survey)}
+    used = [name for name in marks if name in places]
     if not used:
         raise SurveyError(f"{points}: no id of it is in {survey}")
-    known = {mark.id for mark in marks}
-    unused = [mark.id for mark in marks if mark.id not in places]
-    unused += [name for name in places if name not in known]
-    degrees = [
-        (math.degrees(places[m.id].longitude_rad), math.degrees(places[m.id].latitude_rad))
-        for m in used
-    ]
-    pixels = np.array([(mark.column, mark.row) for mark in used])
-    return ControlPoints(
-        [mark.id for mark in used], downward(pixels), np.array(degrees), tuple(unused)
-    )
+    radians = [(places[name].longitude_rad, places[name].latitude_rad) for name in used]
+    pixels = np.array([(marks[name].column, marks[name].row) for name in used])
+    unused = [name for name in [*marks, *places] if not (name in marks and name in places)]
+    return ControlPoints(used, downward(pixels), np.degrees(radians), tuple(unused))
 
 
 def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:

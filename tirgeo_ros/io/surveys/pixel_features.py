@@ -21,6 +21,8 @@ from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.maps.table import check_count
 from tirgeo_ros.io.surveys.control_points import downward
 
+#: What reading coordinates raises where there are none.
+_NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
 _LEFT_OUT = ("crs", "bbox")  # these refer to other coordinates
 
 
@@ -41,7 +43,12 @@ class PixelFeatures:
         pairs: list[tuple[float, float]] = []
         self._owners: list[int] = []
         for number, feature in enumerate(features, 1):
-            found = list(self._positions(number, feature.get("geometry")))
+            try:
+                found = list(_pairs(feature.get("geometry")))
+            except _NO_POSITIONS:
+                raise MapError(
+                    f"{self._path}: feature {number} has coordinates that are no column and row"
+                ) from None
             pairs += found
             self._owners += [number - 1] * len(found)
         self.pixels: Array = downward(np.array(pairs, float).reshape(-1, 2))  # (n, 2)
@@ -79,15 +86,6 @@ class PixelFeatures:
         if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
             raise MapError(f"{self._path}: no GeoJSON FeatureCollection; export one in pixels")
         return features
-
-    def _positions(self, number: int, geometry: Any) -> Iterator[tuple[float, float]]:
-        """Yield the pixels of a geometry in the order in which ``_placed`` puts them back."""
-        try:
-            yield from _pairs(geometry)
-        except (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError):
-            raise MapError(
-                f"{self._path}: feature {number} has coordinates that are no column and row"
-            ) from None
 
 
 def _pairs(geometry: Any) -> Iterator[tuple[float, float]]:

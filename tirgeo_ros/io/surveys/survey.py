@@ -5,15 +5,14 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import csv_text, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, csv_text, write_files
 
 T = TypeVar("T")
 
@@ -53,7 +52,7 @@ class Mark:
     row: float  # px
 
 
-def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
+def load_survey(path: PathLike) -> list[SurveyPoint]:
     """Load points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
 
     Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
@@ -62,36 +61,51 @@ def load_survey(path: str | os.PathLike[str]) -> list[SurveyPoint]:
     if text.lstrip().startswith(("{", "[")):
         points = _geojson_points(path, text)
     else:
-        points = _csv_rows(path, text, _SURVEY_COLUMNS, _point_of_row)
+        points = _csv_rows(path, text, _SURVEY_COLUMNS, _point)
     _refuse_repeated(path, points)
     return points
 
 
-def save_survey(path: str | os.PathLike[str], points: Sequence[SurveyPoint]) -> None:
+def save_survey(path: PathLike, points: Sequence[SurveyPoint]) -> None:
     """Write points as CSV where the name ends in ``.csv``, else as GeoJSON."""
-    as_csv = Path(path).suffix.lower() == ".csv"
-    write_files({path: _survey_csv(points) if as_csv else _survey_geojson(points)}, SurveyError)
+    rows = [
+        (p.id, _degrees(p.latitude_rad), _degrees(p.longitude_rad), f"{p.height_m:.4f}")
+        for p in points
+    ]
+    text = csv_text([_SURVEY_COLUMNS, *rows])
+    if Path(path).suffix.lower() != ".csv":
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"id": name},
+                "geometry": {"type": "Point", "coordinates": [float(lon), float(lat), float(h)]},
+            }
+            for name, lat, lon, h in rows
+        ]
+        text = json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+    write_files({path: text}, SurveyError)
 
 
-def load_observations(path: str | os.PathLike[str]) -> list[Observation]:
+def load_observations(path: PathLike) -> list[Observation]:
     """Load a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
-    return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation_of_row)
+    return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation)
 
 
-def load_marks(path: str | os.PathLike[str]) -> list[Mark]:
+def load_marks(path: PathLike) -> list[Mark]:
     """Load a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
-    marks = _csv_rows(path, read_text(path, SurveyError), _MARK_COLUMNS, _mark_of_row)
+    text = read_text(path, SurveyError)
+    marks = _csv_rows(path, text, _MARK_COLUMNS, lambda n, *uv: Mark(_name(n), *_finite(*uv)))
     _refuse_repeated(path, marks)
     return marks
 
 
-def save_observations(path: str | os.PathLike[str], observations: Sequence[Observation]) -> None:
+def save_observations(path: PathLike, observations: Sequence[Observation]) -> None:
     """Write observations as CSV, pixels to a thousandth."""
     rows = [(o.id, str(o.stamp_ns), f"{o.u:.3f}", f"{o.v:.3f}") for o in observations]
     write_files({path: csv_text([_OBSERVATION_COLUMNS, *rows])}, SurveyError)
 
 
-def check_rows(path: str | os.PathLike[str], rows: int) -> None:
+def check_rows(path: PathLike, rows: int) -> None:
     """Refuse more rows than can be processed at once."""
     if rows > MOST_ROWS:
         raise SurveyError(
@@ -99,7 +113,7 @@ def check_rows(path: str | os.PathLike[str], rows: int) -> None:
         )
 
 
-def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint]:
+def _geojson_points(path: PathLike, text: str) -> list[SurveyPoint]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
@@ -113,12 +127,12 @@ def _geojson_points(path: str | os.PathLike[str], text: str) -> list[SurveyPoint
     return [_point_of_feature(path, number, f) for number, f in enumerate(features, 1)]
 
 
-def _point_of_feature(path: str | os.PathLike[str], number: int, feature: Any) -> SurveyPoint:
+def _point_of_feature(path: PathLike, number: int, feature: Any) -> SurveyPoint:
     try:
-        name = {"id": str(feature["properties"]["id"])}
+        name = str(feature["properties"]["id"])
         coordinates = {"Point": feature["geometry"]["coordinates"]}[feature["geometry"]["type"]]
-        longitude, latitude, height = (float(x) for x in coordinates[:3])
-        return _point(_name(name), latitude, longitude, height)
+        longitude, latitude, height = coordinates[:3]
+        return _point(name, latitude, longitude, height)
     except (KeyError, TypeError, ValueError, OverflowError):
         raise SurveyError(
             f"{path}: feature {number} is no Point with longitude, latitude, height and a "
@@ -127,20 +141,9 @@ def _point_of_feature(path: str | os.PathLike[str], number: int, feature: Any) -
 
 
 def _csv_rows(
-    path: str | os.PathLike[str],
-    text: str,
-    columns: tuple[str, ...],
-    made: Callable[[dict[str, str]], T],
+    path: PathLike, text: str, columns: tuple[str, ...], made: Callable[..., T]
 ) -> list[T]:
-    return list(_each_row(path, text, columns, made))
-
-
-def _each_row(
-    path: str | os.PathLike[str],
-    text: str,
-    columns: tuple[str, ...],
-    made: Callable[[dict[str, str]], T],
-) -> Iterator[T]:
+    """Return what ``made`` makes of the cells of each row, in the order of ``columns``."""
     lines = text.splitlines()
     check_rows(path, len(lines) - 1)
     reader = csv.DictReader(lines, skipinitialspace=True)
@@ -152,81 +155,50 @@ def _each_row(
         )
     reader.fieldnames = header
     try:
-        for row in reader:
-            yield made(row)
+        return [made(*(row[name] for name in columns)) for row in reader]
     except (TypeError, ValueError, csv.Error):
         raise SurveyError(
             f"{path}: line {reader.line_num} does not read {','.join(columns)}"
         ) from None
 
 
-def _point_of_row(row: dict[str, str]) -> SurveyPoint:
-    return _point(_name(row), float(row["lat"]), float(row["lon"]), float(row["h"]))
-
-
-def _observation_of_row(row: dict[str, str]) -> Observation:
-    u, v, stamp_ns = float(row["u"]), float(row["v"]), int(row["stamp_ns"])
-    if not (math.isfinite(u) and math.isfinite(v) and abs(stamp_ns) < 1 << 63):
+def _observation(name: str, stamp: str, u: str, v: str) -> Observation:
+    stamp_ns = int(stamp)
+    if abs(stamp_ns) >= 1 << 63:
         raise ValueError
-    return Observation(_name(row), stamp_ns, u, v)
+    return Observation(_name(name), stamp_ns, *_finite(u, v))
 
 
-def _mark_of_row(row: dict[str, str]) -> Mark:
-    column, line = float(row["column"]), float(row["row"])
-    if not (math.isfinite(column) and math.isfinite(line)):
+def _finite(*numbers: str | float) -> list[float]:
+    """Return finite numbers; raises ValueError for others, TypeError for None."""
+    found = [float(number) for number in numbers]
+    if not all(map(math.isfinite, found)):
         raise ValueError
-    return Mark(_name(row), column, line)
+    return found
 
 
-def _name(row: dict[str, str]) -> str:
-    name = (row["id"] or "").strip()
-    if not name:
+def _name(name: str | None) -> str:
+    if not (name or "").strip():
         raise ValueError
-    return name
+    return str(name).strip()
 
 
-def _point(name: str, latitude_deg: float, longitude_deg: float, height_m: float) -> SurveyPoint:
-    """Return a point; raises ValueError for what is no place on earth."""
-    if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180 and math.isfinite(height_m)):
+def _point(name: str, *place: str | float) -> SurveyPoint:
+    """Return a point at latitude, longitude (deg), height; raises ValueError for no place."""
+    latitude_deg, longitude_deg, height_m = _finite(*place)
+    if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
         raise ValueError
-    return SurveyPoint(name, math.radians(latitude_deg), math.radians(longitude_deg), height_m)
+    return SurveyPoint(
+        _name(name), math.radians(latitude_deg), math.radians(longitude_deg), height_m
+    )
 
 
-def _refuse_repeated(
-    path: str | os.PathLike[str], points: Sequence[SurveyPoint] | Sequence[Mark]
-) -> None:
+def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Mark]) -> None:
     seen: set[str] = set()
     for point in points:
         if point.id in seen:
             raise SurveyError(f"{path}: point {point.id} stands twice; give each its own id")
         seen.add(point.id)
-
-
-def _survey_csv(points: Sequence[SurveyPoint]) -> str:
-    rows = [
-        (p.id, _degrees(p.latitude_rad), _degrees(p.longitude_rad), f"{p.height_m:.4f}")
-        for p in points
-    ]
-    return csv_text([_SURVEY_COLUMNS, *rows])
-
-
-def _survey_geojson(points: Sequence[SurveyPoint]) -> str:
-    features = [
-        {
-            "type": "Feature",
-            "properties": {"id": p.id},
-            "geometry": {
-                "type": "Point",
-                "coordinates": [
-                    float(_degrees(p.longitude_rad)),
-                    float(_degrees(p.latitude_rad)),
-                    round(p.height_m, 4),
-                ],
-            },
-        }
-        for p in points
-    ]
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
 
 
 def _degrees(angle_rad: float) -> str:

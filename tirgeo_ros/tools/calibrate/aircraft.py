@@ -6,15 +6,17 @@ import os
 from collections.abc import Collection
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns
-from tirgeo_ros.core.aircraft_calibration.fit import PARTS, AircraftFit, fit
+from tirgeo_ros.core.aircraft_calibration.fit import PARTS, fit
 from tirgeo_ros.core.aircraft_calibration.mounting_level import LEVEL, mounting_level
 from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, DIRECTION, PARAMETERS
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.tools.calibrate.aircraft_flight import ReadAircraft, read_aircraft
+from tirgeo_ros.tools.calibrate.aircraft_flight import read_aircraft
+from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot
 from tirgeo_ros.tools.calibrate.aircraft_result import parameter_text, summary
+from tirgeo_ros.tools.calibrate.estimates import by_reason
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -59,42 +61,30 @@ def calibrate_aircraft(
     runs = FlightRuns(read.recorded, config)
     try:
         found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_determined(found)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
+    if not found.told:
+        reasons = by_reason(found.untold.items())
+        raise CalibrationError(
+            f"{reader.path}: the flight tells nothing of the aircraft: {reasons}"
+        )
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
     result = summary(config, found, level, held)
     contents: dict[PathLike, str | bytes] = {}
     if output is not None:
         contents[output] = parameter_text(bag_in, result)
     if plot is not None:
-        from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot  # noqa: PLC0415  matplotlib
-
         contents[plot] = innovation_plot(found)
     write_files(contents, CalibrationError)
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in contents],
-        **result.as_dict(),
-        **_numbers(read),
-        "notes": read.notes + result.notes,
-        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
-    }
-
-
-def _numbers(read: ReadAircraft) -> dict[str, object]:
-    return {
+        "parameters": result.estimates,
+        "not_told": result.untold,
+        "nis": result.nis,
         "seconds": read.seconds,
         "imu_samples": len(read.recorded.imu),
         "measurements": len(read.recorded.aids),
+        "notes": read.notes + result.notes,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
-
-
-def _check_determined(found: AircraftFit) -> None:
-    if found.told:
-        return
-    reasons: dict[str, list[str]] = {}
-    for name, reason in found.untold.items():
-        reasons.setdefault(reason, []).append(name)
-    told = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
-    raise CalibrationError(f"the flight tells nothing of the aircraft: {told}")

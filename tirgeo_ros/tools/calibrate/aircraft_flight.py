@@ -42,7 +42,7 @@ def read_aircraft(
     repeats, newest_ns = DuplicateDetector(), 0
     for source, sample in _samples(reader, topics, left_out, progress):
         if fault_of(sample):
-            left_out[f"invalid {topics_name(source)}"] += 1
+            left_out[f"invalid {NAVIGATION_INPUTS[source][0]}"] += 1
         elif isinstance(sample, ImuSample):
             if sample.stamp_ns > newest_ns:
                 imu.append(sample)
@@ -54,17 +54,12 @@ def read_aircraft(
     return _piece(reader, imu, list(aids.values()), max_gap_s, left_out)
 
 
-def topics_name(source: Source) -> str:
-    """Return the contract topic of a source."""
-    return NAVIGATION_INPUTS[source][0]
-
-
 def _topics(reader: BagReader, namespace: str) -> dict[str, Source]:
     """Return the sources in the bag: resolved topic name -> source."""
     present = reader.topics()
     found = {}
     for source in _SOURCES:
-        topic = topics_name(source)
+        topic = NAVIGATION_INPUTS[source][0]
         name = resolved(topic, namespace)
         if present.get(name) == TOPIC_TYPES[topic]:
             found[name] = source

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Collection, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,71 +23,42 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
     direction_b,
     imu_delay_s,
 )
-from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+from tirgeo_ros.tools.calibrate.estimates import PER_UNIT, head_lines
 
-_ALL, _EKF = "", "ekf_node"
 _UNITS = ("m",) * 3 + ("deg",) * 2 + ("ms",) * 3
-_PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
-_DIGITS = {"m": 3, "deg": 2, "ms": 1}
-#: Parameter of the nodes -> the estimated parameters that it is made of.
-_KEYS = {
-    "aircraft.rtk_antenna_m": PARAMETERS[ANTENNA],
-    "aircraft.second_antenna_m": PARAMETERS[DIRECTION],
-    "rtk.delay_s": PARAMETERS[5:6],
-    "rtk.velocity_delay_s": PARAMETERS[6:7],
-    "heading.delay_s": PARAMETERS[7:8],
-    "aircraft.imu_rpy_deg": LEVEL,
-}
 _LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
-class AircraftEstimate(NamedTuple):
-    """Hold one parameter, in its unit."""
+class AircraftResult(NamedTuple):
+    """Hold the result of a calibration."""
 
-    unit: str
-    before: float
-    found: float
-    sigma: float
-    left_out: float  # rms change when a sixth of the flight is left out
-
-
-@dataclass(frozen=True)
-class AircraftResult:
-    """Hold the full result of a calibration."""
-
-    estimates: dict[str, AircraftEstimate]
+    estimates: dict[str, dict[str, Any]]
     untold: dict[str, str]
     nis: dict[str, dict[str, float]]
     nodes: dict[str, dict[str, Value]]
     notes: list[str]
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the result as plain values for JSON."""
-        return {
-            "parameters": {name: one._asdict() for name, one in self.estimates.items()},
-            "not_told": self.untold,
-            "nis": self.nis,
-        }
-
 
 def summary(
     config: EkfConfig, found: AircraftFit, level: MountingLevel | None, hold: Collection[str]
 ) -> AircraftResult:
-    """Return the result of a fit.
-
-    ``level`` is None if the bag has no attitude of the autopilot.
-    """
+    """Return the result of a fit; ``level`` is None if the bag has no attitude."""
     estimates = {name: _estimate(found, PARAMETERS.index(name)) for name in found.told}
     untold = dict(found.untold)
     turn = np.zeros(3)
     if not set(LEVEL) <= set(hold):
         turn[:2] = _add_level(level, estimates, untold)
-    nodes = _Nodes(config, found, set(estimates), turn).made(rtk_held="rtk" in hold)
+    parts = {
+        "": _places(config.aircraft, found.values, set(estimates), turn),
+        "ekf_node": _delays(config, found, set(estimates), rtk_held="rtk" in hold),
+    }
+    nodes = {node: values for node, values in parts.items() if values}
     nis = {
         source.value: {"before": value, "after": found.after.nis()[source]}
         for source, value in found.before.nis().items()
@@ -96,101 +66,86 @@ def summary(
     return AircraftResult(estimates, untold, nis, nodes, _notes(config, found))
 
 
-def _estimate(found: AircraftFit, k: int) -> AircraftEstimate:
-    unit = _UNITS[k]
-    numbers = found.first[k], found.values[k], found.sigma[k], found.left_out[k]
-    return AircraftEstimate(unit, *(float(x) * _PER_UNIT[unit] for x in numbers))
+def _estimate(found: AircraftFit, k: int) -> dict[str, Any]:
+    values = (found.first[k], found.values[k], found.sigma[k], found.left_out[k])
+    return _in_unit(_UNITS[k], values)
+
+
+def _in_unit(unit: str, values: Iterable[float]) -> dict[str, Any]:
+    numbers = [float(x) * PER_UNIT[unit] for x in values]
+    names = ("before", "found", "sigma", "left_out")
+    return {"unit": unit, **dict(zip(names, numbers, strict=True))}
 
 
 def _add_level(
-    level: MountingLevel | None, estimates: dict[str, AircraftEstimate], untold: dict[str, str]
+    level: MountingLevel | None, estimates: dict[str, dict[str, Any]], untold: dict[str, str]
 ) -> Array:
-    """Return the IMU's turn about x and y (2,), FRD, rad.
+    """Add the level to ``estimates`` or ``untold``; return the IMU's turn about x, y, FRD, rad.
 
     Zero where the flight does not determine it.
-    It adds to ``estimates`` and ``untold``.
     """
+    turn = np.zeros(2)
     if level is None:
         untold |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
-        return np.zeros(2)
-    turn = np.zeros(2)
+        return turn
     for k, (name, sign) in enumerate(zip(LEVEL, (1.0, -1.0), strict=True)):
         sigma = float(level.sigma_rad[k])
         if sigma > LEVEL_LIMIT_RAD:
             untold[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
-        numbers = sign * turn[k], sigma, float(level.left_out_rad[k])
-        estimates[name] = AircraftEstimate("deg", 0.0, *(math.degrees(x) for x in numbers))
+        estimates[name] = _in_unit("deg", (0.0, sign * turn[k], sigma, level.left_out_rad[k]))
     return turn
 
 
-class _Nodes:
-    """Compute the nodes' parameters from a fit."""
-
-    def __init__(
-        self, config: EkfConfig, found: AircraftFit, determined: Collection[str], turn: Array
-    ) -> None:
-        self._config, self._aircraft = config, config.aircraft
-        self._found, self._determined = found, determined
-        self._rotation = matrix_from_rotvec(turn)  # turns vectors onto the body axes, FRD
-        self._level = bool(turn.any())
-
-    def _determines(self, names: Collection[str]) -> bool:
-        return any(name in self._determined for name in names)
-
-    def made(self, *, rtk_held: bool) -> dict[str, dict[str, Value]]:
-        """Return the parameters by node."""
-        nodes = {_ALL: self._places(), _EKF: self._delays(rtk_held=rtk_held)}
-        return {node: values for node, values in nodes.items() if values}
-
-    def _places(self) -> dict[str, Value]:
-        values: dict[str, Value] = {}
-        lever_b = self._rotation @ flu_from_frd(self._found.values[ANTENNA])
-        antenna_m = np.array(self._aircraft.imu_m) + flu_from_frd(lever_b)
-        moved = self._determines(PARAMETERS[ANTENNA]) or self._level
-        if moved:
-            values["aircraft.rtk_antenna_m"] = antenna_m.tolist()
-        has_baseline = bool(self._aircraft.second_antenna_m)
-        if self._determines(PARAMETERS[DIRECTION]) or (moved and has_baseline):
-            given_m = self._aircraft.baseline_b
-            length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
-            direction = np.array(direction_b(*self._found.values[DIRECTION].tolist()))
-            second_m = antenna_m + length_m * flu_from_frd(self._rotation @ direction)
-            values["aircraft.second_antenna_m"] = second_m.tolist()
-        if self._level:
-            given_bi = self._aircraft.rotation_bi
-            rotation = self._rotation @ (np.eye(3) if given_bi is None else given_bi)
-            angles = flu_from_frd(euler_from_matrix(rotation))
-            values["aircraft.imu_rpy_deg"] = np.degrees(angles).tolist()
-        return {name: _rounded(value) for name, value in values.items()}
-
-    def _delays(self, *, rtk_held: bool) -> dict[str, Value]:
-        position_s, velocity_s, heading_s = self._found.values[5:].tolist()
-        imu_s = imu_delay_s(self._config)
-        values: dict[str, Value] = {}
-        determined = {name: name in self._determined for name in PARAMETERS[5:]}
-        has_velocities = "no rtk/vel" not in self._found.untold.get("velocity_delay", "")
-        if determined["position_delay"]:
-            if rtk_held:
-                imu_s = self._config.rtk.delay_s - position_s
-                values["imu.delay_s"] = imu_s
-            else:
-                values["rtk.delay_s"] = imu_s + position_s
-        if determined["velocity_delay"] or (determined["position_delay"] and has_velocities):
-            values["rtk.velocity_delay_s"] = velocity_s - position_s
-        has_headings = "no rtk/heading" not in self._found.untold.get("heading_delay", "")
-        if determined["heading_delay"] or ("rtk.delay_s" in values and has_headings):
-            values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
-        return {name: _rounded(value) for name, value in values.items()}
+def _places(
+    aircraft: AircraftConfig, values: Array, determined: Collection[str], turn: Array
+) -> dict[str, Value]:
+    """Return the aircraft's parameters; ``turn`` (3,) takes vectors onto the body axes, FRD."""
+    found: dict[str, Value] = {}
+    rotation, is_turned = matrix_from_rotvec(turn), bool(turn.any())
+    antenna_m = np.array(aircraft.imu_m) + flu_from_frd(rotation @ flu_from_frd(values[ANTENNA]))
+    moved = is_turned or not set(PARAMETERS[ANTENNA]).isdisjoint(determined)
+    if moved:
+        found["aircraft.rtk_antenna_m"] = _rounded(antenna_m)
+    is_directed = not set(PARAMETERS[DIRECTION]).isdisjoint(determined)
+    if is_directed or (moved and aircraft.second_antenna_m):
+        given_m = aircraft.baseline_b
+        length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
+        direction = np.array(direction_b(*values[DIRECTION].tolist()))
+        second_m = antenna_m + length_m * flu_from_frd(rotation @ direction)
+        found["aircraft.second_antenna_m"] = _rounded(second_m)
+    if is_turned:
+        given_bi = aircraft.rotation_bi
+        whole = rotation @ (np.eye(3) if given_bi is None else given_bi)
+        angles = flu_from_frd(euler_from_matrix(whole))
+        found["aircraft.imu_rpy_deg"] = _rounded(np.degrees(angles))
+    return found
 
 
-def _rounded(value: Value) -> Value:
-    """Round to 4 decimals: 0.1 mm, 0.1 ms or 0.0001 deg."""
-    if isinstance(value, float):
-        return round(value, 4) + 0.0
-    assert isinstance(value, list)
-    return [round(number, 4) + 0.0 for number in value]
+def _delays(
+    config: EkfConfig, found: AircraftFit, determined: Collection[str], *, rtk_held: bool
+) -> dict[str, Value]:
+    """Return the filter's delays; with ``rtk_held`` the IMU's in place of the positions'."""
+    position_s, velocity_s, heading_s = found.values[5:].tolist()
+    imu_s = imu_delay_s(config)
+    values: dict[str, float] = {}
+    if "position_delay" in determined and rtk_held:
+        values["imu.delay_s"] = imu_s = config.rtk.delay_s - position_s
+    elif "position_delay" in determined:
+        values["rtk.delay_s"] = imu_s + position_s
+    has_velocities = "no rtk/vel" not in found.untold.get("velocity_delay", "")
+    if "velocity_delay" in determined or ("position_delay" in determined and has_velocities):
+        values["rtk.velocity_delay_s"] = velocity_s - position_s
+    has_headings = "no rtk/heading" not in found.untold.get("heading_delay", "")
+    if "heading_delay" in determined or ("rtk.delay_s" in values and has_headings):
+        values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
+    return {name: round(value, 4) + 0.0 for name, value in values.items()}
+
+
+def _rounded(vector: Array) -> list[float]:
+    """Round to 4 decimals: 0.1 mm or 0.0001 deg."""
+    return [round(number, 4) + 0.0 for number in vector.tolist()]
 
 
 def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
@@ -218,20 +173,10 @@ def parameter_text(bag_in: PathLike, result: AircraftResult) -> str:
 
     Its head lists their sigmas, and the parameters that the flight does not determine.
     """
-    lines = [f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}."]
-    lines += [_line(name, one) for name, one in result.estimates.items()]
-    for key, names in _KEYS.items():
-        for name in names:
-            if name in result.untold:
-                lines.append(f"{key}: {name} not told: {result.untold[name]}")
-    lines += result.notes
+    lines = [
+        f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}.",
+        *head_lines(result.estimates),
+        *(f"not told: {name}: {reason}" for name, reason in result.untold.items()),
+        *result.notes,
+    ]
     return parameters_yaml(result.nodes, "\n".join(lines))
-
-
-def _line(name: str, one: AircraftEstimate) -> str:
-    digits = _DIGITS[one.unit]
-    return (
-        f"{name}: {one.found:.{digits}f} +- {one.sigma:.{digits}f} {one.unit} "
-        f"(before {one.before:.{digits}f}; without a sixth of the flight "
-        f"{one.left_out:.{digits}f} off)"
-    )

@@ -11,16 +11,17 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from tirgeo_ros.core.calibration.allan.deviation import allan_curve
 from tirgeo_ros.core.calibration.allan.noise_fit import AllanAnalysis, NoiseFit
-from tirgeo_ros.core.calibration.allan.stillness import Seconds, drifts
+from tirgeo_ros.core.calibration.allan.stillness import drifts, seconds_of
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
-from tirgeo_ros.tools.calibrate.allan_plots import curves_csv, curves_png
-from tirgeo_ros.tools.calibrate.allan_table import axis_of, table
-from tirgeo_ros.tools.calibrate.allan_warnings import LEAST_SPAN_S, doubts, movement
-from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, RestRecord, read_record
+from tirgeo_ros.tools.calibrate.imu_noise_plots import allan_png, curves_csv
+from tirgeo_ros.tools.calibrate.imu_noise_tables import rest_axes, rest_table
+from tirgeo_ros.tools.calibrate.imu_noise_warnings import LEAST_REST_S, movement, rest_warnings
+from tirgeo_ros.tools.calibrate.imu_record import ReadImu, check_alive, read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 
@@ -58,38 +59,39 @@ def calibrate_allan(
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture, csv), CalibrationError)
     reader = BagReader(bag)
-    record = read_record(reader, RestRecord(resolved(topic, namespace), from_s), to_s, progress)
-    analysis = _analysis(reader, record)
-    seconds = record.seconds.seconds() if record.seconds else Seconds.none()
-    moving = "" if moved else movement(seconds, record.from_s)
+    read = read_imu(reader, resolved(topic, namespace), from_s, to_s, progress)
+    analysis = _analysis(read)
+    seconds = seconds_of(read.record)
+    moving = "" if moved else movement(seconds, from_s)
     if moving:
         raise CalibrationError(f"{reader.path}: {moving}; --moved writes them all the same")
     slopes, steady = drifts(seconds)
     ramps = (slopes * steady).tolist()
     fits = [analysis.fit(channel, ramp) for channel, ramp in enumerate(ramps)]
-    axes = [axis_of(name, fit) for name, fit in zip(CHANNELS, fits, strict=True)]
-    numbers = _record_numbers(record, analysis)
+    axes = rest_axes(fits)
     parameters = parameters_of(fits)
     head = _HEAD.format(
-        name=Path(bag).name, hours=analysis.span_s / 3600, rate=numbers["rate_hz"]
-    ) + table(axes)
+        name=Path(bag).name, hours=analysis.span_s / 3600, rate=read.rate_hz
+    ) + rest_table(axes)
     files: dict[PathLike, str | bytes] = {
         output: parameters_yaml({"ekf_node": parameters}, head),
-        picture: curves_png(analysis, fits),
+        picture: allan_png(analysis.tau_s, fits),
     }
     if csv is not None:
-        files[csv] = curves_csv(analysis, fits)
+        files[csv] = curves_csv(analysis.tau_s, fits)
     write_files(files, CalibrationError)
-    warnings = doubts(record, analysis, fits, seconds, ramps)
+    warnings = rest_warnings(read, analysis.span_s, fits, seconds, ramps, from_s)
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **numbers,
+        **read.numbers(),
+        "span_s": analysis.span_s,
+        "irregular": {"unreadable": read.unreadable, **read.record.irregular},
         "axes": axes,
         "parameters": parameters,
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
-        "error": _damage(reader),
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
 
 
@@ -109,46 +111,13 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
     return found
 
 
-def _analysis(reader: BagReader, record: RestRecord) -> AllanAnalysis:
-    curve = record.allan.curve()
-    still = [name for name, v in zip(CHANNELS, curve.variances.T, strict=True) if not v.any()]
-    if still:
+def _analysis(read: ReadImu) -> AllanAnalysis:
+    curve = allan_curve(read.record.runs)
+    check_alive(read.where, ~curve.variances.any(axis=0))
+    analysis = AllanAnalysis(curve, read.record.step_s)
+    if analysis.span_s < LEAST_REST_S:
         raise CalibrationError(
-            f"{reader.path}: {', '.join(still)}: never changes, so that no sensor speaks there; "
-            "record what the IMU itself gives"
-        )
-    analysis = AllanAnalysis(curve, record.grid.mean_step_ns * 1e-9)
-    if analysis.span_s < LEAST_SPAN_S:
-        raise CalibrationError(
-            f"{reader.path}: {analysis.span_s:.0f} s in one piece tell nothing of the noise; "
-            "record hours at rest"
+            f"{read.where}: {analysis.span_s:.0f} s in one piece do not show the noise; record "
+            "hours at rest"
         )
     return analysis
-
-
-def _record_numbers(record: RestRecord, analysis: AllanAnalysis) -> dict[str, object]:
-    grid, counts = record.grid, record.grid.irregularities
-    return {
-        "topic": record.topic,
-        "messages": record.messages,
-        "samples": counts.samples,
-        "rate_hz": 1e9 / grid.mean_step_ns,
-        "span_s": analysis.span_s,
-        "jitter_ms": grid.jitter_ns * 1e-6,
-        "irregular": {
-            "unreadable": record.unreadable,
-            "not_finite": counts.not_finite,
-            "repeated_stamps": counts.repeated,
-            "late_stamps": counts.late,
-            "gaps": counts.gaps,
-            "missing": counts.missing,
-            "splits": counts.splits,
-            "same_as_before": counts.identical,
-        },
-    }
-
-
-def _damage(reader: BagReader) -> str | None:
-    if reader.damage is None:
-        return None
-    return f"{reader.path}: {reader.damage}; the noise is told from these"

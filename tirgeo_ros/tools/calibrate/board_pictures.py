@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,32 +69,24 @@ def _by_numbers(path: Path) -> list[tuple[int, str]]:
 
 
 def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:
-    """Yield the pictures of files, in order.
+    """Yield the pictures of files, in order: (h, w) uint8 or uint16, or (h, w, 3) uint8.
 
-    They are named by file name, or by path if two files have the same name.
+    They are named by file name, or by path if two files have the same name. Raise
+    CalibrationError for a picture that is too large.
     """
     short = len({path.name for path in files}) == len(files)
     for number, path in enumerate(files):
         progress(number, len(files))
-        yield Taken(path.name if short else str(path), None, _read(path))
-
-
-def _read(path: Path) -> RawPixels | None:
-    """Return pixels (h, w) uint8 or uint16, or (h, w, 3) uint8; None if it cannot be read.
-
-    Raise CalibrationError for a picture that is too large.
-    """
-    try:
-        pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
-    except OSError:
-        return None
-    except ValueError as error:
-        raise CalibrationError(f"{path}: {error}") from None
-    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
-        return None
-    if pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = pixels[..., 0]  # written as colour by a program that knows no 16 bit grey
-    return np.asarray(pixels)
+        pixels = None
+        with suppress(OSError):
+            try:
+                pixels = unpacked(path.read_bytes(), _ANY_DEPTH, MOST_OF_FILE)
+            except ValueError as error:
+                raise CalibrationError(f"{path}: {error}") from None
+        if pixels is not None and pixels.ndim == 3 and pixels.dtype == np.uint16:
+            pixels = pixels[..., 0]  # written as colour by a program that knows no 16 bit grey
+        readable = pixels is not None and pixels.dtype in (np.uint8, np.uint16)
+        yield Taken(path.name if short else str(path), None, pixels if readable else None)
 
 
 class BoardVideo:
@@ -138,18 +131,14 @@ class BoardVideo:
         return convert.camera(self._decoded(message), self._info)
 
     def _picture(self, message: BagMessage) -> Taken:
-        decode: Callable[[Any], RawPixels] = (
-            convert.compressed_pixels
-            if self._contract.endswith("/compressed")
-            else convert.image_pixels
-        )
-        name = f"{message.log_time_ns / 1e9:.3f}"
+        is_packed = self._contract.endswith("/compressed")
+        decode = convert.compressed_pixels if is_packed else convert.image_pixels
         try:
             decoded = self._decoded(message)
             stamp_ns = convert.stamp_ns(decoded)
             return Taken(f"{stamp_ns / 1e9:.3f}", stamp_ns, decode(decoded))
         except TirgeoError:
-            return Taken(name, None, None)
+            return Taken(f"{message.log_time_ns / 1e9:.3f}", None, None)
 
     def _decoded(self, message: BagMessage) -> Any:
         return self._cdr.deserialize(message.data, message.typename)
@@ -157,28 +146,24 @@ class BoardVideo:
 
 def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
     """Yield the sharpest picture of each ``every_s`` of a video, and all unreadable ones."""
-    best: tuple[float, Taken] | None = None
-    begun_ns = 0
+    best: Taken | None = None
+    most, begun_ns = 0.0, 0
     for taken in pictures:
         if taken.pixels is None or taken.stamp_ns is None:
             yield taken
             continue
         if best is not None and not 0 <= taken.stamp_ns - begun_ns < every_s * 1e9:
-            yield best[1]
+            yield best
             best = None
+        # The mean square gradient of the slightly smoothed picture: noise counts little.
+        calm = cv2.GaussianBlur(grey_of(taken.pixels).astype(np.float32), (0, 0), 1.0)
+        score = float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))
         if best is None:
-            begun_ns = taken.stamp_ns
-        score = _sharpness(taken.pixels)
-        if best is None or score > best[0]:
-            best = score, taken
+            begun_ns, most = taken.stamp_ns, -1.0
+        if score > most:
+            most, best = score, taken
     if best is not None:
-        yield best[1]
-
-
-def _sharpness(pixels: RawPixels) -> float:
-    """Return the mean square gradient of the slightly smoothed picture: noise counts little."""
-    calm = cv2.GaussianBlur(grey_of(pixels).astype(np.float32), (0, 0), 1.0)
-    return float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))
+        yield best
 
 
 def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:

@@ -13,7 +13,6 @@ from tirgeo_ros.core.calibration.boresight.observability import (
     check_numbers,
     doubt,
 )
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
@@ -21,6 +20,7 @@ from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
 from tirgeo_ros.tools.calibrate.boresight_result import parameter_text, summary
+from tirgeo_ros.tools.calibrate.residual_plots import boresight_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
@@ -65,8 +65,7 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
-    _check_ground(wanted, configs)
-    _check_antennas(wanted, configs)
+    _check_wanted(wanted, configs)
     seen, points = load_observations(observations), load_survey(survey)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
@@ -78,14 +77,12 @@ def calibrate_boresight(
     result = summary(read, configs, found)
     contents: dict[PathLike, str | bytes] = {output: parameter_text(bag_in, result)}
     if plot is not None:
-        from tirgeo_ros.tools.calibrate.boresight_plot import residual_plot  # noqa: PLC0415  matplotlib
-
-        contents[plot] = residual_plot(read.flight.camera, read.sightings, found)
+        contents[plot] = boresight_png(read.flight.camera, read.sightings, found)
     write_files(contents, CalibrationError)
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in contents],
-        **result.as_dict(),
+        **result.numbers,
         "unknown_ids": read.unknown,
         "without_pose": read.lost,
         "notes": chosen + read.notes + notes + result.notes,
@@ -93,15 +90,12 @@ def calibrate_boresight(
     }
 
 
-def _check_ground(wanted: Sequence[str], configs: NodeConfigs) -> None:
+def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "ground_height" in wanted and configs.overlay.dem:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; take that out of the "
             "parameters, or ground_height out of the list"
         )
-
-
-def _check_antennas(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
         raise CalibrationError(
             "heading_offset: it turns the second RTK antenna about the first; set "
@@ -120,12 +114,16 @@ def _fitted(
     notes = []
     if not strict:  # an estimated north could only increase the uncertainty of these
         usual = [name for name in wanted if name != IF_TOLD]
-        _refuse(doubt(read.flight, read.sightings, usual, _foreseen(read, usual)))
+        _refuse(
+            doubt(read.flight, read.sightings, usual, foreseen(read.flight, read.sightings, usual))
+        )
     why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
     if why is not None:
         wanted = [name for name in wanted if name != IF_TOLD]
         notes.append(f"{IF_TOLD} held at its present value: {why}")
-    _refuse(doubt(read.flight, read.sightings, wanted, _foreseen(read, wanted)))
+    _refuse(
+        doubt(read.flight, read.sightings, wanted, foreseen(read.flight, read.sightings, wanted))
+    )
     found = fit(read.flight, read.sightings, wanted)
     left = doubt(read.flight, read.sightings, wanted, found.covariance)
     if left is not None and found.noise_factor > 1:
@@ -138,44 +136,38 @@ def _fitted(
     return found, notes
 
 
-def _foreseen(read: ReadFlight, wanted: Sequence[str]) -> Array:
-    return foreseen(read.flight, read.sightings, wanted)
-
-
 def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
-    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``."""
+    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``.
+
+    It is estimated if it costs the others little, or is clearly off its held value.
+    """
     if read.follows_north and strict:
         raise CalibrationError(_FOLLOWED)
     if read.follows_north:
         return _FOLLOWED
     if strict:
         return None
-    covariance = _foreseen(read, wanted)
+    covariance = foreseen(read.flight, read.sightings, wanted)
     found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
-    is_told = found is None and not _costs_the_others(read, wanted, covariance)
-    if is_told or _is_off(read, wanted, covariance):
+    others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
+    alone = foreseen(read.flight, read.sightings, [wanted[k] for k in others]).diagonal()
+    costs = bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
+    if found is None and not costs:
         return None
-    if found is None:
-        return "beside it the others would be much less certain"
-    if IF_TOLD not in found.names:
-        return "this flight leaves too much uncertain for it"
+    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is None:
+        trial = fit(read.flight, read.sightings, wanted)
+        change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
+        if abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]:
+            return None
+    if found is None or IF_TOLD not in found.names:
+        too_much = "this flight leaves too much uncertain for it"
+        return too_much if found else "beside it the others would be much less certain"
     return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
 
 
-def _costs_the_others(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Return whether estimating the gimbal's north makes another parameter much less certain."""
-    others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
-    alone = _foreseen(read, [wanted[k] for k in others]).diagonal()
-    return bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
-
-
-def _is_off(read: ReadFlight, wanted: Sequence[str], covariance: Array) -> bool:
-    """Return whether the gimbal's north is observable and significantly off its held value."""
-    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is not None:
-        return False
-    trial = fit(read.flight, read.sightings, wanted)
-    change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
-    return abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]
+def _doubt_foreseen(read: ReadFlight, wanted: Sequence[str]) -> Ambiguity | None:
+    covariance = foreseen(read.flight, read.sightings, wanted)
+    return doubt(read.flight, read.sightings, wanted, covariance)
 
 
 def _refuse(found: Ambiguity | None) -> None:

@@ -7,15 +7,13 @@ a step in each parameter that acts before the camera pose is computed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.model import PointSighting, SightedFlight, Stepped
-from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.pictures.camera_file import given_camera
@@ -71,6 +69,9 @@ def read_flight(
             f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' tells why"
         )
     composer = usual.registration.composer
+    follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0
+    # Joint angles, or the flight's own readings, give the north without this uncertainty.
+    shown = composer.sees_joints or follows_north
     flight = SightedFlight(
         recorded.camera,
         usual.at,
@@ -79,9 +80,31 @@ def read_flight(
         configs.gimbal.aircraft.camera_from_pivot_g,
         click_sigma_px,
         {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
-        _unknown_north(composer, configs.gimbal),
+        0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2,
     )
-    return _with_sightings(flight, usual.plane, composer, seen, survey)
+    points = {point.id: point for point in survey}
+    known = [one for one in seen if one.id in points]
+    places_n = {
+        point.id: usual.plane.ned_from_geodetic(
+            point.latitude_rad, point.longitude_rad, point.height_m
+        )
+        for point in survey
+    }
+    posed = [one for one in known if _has_pose(flight, one.stamp_ns)]
+    heights = [points[name].height_m for name in {one.id for one in posed}]
+    return ReadFlight(
+        flight,
+        usual.plane,
+        [
+            PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), places_n[one.id])
+            for one in posed
+        ],
+        len(seen) - len(known),
+        len(known) - len(posed),
+        float(np.median(heights)) if heights else math.nan,
+        composer.sees_joints,
+        follows_north,
+    )
 
 
 def _passes(
@@ -107,53 +130,9 @@ def _passes(
     return passes
 
 
-def _follows_north(composer: GimbalComposer) -> bool:
-    return not composer.sees_joints and composer.counts.get("north_used", 0) > 0
-
-
-def _unknown_north(composer: GimbalComposer, gimbal: GimbalConfig) -> float:
-    """Return the variance (rad2) of the configured gimbal's north in the poses.
-
-    It is 0 if joint angles or the flight's own readings give the north.
-    """
-    shown = composer.sees_joints or _follows_north(composer)
-    return 0.0 if shown else math.radians(gimbal.north.sigma_deg) ** 2
-
-
-def _with_sightings(
-    flight: SightedFlight,
-    plane: TangentPlane,
-    composer: GimbalComposer,
-    seen: Sequence[Observation],
-    survey: Sequence[SurveyPoint],
-) -> ReadFlight:
-    points = {point.id: point for point in survey}
-    known = [one for one in seen if one.id in points]
-    posed = [one for one in known if _has_pose(flight, one.stamp_ns)]
-    heights = [points[name].height_m for name in {one.id for one in posed}]
-    return ReadFlight(
-        flight,
-        plane,
-        [_sighting(one, points, plane) for one in posed],
-        len(seen) - len(known),
-        len(known) - len(posed),
-        float(np.median(heights)) if heights else math.nan,
-        composer.sees_joints,
-        _follows_north(composer),
-    )
-
-
 def _has_pose(flight: SightedFlight, stamp_ns: int) -> bool:
     """Return whether a picture has a pose with its motion, in every run."""
     exposure_ns = stamp_ns - round(flight.latency_s * 1e9)
     everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
     found = [poses(exposure_ns) for poses in everywhere]
     return all(one is not None and one[1] is not None for one in found)
-
-
-def _sighting(
-    seen: Observation, points: Mapping[str, SurveyPoint], plane: TangentPlane
-) -> PointSighting:
-    at = points[seen.id]
-    point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
-    return PointSighting(seen.id, seen.stamp_ns, np.array([seen.u, seen.v]), point_n)

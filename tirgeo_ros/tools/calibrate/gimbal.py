@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,30 +42,24 @@ _NOISY = 0.5
 _MOST_RMS_PX = 1.5
 
 
-@dataclass(frozen=True)
-class BoardAttitudes:
+class BoardAttitudes(NamedTuple):
     """Hold a camera's attitudes relative to a fixed board, over N pictures."""
 
     names: list[str]
     times_s: Array  # (N,) since the first picture
-    angles_rad: Array  # roll, pitch, yaw, unwrapped
-    sigmas_rad: Array  # standard deviations from the picture's noise
+    angles_deg: Array  # (N, 3) roll, pitch, yaw, unwrapped
+    sigmas_deg: Array  # (N, 3) standard deviations from the picture's noise
     rms_px: Array  # (N,) reprojection errors
 
     @property
-    def std_rad(self) -> Array:
-        """Return the standard deviation of each axis about its mean (3,), rad."""
-        return np.asarray(self.angles_rad.std(0, ddof=1))
+    def std_deg(self) -> Array:
+        """Return the standard deviation of each axis about its mean (3,)."""
+        return np.asarray(self.angles_deg.std(0, ddof=1))
 
     @property
-    def still_rad(self) -> Array:
-        """Return the standard deviation of each axis without the picture's noise (3,), rad."""
-        return np.asarray(np.sqrt(np.maximum(self.std_rad**2 - self.noise_rad**2, 0.0)))
-
-    @property
-    def noise_rad(self) -> Array:
-        """Return the rms of the picture's noise on each axis (3,), rad."""
-        return np.asarray(np.sqrt((self.sigmas_rad**2).mean(0)))
+    def noise_deg(self) -> Array:
+        """Return the rms of the picture's noise on each axis (3,)."""
+        return np.asarray(np.sqrt((self.sigmas_deg**2).mean(0)))
 
 
 def calibrate_gimbal(
@@ -98,7 +92,10 @@ def calibrate_gimbal(
     else:
         assert camera is not None
         lens = load_camera(camera)
-        pictures = _timed(pictures_of_files(files_of(inputs), progress), rate_hz)
+        pictures = (
+            taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
+            for number, taken in enumerate(pictures_of_files(files_of(inputs), progress))
+        )
     found, lost = attitudes_in(pictures, board, lens)
     if len(found.names) < _FEWEST:
         raise CalibrationError(
@@ -116,12 +113,6 @@ def calibrate_gimbal(
     return {"output": output_files} | _summary(found, lost) | {"error": damage}
 
 
-def _timed(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
-    """Yield the pictures with stamps computed from their index and the rate."""
-    for number, taken in enumerate(pictures):
-        yield taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
-
-
 def attitudes_in(
     pictures: Iterator[Taken], board: Checkerboard, camera: Camera
 ) -> tuple[BoardAttitudes, BoardSightings]:
@@ -137,7 +128,11 @@ def attitudes_in(
                 RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits"
             )
             continue
-        _check_size(name, pixels.shape, camera)
+        if pixels.shape[:2] != (camera.height, camera.width):
+            raise CalibrationError(
+                f"{name}: the picture has {pixels.shape[1]}x{pixels.shape[0]} pixels, the "
+                f"camera's calibration {camera.width}x{camera.height}"
+            )
         seen = find_board(pixels, board)
         if isinstance(seen, BoardSighting):
             pose = tracker.pose(seen)
@@ -147,75 +142,48 @@ def attitudes_in(
             error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
             seen = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
         lost.refused[name] = seen
-    return _attitudes(rows), lost
-
-
-def _check_size(name: str, shape: tuple[int, ...], camera: Camera) -> None:
-    if shape[:2] != (camera.height, camera.width):
-        raise CalibrationError(
-            f"{name}: the picture has {shape[1]}x{shape[0]} pixels, the camera's calibration "
-            f"{camera.width}x{camera.height}"
-        )
-
-
-def _attitudes(rows: list[tuple[str, int, Array, Array, float]]) -> BoardAttitudes:
-    stamps = np.array([row[1] for row in rows], np.int64)
-    angles = np.array([row[2] for row in rows]).reshape(-1, 3)
-    return BoardAttitudes(
-        [row[0] for row in rows],
-        np.asarray((stamps - stamps[:1]) * 1e-9, float),
-        np.unwrap(angles, axis=0),
-        np.array([row[3] for row in rows]).reshape(-1, 3),
-        np.array([row[4] for row in rows]),
-    )
+    names, stamps_ns, angles, sigmas, errors = zip(*rows, strict=True) if rows else [()] * 5
+    times_s = (np.array(stamps_ns, np.int64) - (stamps_ns[0] if rows else 0)) * 1e-9
+    angles_deg = np.degrees(np.unwrap(np.array(angles).reshape(-1, 3), axis=0))
+    sigmas_deg = np.degrees(np.array(sigmas).reshape(-1, 3))
+    return BoardAttitudes([*names], times_s, angles_deg, sigmas_deg, np.array(errors)), lost
 
 
 def _summary(found: BoardAttitudes, lost: BoardSightings) -> dict[str, object]:
     total = len(found.names) + lost.pictures
-    span = np.ptp(found.angles_rad, axis=0)
-    return {
-        "pictures": total,
-        "used": len(found.names),
-        "duration_s": float(found.times_s[-1]),
-        "std_deg": _by_axis(found.std_rad),
-        "span_deg": _by_axis(span),
-        "mean_deg": _by_axis(found.angles_rad.mean(0)),
-        "noise_deg": _by_axis(found.noise_rad),
-        "std_without_noise_deg": _by_axis(found.still_rad),
-        "reprojection_rms_px": float(np.sqrt((found.rms_px**2).mean())),
-        "refused": {
-            name: f"{why.reason.value}: {why.detail}" for name, why in lost.refused.items()
-        },
-        "warning": _warning(found, lost, total),
+    still_deg = np.sqrt(np.maximum(found.std_deg**2 - found.noise_deg**2, 0.0))
+    columns = {
+        "std_deg": found.std_deg,
+        "span_deg": np.ptp(found.angles_deg, axis=0),
+        "mean_deg": found.angles_deg.mean(0),
+        "noise_deg": found.noise_deg,
+        "std_without_noise_deg": still_deg,
     }
-
-
-def _by_axis(values_rad: Array) -> dict[str, float]:
-    return dict(zip(AXES, np.degrees(values_rad).tolist(), strict=True))
-
-
-def _warning(found: BoardAttitudes, lost: BoardSightings, total: int) -> str | None:
     notes = []
     if lost.pictures > _MANY_LOST * total:
         notes.append(f"{lost.pictures} of {total} pictures are not used: {reasons(lost)}")
-    noisy = [
-        name
-        for name, std, noise in zip(AXES, found.std_rad, found.noise_rad, strict=True)
-        if noise > _NOISY * std
-    ]
+    noisy = [AXES[k] for k in np.flatnonzero(found.noise_deg > _NOISY * found.std_deg)]
     if noisy:
         notes.append(
             f"the picture's noise makes much of the {' and '.join(noisy)}: "
             "let the board fill more of the picture, seen at an angle"
         )
-    return "; ".join(notes) or None
+    return {
+        "pictures": total,
+        "used": len(found.names),
+        "duration_s": float(found.times_s[-1]),
+        **{key: dict(zip(AXES, v.tolist(), strict=True)) for key, v in columns.items()},
+        "reprojection_rms_px": float(np.sqrt((found.rms_px**2).mean())),
+        "refused": lost.reasons_by_name,
+        "warning": "; ".join(notes) or None,
+    }
 
 
 def attitudes_csv(found: BoardAttitudes) -> str:
     """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
     rows = [["picture", "time_s", *names, "rms_px"]]
-    numbers = np.degrees(np.hstack([found.angles_rad, found.sigmas_rad]))
+    numbers = np.hstack([found.angles_deg, found.sigmas_deg])
     for name, time_s, row, rms in zip(
         found.names, found.times_s, numbers, found.rms_px, strict=True
     ):
@@ -226,11 +194,10 @@ def attitudes_csv(found: BoardAttitudes) -> str:
 def attitudes_png(found: BoardAttitudes) -> bytes:
     """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
     made, all_axes = figure(7.0, 6.0, rows=3, sharex=True)
-    angles = np.degrees(found.angles_rad - found.angles_rad.mean(0))
+    angles = found.angles_deg - found.angles_deg.mean(0)
     for number, (axes, name) in enumerate(zip(all_axes, AXES, strict=True)):
         axes.plot(found.times_s, angles[:, number], ".-", color=COLOURS[number], markersize=3)
-        std = np.degrees(found.std_rad[number])
-        axes.set_title(f"{name}: standard deviation {std:.3f} deg")
+        axes.set_title(f"{name}: standard deviation {found.std_deg[number]:.3f} deg")
         axes.set_ylabel("deg from the mean")
     all_axes[-1].set_xlabel("time, s")
     return png(made)

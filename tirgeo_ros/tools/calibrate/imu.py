@@ -13,19 +13,21 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, PieceStream
+from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, pieces_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter import ImuConfig
+from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
-from tirgeo_ros.tools.calibrate.flight_noise_plot import spectra_png
-from tirgeo_ros.tools.calibrate.flight_noise_table import LOW, axes_of, table
-from tirgeo_ros.tools.calibrate.flight_noise_warnings import check, doubts
-from tirgeo_ros.tools.calibrate.imu_record import FlightRecord, read_record
+from tirgeo_ros.tools.calibrate.imu_noise_plots import spectra_png
+from tirgeo_ros.tools.calibrate.imu_noise_tables import LOW, flight_axes, flight_table
+from tirgeo_ros.tools.calibrate.imu_noise_warnings import check_flight, flight_warnings
+from tirgeo_ros.tools.calibrate.imu_record import ReadImu, read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
@@ -64,22 +66,31 @@ def calibrate_imu(
     check_outputs(given, (output, picture), CalibrationError)
     imu = ParameterFile(params).config("ekf_node", EkfConfig, namespace).imu
     reader = BagReader(bag)
-    record = FlightRecord(resolved("imu/data", namespace), from_s)
-    read_record(reader, record, to_s, progress)
-    flying, resting = _flown(reader, record)
+    read = read_imu(reader, resolved("imu/data", namespace), from_s, to_s, progress)
+    pieces = pieces_of(read.record)
+    check_flight(read, pieces)
+    flying, resting = pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
+    clipped = _clipped(read)
     densities = floor_of(flying, resting, imu).tolist()
-    axes = axes_of(flying, resting, record.clipping.counts, imu, densities)
-    numbers = _record_numbers(record, flying, resting)
+    axes = flight_axes(flying, resting, clipped, imu, densities)
+    recorded_s = sum(map(len, read.record.runs)) * read.record.step_s
+    numbers = {
+        **read.numbers(),
+        "flying_s": PIECE_S * len(flying.starts_s),
+        "resting_s": PIECE_S * len(resting.starts_s),
+        "skipped_s": PIECE_S * (int(recorded_s // PIECE_S) - len(pieces.starts_s)),
+        "missing": read.record.irregular["missing"],
+    }
     files: dict[PathLike, str | bytes] = {}
     if output is not None:
-        head = _HEAD.format(name=Path(bag).name, **numbers) + table(axes)
+        head = _HEAD.format(name=Path(bag).name, **numbers) + flight_table(axes)
         files[output] = parameters_yaml({"ekf_node": parameters_of(densities)}, head)
     if picture is not None:
         name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts take valid UTF-8 only
         what = f"{name}: {numbers['flying_s']} s in flight"
         files[picture] = spectra_png(flying, resting, axes, what)
     write_files(files, CalibrationError)
-    warnings = doubts(record, flying)
+    warnings = flight_warnings(read, flying, clipped)
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
@@ -116,26 +127,11 @@ def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
     return np.asarray(np.maximum(least, np.minimum(floors, followed)))
 
 
-def _flown(reader: BagReader, record: FlightRecord) -> tuple[Pieces, Pieces]:
-    """Return the pieces in flight and the pieces at rest."""
-    pieces = record.stream.pieces() if record.stream else PieceStream(1e9).pieces()
-    try:
-        check(record, pieces)
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {record.topic}: {error}") from None
-    return pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
-
-
-def _record_numbers(record: FlightRecord, flying: Pieces, resting: Pieces) -> dict[str, object]:
-    counts, grid = record.grid.irregularities, record.grid
-    return {
-        "topic": record.topic,
-        "messages": record.messages,
-        "samples": counts.samples,
-        "rate_hz": 1e9 / grid.mean_step_ns,
-        "jitter_ms": grid.jitter_ns * 1e-6,
-        "flying_s": PIECE_S * len(flying.starts_s),
-        "resting_s": PIECE_S * len(resting.starts_s),
-        "skipped_s": PIECE_S * (record.stream.skipped if record.stream else 0),
-        "missing": counts.missing,
-    }
+def _clipped(read: ReadImu) -> dict[str, int]:
+    """Return the number of samples at the end of the range, by axis."""
+    clipping = Clipping()
+    values = np.concatenate(read.values)
+    finite = np.isfinite(values).all(axis=1)
+    for stamp_ns, row in zip(read.stamps_ns[finite].tolist(), values[finite], strict=True):
+        clipping.add(ImuSample(stamp_ns, row[3:], row[:3]))
+    return dict(clipping.counts)

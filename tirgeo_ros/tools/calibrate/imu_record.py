@@ -1,128 +1,117 @@
-"""Stream an IMU record, at rest or in flight, from a bag into the estimators of its noise."""
+"""Read an IMU's record, at rest or in flight, from a bag."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
-from typing import TypeVar
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.deviation import AllanStream
-from tirgeo_ros.core.calibration.allan.flight_noise import PieceStream
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece, SampleGrid
-from tirgeo_ros.core.calibration.allan.sample_runs import SampleRuns
-from tirgeo_ros.core.calibration.allan.spectral_lines import SpectrumStream
-from tirgeo_ros.core.calibration.allan.stillness import SecondStream
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.calibration.allan.record import ImuRecord, record_of
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages.imu_block import ImuBlock, imu_block
+from tirgeo_ros.io.messages.imu_block import imu_block
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
+#: Sensor -> the unit of its samples, and of its noise density.
+UNITS = {"gyro": "rad/s", "accel": "m/s2"}
+DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
 _TYPE = "sensor_msgs/msg/Imu"
 _BLOCK = 1 << 15  # messages decoded together
 _SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
 _LEAST_HZ = 5.0
-_MOST_MISSING = 0.2
 
 
-@dataclass
-class ImuRecord:
-    """Hold what has been read of a record; the streams are those of the core."""
+@dataclass(frozen=True)
+class ReadImu:
+    """Hold the record of a topic and the samples that it was made from."""
 
-    topic: str  # resolved
-    from_s: float = 0.0  # start of the record after the first message
-    grid: SampleGrid = field(default_factory=SampleGrid)
-    messages: int = 0
-    unreadable: int = 0
-    first_ns: int | None = None
+    where: str  # bag and topic
+    topic: str
+    record: ImuRecord
+    stamps_ns: IntArray  # (n,)
+    values: list[Array]  # blocks of (n, 6) in all; NaN where absent
+    messages: int
+    unreadable: int
 
-    def add(self, block: ImuBlock) -> None:
-        """Add messages. Raise CalibrationError if they have no regular rate."""
-        self.unreadable += block.unreadable
-        for piece in self.grid.add(block.stamps_ns, block.values):
-            self.take(piece)
+    @property
+    def rate_hz(self) -> float:
+        """Return the number of samples a second where none is missing."""
+        return 1 / self.record.step_s
 
-    def take(self, piece: Piece) -> None:
-        """Add consecutive grid slots to the streams."""
-
-
-@dataclass
-class RestRecord(ImuRecord):
-    """Hold the record of an IMU at rest."""
-
-    allan: AllanStream = field(default_factory=AllanStream)
-    seconds: SecondStream | None = None
-    spectrum: SpectrumStream | None = None
-
-    def take(self, piece: Piece) -> None:
-        """Add consecutive grid slots to the streams."""
-        if self.seconds is None or self.spectrum is None:
-            self.seconds = SecondStream(self.grid.step_ns)
-            self.spectrum = SpectrumStream(self.grid.step_ns)
-        self.allan.add(piece)
-        self.seconds.add(piece)
-        self.spectrum.add(piece)
+    def numbers(self) -> dict[str, object]:
+        """Return what results of every kind say of the record."""
+        return {
+            "topic": self.topic,
+            "messages": self.messages,
+            "samples": self.record.samples,
+            "rate_hz": self.rate_hz,
+            "jitter_ms": self.record.jitter_s * 1e3,
+        }
 
 
-@dataclass
-class FlightRecord(ImuRecord):
-    """Hold the record of an IMU in flight."""
-
-    grid: SampleGrid = field(default_factory=SampleRuns)
-    stream: PieceStream | None = None
-    clipping: Clipping = field(default_factory=Clipping)
-
-    def add(self, block: ImuBlock) -> None:
-        """Add messages. Raise CalibrationError if they have no regular rate."""
-        super().add(block)
-        finite = np.isfinite(block.values).all(axis=1)
-        stamps_ns, rows = block.stamps_ns[finite].tolist(), block.values[finite]
-        for stamp_ns, values in zip(stamps_ns, rows, strict=True):
-            self.clipping.add(ImuSample(stamp_ns, values[3:], values[:3]))
-
-    def take(self, piece: Piece) -> None:
-        """Add consecutive grid slots to the stream."""
-        if self.stream is None:
-            self.stream = PieceStream(self.grid.step_ns)
-        self.stream.add(piece)
-
-
-Record = TypeVar("Record", bound=ImuRecord)
-
-
-def read_record(
+def read_imu(
     reader: BagReader,
-    record: Record,
+    topic: str,
+    from_s: float = 0.0,
     to_s: float = math.inf,
     progress: Report = silent,
-) -> Record:
-    """Fill a record from its topic, up to a time (s) since the topic's first message.
+) -> ReadImu:
+    """Read a topic between two times (s) since its first message.
 
     Raise BagError for a topic that is absent or no Imu, CalibrationError for an unusable record.
     """
-    name = record.topic
-    _check(reader, name)
-    for block in _blocks(reader, name, to_s, progress):
-        record.messages += len(block.stamps_ns) + block.unreadable
-        if record.first_ns is None and len(block.stamps_ns):
-            record.first_ns = int(block.stamps_ns[0])
-        since_s = (block.stamps_ns - (record.first_ns or 0)) * 1e-9
-        wanted = (since_s >= record.from_s) & (since_s <= to_s)
-        try:
-            record.add(ImuBlock(block.stamps_ns[wanted], block.values[wanted], block.unreadable))
-        except CalibrationError as error:
-            raise CalibrationError(f"{reader.path}: {name}: {error}") from None
-    _check_record(reader, name, record)
-    return record
+    _check_topic(reader, topic)
+    where = f"{reader.path}: {topic}"
+    begin_ns, end_ns = reader.span_ns
+    stamps: list[IntArray] = []
+    values: list[Array] = []
+    number = unreadable = 0
+    first_ns: int | None = None
+    messages = reader.messages([topic])
+    while chunk := list(islice(messages, _BLOCK)):
+        block = imu_block([message.data for message in chunk])
+        number, unreadable = number + len(chunk), unreadable + block.unreadable
+        if first_ns is None and len(block.stamps_ns):
+            first_ns = int(block.stamps_ns[0])
+        since_s = (block.stamps_ns - (first_ns or 0)) * 1e-9
+        wanted = (since_s >= from_s) & (since_s <= to_s)
+        stamps.append(block.stamps_ns[wanted])
+        values.append(block.values[wanted])
+        done_s = (chunk[-1].log_time_ns - begin_ns) * 1e-9
+        progress(done_s, min((end_ns - begin_ns) * 1e-9, to_s))
+        if done_s > to_s + _SLACK_S:
+            break
+    stamps_ns = np.concatenate(stamps) if stamps else np.zeros(0, np.int64)
+    if not any(np.isfinite(block).all(axis=1).any() for block in values):
+        raise CalibrationError(
+            f"{where}: none of {number} messages has a sample; look at --from and --to"
+        )
+    try:
+        record = record_of(stamps_ns, values)
+    except CalibrationError as error:
+        raise CalibrationError(f"{where}: {error}") from None
+    if 1 / record.step_s < _LEAST_HZ:
+        raise CalibrationError(
+            f"{where}: {1 / record.step_s:.3g} samples a second are too few; record at 50 Hz or "
+            "more"
+        )
+    return ReadImu(where, topic, record, stamps_ns, values, number, unreadable)
 
 
-def _check(reader: BagReader, name: str) -> None:
+def check_alive(where: str, still: Array) -> None:
+    """Raise CalibrationError for axes (6,) whose samples never change."""
+    dead = [name for name, dead in zip(CHANNELS, still, strict=True) if dead]
+    if dead:
+        raise CalibrationError(
+            f"{where}: {', '.join(dead)}: never changes; record what the IMU itself measures"
+        )
+
+
+def _check_topic(reader: BagReader, name: str) -> None:
     topics = reader.topics()
     if topics.get(name) != _TYPE:
         others = ", ".join(topic for topic, kind in topics.items() if kind == _TYPE) or "none"
@@ -130,36 +119,4 @@ def _check(reader: BagReader, name: str) -> None:
         raise BagError(
             f"{reader.path}: {name} {what}; topics of {_TYPE}: {others}; "
             "give --topic or --namespace"
-        )
-
-
-def _blocks(reader: BagReader, name: str, to_s: float, progress: Report) -> Iterator[ImuBlock]:
-    begin_ns, end_ns = reader.span_ns
-    span_s = min((end_ns - begin_ns) * 1e-9, to_s)
-    messages = reader.messages([name])
-    while chunk := list(islice(messages, _BLOCK)):
-        yield imu_block([message.data for message in chunk])
-        done_s = (chunk[-1].log_time_ns - begin_ns) * 1e-9
-        progress(done_s, span_s)
-        if done_s > to_s + _SLACK_S:
-            return
-
-
-def _check_record(reader: BagReader, name: str, record: ImuRecord) -> None:
-    where = f"{reader.path}: {name}"
-    counts, grid = record.grid.irregularities, record.grid
-    if not counts.samples:
-        raise CalibrationError(
-            f"{where}: none of {record.messages} messages has a sample; look at --from and --to"
-        )
-    rate_hz = 1e9 / grid.mean_step_ns
-    if rate_hz < _LEAST_HZ:
-        raise CalibrationError(
-            f"{where}: {rate_hz:.3g} samples a second are too few; record at 50 Hz or more"
-        )
-    missing = counts.missing + counts.not_finite
-    if missing > _MOST_MISSING * (counts.samples + missing):
-        raise CalibrationError(
-            f"{where}: {missing} samples are missing or not finite beside {counts.samples} good "
-            "ones; record again without loss, with the sensor's own stamps"
         )

@@ -26,7 +26,7 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
     pictures_of_files,
     sharpest,
 )
-from tirgeo_ros.tools.calibrate.lens_plots import coverage_png
+from tirgeo_ros.tools.calibrate.residual_plots import lens_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
@@ -48,6 +48,11 @@ class BoardSightings:
     def pictures(self) -> int:
         """Return the number of pictures."""
         return len(self.views) + len(self.refused)
+
+    @property
+    def reasons_by_name(self) -> dict[str, str]:
+        """Return why each of the other pictures was refused."""
+        return {name: f"{why.reason.value}: {why.detail}" for name, why in self.refused.items()}
 
     def leave(self, refused: dict[str, Refused]) -> None:
         """Move views to the refused pictures."""
@@ -110,25 +115,20 @@ def calibrate_lens(
         pictures = pictures_of_files(files_of(inputs), progress)
     seen = sightings_in(pictures, board)
     seen.leave(doubtful_views(seen.views, seen.size[0]))
-    _check_seen(seen)
+    if not seen.views:
+        none = f"no picture of {seen.pictures} can be used: {reasons(seen)}"
+        raise CalibrationError(f"lens: {none if seen.pictures else 'there are no pictures'}")
     chosen = sorted(most_distinct(seen.views, max_views), key=list(seen.views).index)
     fit = fit_lens({name: seen.views[name] for name in chosen}, board, seen.size, model)
     spare = len(seen.views) - len(chosen)
     seen.leave(fit.refused)
     files: dict[PathLike, str | bytes] = {output: camera_yaml(fit.camera, camera_name)}
     if plot is not None:
-        files[plot] = coverage_png(fit, seen.views)
+        files[plot] = lens_png(fit, seen.views)
     write_files(files, CalibrationError)
     damage = None if video is None else video.damage
     output_files = [os.fspath(path) for path in files]
     return {"output": output_files} | _summary(fit, seen, spare) | {"error": damage}
-
-
-def _check_seen(seen: BoardSightings) -> None:
-    if seen.pictures == 0:
-        raise CalibrationError("lens: there are no pictures")
-    if not seen.views:
-        raise CalibrationError(f"lens: no picture of {seen.pictures} can be used: {reasons(seen)}")
 
 
 def reasons(seen: BoardSightings) -> str:
@@ -137,22 +137,17 @@ def reasons(seen: BoardSightings) -> str:
     return ", ".join(f"{number} x {reason}" for reason, number in counts.most_common())
 
 
-def covered_share(fit: LensFit, views: dict[str, BoardSighting]) -> float:
-    """Return the share of the picture's cells in which a used view has a corner."""
-    corners = np.concatenate([views[name].corners_px for name in fit.views])
-    size = np.array([fit.camera.width, fit.camera.height])
-    cells = np.floor((corners + 0.5) / size * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
-    return len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
-
-
 def _summary(fit: LensFit, seen: BoardSightings, spare: int) -> dict[str, object]:
-    covered = covered_share(fit, seen.views)
+    size = np.array([fit.camera.width, fit.camera.height])
+    corners = np.concatenate([seen.views[name].corners_px for name in fit.views])
+    cells = np.floor((corners + 0.5) / size * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
+    covered = len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
     errors = {name: view.rms_px for name, view in fit.views.items()}
     return {
         "pictures": seen.pictures,
         "views": len(fit.views),
         "views_spare": spare,
-        "image_size": [fit.camera.width, fit.camera.height],
+        "image_size": size.tolist(),
         "parameters": dict(zip(fit.names, fit.values.tolist(), strict=True)),
         "sigma": dict(zip(fit.names, fit.sigma.tolist(), strict=True)),
         "covariance": fit.covariance,
@@ -162,9 +157,7 @@ def _summary(fit: LensFit, seen: BoardSightings, spare: int) -> dict[str, object
         "covered_share": covered,
         "tilt_deg": float(np.degrees(fit.tilt_rad)),
         "view_rms_px": errors,
-        "refused": {
-            name: f"{why.reason.value}: {why.detail}" for name, why in seen.refused.items()
-        },
+        "refused": seen.reasons_by_name,
         "warning": _warning(fit, covered),
     }
 

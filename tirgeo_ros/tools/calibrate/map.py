@@ -14,14 +14,14 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
     Residuals,
     fit_polynomial,
 )
-from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.arrays import BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
 from tirgeo_ros.io.coordinates.projected_planes import Plane
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.io.pictures.geotiff_output import write_warped
 from tirgeo_ros.io.surveys.control_points import ControlPoints, load_control_points
 from tirgeo_ros.io.surveys.pixel_features import PixelFeatures
-from tirgeo_ros.tools.calibrate.map_residuals import residuals_png
+from tirgeo_ros.tools.calibrate.residual_plots import orthophoto_png
 
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
 _LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
@@ -52,11 +52,19 @@ def calibrate_map(
     check_outputs((vectors, points, survey, image), named, MapError)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
-    found, residuals = _fitted(points, control, plane, order)
+    try:
+        found, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)
+    except CalibrationError as error:
+        raise CalibrationError(f"{points}: {error}") from None
     features = PixelFeatures(vectors)
     outside = ~found.inside(features.pixels)
     folded = found.folded(features.pixels)
-    _check_folds(vectors, features, folded)
+    if folded.any():
+        raise CalibrationError(
+            f"{vectors}: the polynomial turns over at {features.features_with(folded)} of "
+            f"{features.count} features, far from the control points; measure points there, "
+            "leave these features out or lower --order"
+        )
     degrees = plane.degrees(found(features.pixels))
     if image is not None and geotiff is not None:
         write_warped(image, geotiff, found, plane, _pixel_size(found, control))
@@ -64,7 +72,7 @@ def calibrate_map(
     if residuals_csv is not None:
         files[residuals_csv] = _csv(control, residuals)
     if plot is not None:
-        files[plot] = residuals_png(control, found, residuals, features.pixels, outside)
+        files[plot] = orthophoto_png(control, found, residuals, features.pixels, outside)
     write_files(files, MapError)
     warnings = list(_warnings(control, found, residuals, features, outside))
     return {
@@ -87,24 +95,6 @@ def calibrate_map(
     }
 
 
-def _fitted(
-    points: PathLike, control: ControlPoints, plane: Plane, order: int
-) -> tuple[PolynomialTransform, Residuals]:
-    try:
-        return fit_polynomial(control.pixels, plane.metres(control.degrees), order)
-    except CalibrationError as error:
-        raise CalibrationError(f"{points}: {error}") from None
-
-
-def _check_folds(vectors: PathLike, features: PixelFeatures, folded: BoolArray) -> None:
-    if folded.any():
-        raise CalibrationError(
-            f"{vectors}: the polynomial turns over at {features.features_with(folded)} of "
-            f"{features.count} features, far from the control points; measure points there, "
-            "leave these features out or lower --order"
-        )
-
-
 def _pixel_size(found: PolynomialTransform, control: ControlPoints) -> float:
     """Return the pixel size (m) in the middle of the control points."""
     jacobian = found.jacobian(control.pixels.mean(axis=0)[None])[0]
@@ -119,7 +109,9 @@ def _warnings(
     outside: BoolArray,
 ) -> Iterator[str]:
     if outside.any():
-        worst = _worst_sigma(found, residuals, features.pixels[outside])
+        times = math.sqrt(float(found.leverage(features.pixels[outside]).max()))
+        sigma = f": up to {residuals.sigma_m * times:.2g} m (one sigma) by the points' own errors"
+        worst = "" if math.isnan(residuals.sigma_m) else f"{sigma} alone"
         yield (
             f"{features.features_with(outside)} of {features.count} features reach outside the "
             f"hull of the control points, where the polynomial runs away{worst}"
@@ -138,13 +130,6 @@ def _warnings(
         yield f"in one of the two files alone, and not used: {some}{more}"
 
 
-def _worst_sigma(found: PolynomialTransform, residuals: Residuals, pixels: Array) -> str:
-    if math.isnan(residuals.sigma_m):
-        return ""
-    sigma_m = residuals.sigma_m * math.sqrt(float(found.leverage(pixels).max()))
-    return f": up to {sigma_m:.2g} m (one sigma) by the points' own errors alone"
-
-
 def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
     """Return the points whose leave-one-out residual is an outlier."""
     if math.isnan(residuals.sigma_m):
@@ -157,31 +142,19 @@ def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
 
 
 def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, object]]:
-    columns = zip(
-        control.names,
-        control.pixels.tolist(),
-        residuals.metres.tolist(),
-        residuals.pixels.tolist(),
-        residuals.lengths_m.tolist(),
-        residuals.lengths_px.tolist(),
-        residuals.left_out_m.tolist(),
-        strict=True,
-    )
-    return [
-        {
-            "id": name,
-            "column": column,
-            "row": row,
-            "x_m": x,
-            "y_m": y,
-            "column_px": across,
-            "row_px": down,
-            "length_m": metres,
-            "length_px": pixels,
-            "left_out_m": left_out,
-        }
-        for name, (column, row), (x, y), (across, down), metres, pixels, left_out in columns
-    ]
+    columns = {
+        "id": control.names,
+        "column": control.pixels[:, 0].tolist(),
+        "row": control.pixels[:, 1].tolist(),
+        "x_m": residuals.metres[:, 0].tolist(),
+        "y_m": residuals.metres[:, 1].tolist(),
+        "column_px": residuals.pixels[:, 0].tolist(),
+        "row_px": residuals.pixels[:, 1].tolist(),
+        "length_m": residuals.lengths_m.tolist(),
+        "length_px": residuals.lengths_px.tolist(),
+        "left_out_m": residuals.left_out_m.tolist(),
+    }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _csv(control: ControlPoints, residuals: Residuals) -> str:

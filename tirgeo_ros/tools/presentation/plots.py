@@ -37,6 +37,13 @@ def figure(
         return made, made.subplots(rows, columns, **options)
 
 
+def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> None:
+    """Draw arrows from places (n, 2) by moves (n, 2), both in the units of the axes."""
+    axes.quiver(
+        *places.T, *moves.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width
+    )
+
+
 def logarithmic(axes: Any, which: str) -> None:
     """Make an axis (``x`` or ``y``) logarithmic, with plain numbers that do not overlap.
 

@@ -86,13 +86,6 @@ def test_the_blur_is_found(blur_px):
     assert np.median(fit.blur_px) == pytest.approx(expected, rel=0.1)
 
 
-def test_contrast_alternates_and_its_sign_follows_the_temperatures():
-    cold, warm = (fitted(view(LOOKS[name])).contrast for name in ("plain", "inverted"))
-    signs = np.where(BOARD.grid.sum(1) % 2 == 0, 1, -1)
-    assert (np.sign(cold) == -np.sign(warm)).all()
-    assert abs((np.sign(cold) * signs).sum()) == BOARD.count
-
-
 def test_what_is_beside_the_picture_is_nan():
     image = np.zeros((40, 40), np.float32)
     uv = np.array([[1.0, 20.0], [20.0, 20.0], [39.0, 38.0]])
@@ -100,14 +93,3 @@ def test_what_is_beside_the_picture_is_nan():
     fit = fit_corners(image, uv, steps)
     assert np.isnan(fit.uv[[0, 2]]).all()
     assert np.isnan(fit.contrast[[0, 2]]).all()
-
-
-def test_a_flat_picture_has_no_contrast():
-    uv, steps = np.array([[20.0, 20.0]]), np.array([[[20.0, 0.0], [0.0, 20.0]]])
-    fit = fit_corners(np.full((40, 40), 7.0, np.float32), uv, steps)
-    assert np.abs(np.nan_to_num(fit.contrast)).max() < 1e-6
-
-
-def test_no_corners_at_all():
-    fit = fit_corners(np.zeros((40, 40), np.float32), np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    assert fit.uv.shape == (0, 2)

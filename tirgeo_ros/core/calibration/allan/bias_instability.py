@@ -30,6 +30,14 @@ _AS_NEAR = 3.0
 _TIMES = 200  # correlation times that are tried
 
 
+class Term(NamedTuple):
+    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
+
+    value: float | None
+    sigma: float
+    upper: float  # two standard deviations above
+
+
 class GaussMarkov(NamedTuple):
     """Hold a first-order Gauss-Markov process, in the unit of the record."""
 
@@ -44,21 +52,7 @@ class GaussMarkov(NamedTuple):
         return self.sigma**2 * gauss_markov(tau_s, self.time_s)
 
 
-class _Trial(NamedTuple):
-    time_s: float
-    power: float
-    sigma: float  # of the power
-    cost: float
-
-
-class BiasInstability(NamedTuple):
-    """Hold the bias instability B and its standard deviation, in the unit of the record."""
-
-    value: float
-    sigma: float
-
-
-def gauss_markov(tau_s: Array, time_s: float) -> Array:
+def gauss_markov(tau_s: Array, time_s: float | Array) -> Array:
     """Return the Allan variance of a first-order Gauss-Markov process of standard deviation 1.
 
     IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``ins_error_model``.
@@ -76,56 +70,41 @@ def fit_bias(
     model: Array,
     covariance: Array,
     used: slice,
-    instability: BiasInstability | None = None,
+    flicker: Term,
 ) -> GaussMarkov:
     """Return the process nearest to Allan variances (k,) from which white noise is subtracted.
 
     ``model`` (k,) and ``covariance`` (k, k) are of the complete variances, with the white noise.
-    ``instability`` is B if it is significant; it becomes the standard deviation if a process with
-    it is about as near. Correlation times are tried from four times the shortest averaging time
+    ``flicker`` is B; if it is significant, it becomes the standard deviation if a process with it
+    is about as near. Correlation times are tried from four times the shortest averaging time
     to four times the longest, which is the record's length.
     """
     weights = 1 / (model[used] * np.sqrt(covariance.diagonal() / model**2 + _MODEL**2)[used])
     times_s = np.geomspace(4 * tau_s[0], 4 * tau_s[-1], _TIMES)
-    part, values = covariance[used, used], variances[used]
-    shapes = [gauss_markov(tau_s[used], float(t)) for t in times_s]
-    trials = [
-        _trial(float(t), shape, values, weights, part)
-        for t, shape in zip(times_s, shapes, strict=True)
-    ]
-    best = min(trials, key=lambda trial: trial.cost)
-    if best.power <= _SEEN_SIGMA * best.sigma:
-        last = trials[-1]
-        bound = math.sqrt(last.power + _SEEN_SIGMA * last.sigma)
-        return GaussMarkov(bound, last.time_s, last.sigma / (2 * bound), math.inf, seen=False)
-    sigma = BiasInstability(math.sqrt(best.power), best.sigma / (2 * math.sqrt(best.power)))
-    if instability is not None:
-        power = instability.value**2
-        constrained = [
-            one._replace(power=power, cost=_cost(weights * (values - power * shape)))
-            for one, shape in zip(trials, shapes, strict=True)
-        ]
-        nearest = min(constrained, key=lambda trial: trial.cost)
-        if nearest.cost <= _AS_NEAR * best.cost:
-            trials, best, sigma = constrained, nearest, instability
-    factor = _time_factor(trials, best, len(weights))
-    return GaussMarkov(sigma.value, best.time_s, sigma.sigma, factor, seen=True)
+    shapes = gauss_markov(tau_s[used], times_s[:, None])  # (times, k)
+    values, weighted = variances[used], weights * shapes
+    gains = weights * weighted / (weighted**2).sum(axis=1, keepdims=True)
+    powers = np.maximum(gains @ values, 0.0)
+    sigmas = np.sqrt(((gains @ covariance[used, used]) * gains).sum(axis=1))
 
+    def costs(tried: Array) -> Array:
+        return np.asarray(((weights * (values - tried[:, None] * shapes)) ** 2).sum(axis=1))
 
-def _time_factor(trials: list[_Trial], best: _Trial, points: int) -> float:
-    """Return the factor within which the time is known; misfit of the model counts as error."""
-    limit = best.cost + max(1.0, best.cost / points)
-    near = [trial.time_s for trial in trials if trial.cost <= limit]
-    return max(near[-1] / best.time_s, best.time_s / near[0])
-
-
-def _trial(time_s: float, shape: Array, values: Array, weights: Array, part: Array) -> _Trial:
-    """Return the best process with one correlation time."""
-    gain = weights**2 * shape / float((weights * shape) @ (weights * shape))
-    power = max(float(gain @ values), 0.0)
-    spread = math.sqrt(float(gain @ part @ gain))
-    return _Trial(time_s, power, spread, _cost(weights * (values - power * shape)))
-
-
-def _cost(residuals: Array) -> float:
-    return float(residuals @ residuals)
+    cost = costs(powers)
+    best = int(np.argmin(cost))
+    if powers[best] <= _SEEN_SIGMA * sigmas[best]:
+        bound = math.sqrt(powers[-1] + _SEEN_SIGMA * sigmas[-1])
+        return GaussMarkov(
+            bound, float(times_s[-1]), sigmas[-1] / (2 * bound), math.inf, seen=False
+        )
+    sigma = math.sqrt(powers[best])
+    spread = float(sigmas[best]) / (2 * sigma)
+    if flicker.value is not None:
+        constrained = costs(np.full(_TIMES, flicker.value**2))
+        if constrained.min() <= _AS_NEAR * cost[best]:
+            cost, best = constrained, int(np.argmin(constrained))
+            sigma, spread = flicker.value, flicker.sigma
+    # A misfit of the model counts as error of the time.
+    near = times_s[cost <= cost[best] + max(1.0, cost[best] / len(weights))]
+    factor = float(max(near[-1] / times_s[best], times_s[best] / near[0]))
+    return GaussMarkov(sigma, float(times_s[best]), spread, factor, seen=True)

@@ -1,21 +1,18 @@
-"""Compute overlapping Allan variances of records of any length, in bounded memory.
+"""Compute overlapping Allan variances of a record on a grid.
 
-An average over ``m`` slots is compared with the average over the next ``m``. For ``m`` up to 7
-this is done at every slot. For longer times the record is halved again and again by adding
-neighbours, and ``m`` is 4 to 7 slots of such a level, compared at every one of them. The stride is
-then a quarter to a seventh of the averaging time. This uses nearly all the information of full
-overlap (the equivalent degrees of freedom of white noise are 3 % fewer) and costs one more pass
-in total.
+An average over ``m`` slots is compared with the average over the next ``m``: for ``m`` up to 7 at
+every slot, for longer times at every quarter to seventh of the averaging time. This uses nearly
+all the information of full overlap (the equivalent degrees of freedom of white noise are 3 %
+fewer).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece
 from tirgeo_ros.core.types.arrays import Array
 
 _FIRST = (1, 2, 3, 4, 5, 6, 7)
@@ -30,117 +27,52 @@ class AllanCurve(NamedTuple):
     slots: Array  # (k,) averaging times, in slots
     strides: Array  # (k,) slots between comparisons
     pairs: Array  # (k,) number of comparisons
-    variances: Array  # (k, channels)
     inverse_counts: Array  # (k,) mean of 1 / (samples in an average)
+    variances: Array  # (k, channels)
     steps: Array  # (k, channels) mean difference from one average to the next
 
 
-class AllanStream:
-    """Accumulate the pieces of a record one after another."""
+def allan_curve(runs: Sequence[Array]) -> AllanCurve:
+    """Return the curve of runs (n, channels), NaN where a sample is missing.
 
-    def __init__(self) -> None:
-        self._levels = [_Level(0)]
-
-    def add(self, piece: Piece) -> None:
-        """Add consecutive slots."""
-        if piece.fresh:
-            for level in self._levels:
-                level.restart()
-        sums, counts = piece.sums, piece.counts
-        number = 0
-        while len(counts):
-            if number == len(self._levels):
-                self._levels.append(_Level(number))
-            sums, counts = self._levels[number].add(sums, counts)
-            number += 1
-
-    def curve(self) -> AllanCurve:
-        """Return the curve so far, at all averaging times that fit into the record twice."""
-        rows = [row for level in self._levels for row in level.rows()]
-        columns = zip(*rows, strict=True)
-        return AllanCurve(*(np.array(column, float) for column in columns))
-
-
-@dataclass
-class _Sums:
-    """Hold sums over the comparisons at one averaging time."""
-
-    pairs: int = 0
-    squares: Array | None = None  # (channels,)
-    inverses: float = 0.0
-    steps: Array | None = None  # (channels,)
-
-
-@dataclass
-class _Level:
-    """Accumulate the record in sums over ``2 ** number`` slots."""
-
-    number: int
-    _found: dict[int, _Sums] = field(default_factory=dict)
-    _sums: Array | None = None  # the newest slots, with which later ones are compared
-    _counts: Array = field(default_factory=lambda: np.zeros(0))
-    _odd: int = 0  # number of these that are not in the next level yet
-
-    def restart(self) -> None:
-        """Forget the slots so far, so that later ones are not compared with them."""
-        self._sums, self._counts, self._odd = None, np.zeros(0), 0
-
-    def add(self, sums: Array, counts: Array) -> tuple[Array, Array]:
-        """Add slots (n, channels), (n,); return the slots that they make for the next level."""
-        old = len(self._counts)
-        if self._sums is not None:
-            sums = np.concatenate([self._sums, sums])
-        counts = np.concatenate([self._counts, counts])
-        total = np.zeros((len(sums) + 1, sums.shape[1]))
+    It has all averaging times that fit into a run twice; no comparison crosses a break.
+    """
+    longest = max(map(len, runs))
+    spans = [
+        (m << level, 1 << level)
+        for level in range(longest.bit_length())
+        for m in (_LATER if level else _FIRST)
+        if 2 * (m << level) <= longest
+    ]
+    counts = [_total(np.isfinite(run[:, 0])) for run in runs]
+    rows = np.zeros((runs[0].shape[1], len(spans), 4))
+    for channel in range(len(rows)):
         # Subtract a common value, which cancels in the differences: sums of gravity lose digits.
-        level = sums.sum(axis=0) / max(counts.sum(), 1.0)
-        np.cumsum(sums - counts[:, None] * level, axis=0, out=total[1:])
-        present = np.concatenate([[0.0], np.cumsum(counts)])
-        for m in _LATER if self.number else _FIRST:
-            self._compare(m, max(old - 2 * m + 1, 0), total, present)
-        begin = old - self._odd
-        even = begin + (len(counts) - begin) // 2 * 2
-        keep = 2 * _FIRST[-1]
-        self._odd = len(counts) - even
-        self._sums, self._counts = sums[-keep:].copy(), counts[-keep:].copy()
-        return (
-            sums[begin:even:2] + sums[begin + 1 : even : 2],
-            counts[begin:even:2] + counts[begin + 1 : even : 2],
-        )
-
-    def _compare(self, m: int, start: int, total: Array, present: Array) -> None:
-        """Add the comparisons of averages over ``m`` slots, from slot ``start`` on."""
-        if len(total) - 1 - start < 2 * m:
-            return
-        counts = present[start + m :] - present[start:-m]
-        enough = counts >= _PRESENT * m * 2**self.number
-        usable = enough[:-m] & enough[m:]
-        inverse = 1 / np.maximum(counts, 1.0)
-        averages = total[start + m :] - total[start:-m]
-        averages *= inverse[:, None]
-        steps = averages[m:] - averages[:-m]
-        if not usable.all():
-            steps, inverse = steps[usable], 0.5 * (inverse[m:] + inverse[:-m])[usable]
-        found = self._found.setdefault(m, _Sums())
-        squares = np.einsum("ij,ij->j", steps, steps)
-        sums = steps.sum(axis=0)
-        found.squares = squares if found.squares is None else found.squares + squares
-        found.steps = sums if found.steps is None else found.steps + sums
-        found.inverses += float(inverse.mean()) * len(steps) if len(steps) else 0.0
-        found.pairs += len(steps)
-
-    def rows(self) -> list[tuple[int, int, int, Array, float, Array]]:
-        """Return the rows of ``AllanCurve``, one for each averaging time."""
-        stride = 2**self.number
-        return [
-            (
-                m * stride,
-                stride,
-                s.pairs,
-                s.squares / (2 * s.pairs),
-                s.inverses / s.pairs,
-                s.steps / s.pairs,
+        level = np.nanmean(runs[0][:, channel])
+        sums = [_total(np.nan_to_num(run[:, channel] - level)) for run in runs]
+        for row, span in enumerate(spans):
+            rows[channel, row] = sum(
+                _compared(*totals, *span) for totals in zip(sums, counts, strict=True)
             )
-            for m, s in sorted(self._found.items())
-            if s.pairs and s.squares is not None and s.steps is not None
-        ]
+    there = rows[0, :, 0] > 0
+    pairs = rows[0, there, 0]
+    inverses, squares, steps = np.moveaxis(rows[:, there, 1:] / pairs[:, None], -1, 0)
+    slots, strides = np.array(spans, float)[there].T
+    return AllanCurve(slots, strides, pairs, inverses[0], squares.T / 2, steps.T)
+
+
+def _total(values: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(values)])
+
+
+def _compared(sums: Array, counts: Array, m: int, stride: int) -> Array:
+    """Return (4,) number of pairs of averages, sum of 1 / count, of squared steps, of steps."""
+    stops = max(len(sums) - 2 * m, 0), max(len(sums) - m, 0), len(sums)
+    ends = [slice(i * m, stop, stride) for i, stop in enumerate(stops)]
+    first, second = (counts[ends[i + 1]] - counts[ends[i]] for i in (0, 1))
+    enough = np.minimum(first, second) >= _PRESENT * m
+    first, second = first[enough], second[enough]
+    before, after = ((sums[ends[i + 1]] - sums[ends[i]])[enough] for i in (0, 1))
+    steps = after / second - before / first
+    inverse = 0.5 * (1 / first + 1 / second).sum()
+    return np.array([len(steps), inverse, steps @ steps, steps.sum()])

@@ -14,18 +14,12 @@ averaging times share their data; a misfit beyond it enlarges them.
 
 from __future__ import annotations
 
-import itertools
 import math
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.bias_instability import (
-    BiasInstability,
-    GaussMarkov,
-    fit_bias,
-)
+from tirgeo_ros.core.calibration.allan.bias_instability import GaussMarkov, Term, fit_bias
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
 from tirgeo_ros.core.calibration.allan.deviation_covariance import covariance, products, shapes
 from tirgeo_ros.core.types.arrays import Array
@@ -42,14 +36,6 @@ _REACH = 4.0  # times the first time that fits: the unexplained effect decays sl
 _STEPS = 8
 _FEWEST = 8  # points that a fit must keep
 _LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
-
-
-class Term(NamedTuple):
-    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
-
-    value: float | None
-    sigma: float
-    upper: float  # two standard deviations above
 
 
 class NoiseFit(NamedTuple):
@@ -86,7 +72,11 @@ class AllanAnalysis:
 
     def fit(self, channel: int, ramp: float = 0.0) -> NoiseFit:
         """Return the fit of one channel; a steady drift ``ramp`` (unit/s) is removed first."""
-        variances = self._without_ramp(channel, ramp)
+        rise = ramp * self.tau_s  # what a drift adds to each difference
+        steps, measured = (
+            column[:, channel] for column in (self.curve.steps, self.curve.variances)
+        )
+        variances = measured - rise * steps + 0.5 * rise**2
         columns = np.column_stack([self._columns, 3 / self.tau_s**2])
         start, powers = self._powers(variances, columns)
         model = columns @ powers
@@ -94,24 +84,19 @@ class AllanAnalysis:
         degrees = 2 * (columns[:, :3] @ powers[:3]) ** 2 / spread.diagonal()
         sigmas, misfit = _sigmas(variances, columns, model, spread, start)
         without = self._without(variances, columns, powers, start)
-        white = powers[0] * columns[:, 0]
-        at = _minimum(variances, degrees)
-        lowest = math.sqrt(variances[at])
         sigmas *= max(misfit, 1.0)
         terms = [
             _term(*one)
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
         ]
-        flicker, part = terms[1], slice(start, None)
-        instability = (
-            None if flicker.value is None else BiasInstability(flicker.value, flicker.sigma)
-        )
-        bias = fit_bias(self.tau_s, variances - white, model, spread, part, instability)
+        white = powers[0] * columns[:, 0]
+        # The lowest point among those with enough degrees of freedom.
+        at = int(np.argmin(np.where(degrees >= _LEAST_DEGREES, variances, np.inf)))
+        lowest = math.sqrt(variances[at])
+        part = slice(start, None)
+        bias = fit_bias(self.tau_s, variances - white, model, spread, part, terms[1])
         return NoiseFit(
-            white=terms[0],
-            flicker=flicker,
-            walk=terms[2],
-            quantisation=terms[3],
+            *terms,
             minimum=lowest,
             minimum_sigma=lowest / math.sqrt(2 * degrees[at]),
             minimum_at_s=float(self.tau_s[at]),
@@ -125,12 +110,6 @@ class AllanAnalysis:
             bias_model=white + bias.variances(self.tau_s),
         )
 
-    def _without_ramp(self, channel: int, ramp: float) -> Array:
-        """Return variances without a steady drift, which adds ``ramp tau`` to each difference."""
-        rise = ramp * self.tau_s
-        measured = self.curve.variances[:, channel]
-        return np.asarray(measured - rise * self.curve.steps[:, channel] + 0.5 * rise**2)
-
     def _powers(self, variances: Array, columns: Array) -> tuple[int, Array]:
         """Return the index of the first point that the terms explain, and their squares (4,).
 
@@ -141,13 +120,13 @@ class AllanAnalysis:
         plain[:, 3] = 0.0
         while True:
             powers = self._weighted(variances, plain, start)
-            residuals = variances / (plain @ powers) - 1
-            if _explained(residuals[start:]) or start + _FEWEST >= len(variances):
+            misfit = variances / (plain @ powers) - 1
+            if abs(misfit[start]) < _BARE_MISFIT or start + _FEWEST >= len(variances):
                 break
             start += 1
         if start:  # try quantisation, and use it only if it explains all the points
             with_steps = self._weighted(variances, columns, 0)
-            if _explained(variances / (columns @ with_steps) - 1):
+            if abs(variances[0] / (columns[0] @ with_steps) - 1) < _BARE_MISFIT:
                 return 0, with_steps
             reach = self.tau_s >= _REACH * self.tau_s[start]
             start = min(int(np.argmax(reach)) if reach.any() else start, len(variances) - _FEWEST)
@@ -176,7 +155,7 @@ class AllanAnalysis:
         degrees = self.span_s / self.tau_s  # first guess: averages without overlap
         for _ in range(_STEPS):
             weights = _weights(model, degrees)[start:]
-            powers = non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
+            powers = _non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
             noise = columns[:, :3] @ powers[:3]
             model = np.maximum(columns @ powers, 1e-9 * variances)
             spread = covariance(powers[:3], self._products).diagonal()
@@ -185,42 +164,27 @@ class AllanAnalysis:
         return powers
 
 
-def non_negative(columns: Array, values: Array) -> Array:
-    """Solve least squares (n, k), (n,) with no negative coefficient: the best of all subsets."""
-    size = columns.shape[1]
-    best, best_cost = np.zeros(size), float(values @ values)
-    scale = np.linalg.norm(columns, axis=0)
-    usable = [k for k in range(size) if scale[k] > 0]
-    for count in range(1, len(usable) + 1):
-        for chosen in map(list, itertools.combinations(usable, count)):
-            part = columns[:, chosen] / scale[chosen]
-            solved = np.linalg.lstsq(part, values, rcond=None)[0]
-            cost = float(((part @ solved - values) ** 2).sum())
-            if (solved >= 0).all() and cost < best_cost:
-                best, best_cost = np.zeros(size), cost
-                best[chosen] = solved / scale[chosen]
-    return best
-
-
 def deviation_band(variances: Array, degrees: Array, share: float = 0.95) -> tuple[Array, Array]:
-    """Return the lowest and highest Allan deviation (k,) at a confidence level.
+    """Return the lowest and highest Allan deviation (k,) at a confidence level (chi-square)."""
+    from scipy.special import chdtri  # noqa: PLC0415  slow to import
 
-    Chi-square quantiles by Wilson and Hilferty, within 1 % down to 3 degrees of freedom.
-    """
-    z = NormalDist().inv_cdf(0.5 + 0.5 * share)
-    c = 2 / (9 * degrees)
-    high = (1 - c + z * np.sqrt(c)) ** 3
-    low = np.maximum(1 - c - z * np.sqrt(c), 0.05) ** 3
+    high, low = (
+        chdtri(degrees, tail) / degrees for tail in (0.5 - 0.5 * share, 0.5 + 0.5 * share)
+    )
     return np.sqrt(variances / high), np.sqrt(variances / low)
+
+
+def _non_negative(columns: Array, values: Array) -> Array:
+    """Solve least squares (n, k), (n,) with no negative coefficient; the columns are scaled."""
+    from scipy.optimize import nnls  # noqa: PLC0415  slow to import
+
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(nnls(columns / scale, values)[0] / scale)
 
 
 def _weights(model: Array, degrees: Array) -> Array:
     return np.asarray(1 / (model * np.sqrt(2 / np.maximum(degrees, 1e-3) + _MODEL**2)))
-
-
-def _explained(residuals: Array) -> bool:
-    """Return whether the first point lies on the model within the permitted misfit."""
-    return bool(np.abs(residuals[0]) < _BARE_MISFIT)
 
 
 def _sigmas(
@@ -242,9 +206,3 @@ def _term(power: float, sigma: float, sigma_without: float) -> Term:
         return Term(None, math.nan, upper)
     value = math.sqrt(power)
     return Term(value, sigma / (2 * value), upper)
-
-
-def _minimum(variances: Array, degrees: Array) -> int:
-    """Return the index of the lowest point among those with enough degrees of freedom."""
-    trusted = np.flatnonzero(degrees >= _LEAST_DEGREES)
-    return int(trusted[np.argmin(variances[trusted])]) if len(trusted) else 0

@@ -1,4 +1,4 @@
-"""Find lines in the spectrum of an IMU at rest: motors, fans, mains, or other vibration."""
+"""Find lines in the spectrum of an IMU: rotors, motors, fans, mains, or other vibration."""
 
 from __future__ import annotations
 
@@ -6,78 +6,64 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.calibration.allan.record import ImuRecord, filled
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 
-_SIZE = 2048  # samples of a window
-_PRESENT = 0.99  # share of a block's samples that must be present
-_AROUND = 32  # bins on either side from which the floor below a line is taken
+_SIZE = 2048  # samples of a window at rest
+_PRESENT = 0.99  # share of a window's samples that must be present
+_AROUND = 65  # bins whose median is the floor of the middle one
 _FIRST_BIN = 8  # below it flicker noise rises too steeply for a floor
-_WIDTH = 2  # bins over which the Hann window spreads a line
 _OVER_FLOOR = 2.0
 _SIGMAS = 8.0  # noise alone reaches 5 in 12000 bins
 _MOST = 5
 
 
 class SpectralLine(NamedTuple):
-    """Hold a vibration of one channel."""
+    """Hold a vibration of one channel: the sine with the power of all the excess in one place."""
 
     channel: int
     frequency_hz: float
     amplitude: float  # in the unit of the channel
 
 
-class SpectrumStream:
-    """Accumulate a record's power spectrum by Welch's method: Hann windows, without overlap."""
+def excess_lines(channel: int, hz: Array, excess: Array, out: BoolArray) -> list[SpectralLine]:
+    """Return a line for each range of frequencies ``out`` (f,), the strongest first.
 
-    def __init__(self, step_ns: float) -> None:
-        self._blocks = SampleBlocks(_SIZE, step_ns)
-        self._step_s = step_ns * 1e-9
-        self._window = np.hanning(_SIZE + 1)[:-1, None]
-        self._power: Array = np.zeros((_SIZE // 2 + 1, 0))
-        self._number = 0
+    ``excess`` (f,) is the one-sided power density above the floor, unit^2/Hz.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]]).astype(int)))
+    power = np.maximum(excess, 0.0) * (hz[1] - hz[0])
+    found = [
+        SpectralLine(
+            channel,
+            float(hz[begin:end] @ power[begin:end] / power[begin:end].sum()),
+            float(np.sqrt(2 * power[begin:end].sum())),
+        )
+        for begin, end in edges.reshape(-1, 2).tolist()
+        if begin or power[begin] < power[begin:end].max()  # else it is a remainder of motion
+    ]
+    return sorted(found, key=lambda line: -line.amplitude)
 
-    def add(self, piece: Piece) -> None:
-        """Add consecutive slots; skip a block with more than a hundredth of samples missing."""
-        for _, sums, counts in self._blocks.add(piece):
-            there = counts > 0
-            if there.mean() < _PRESENT:
-                continue
-            values = sums / np.maximum(counts, 1)[:, None]
-            values = np.where(there[:, None], values - values[there].mean(axis=0), 0.0)
-            spectrum = np.fft.rfft(values * self._window, axis=0)
-            power = spectrum.real**2 + spectrum.imag**2
-            self._power = self._power + power if self._number else power
-            self._number += 1
 
-    def lines(self) -> list[SpectralLine]:
-        """Return the strongest lines of each channel, at most five, by frequency."""
-        found: list[SpectralLine] = []
-        for channel in range(self._power.shape[1]):
-            found += sorted(self._of(channel)[:_MOST], key=lambda line: line.frequency_hz)
-        return found
+def lines_at_rest(record: ImuRecord) -> list[SpectralLine]:
+    """Return the strongest lines of each channel of a record at rest, at most five, by frequency.
 
-    def _of(self, channel: int) -> list[SpectralLine]:
-        """Return the lines of a channel, the strongest first."""
-        power = self._power[:, channel] / self._number
-        padded = np.pad(power, _AROUND, mode="reflect")
-        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1)
-        floor = np.median(around, axis=1)
-        limit = floor * max(_OVER_FLOOR, 1 + _SIGMAS / np.sqrt(self._number))
-        inside = slice(_FIRST_BIN, len(power) - _WIDTH)
-        excess = power - floor
-        peaks = [
-            k
-            for k in (np.flatnonzero(power[inside] > limit[inside]) + _FIRST_BIN).tolist()
-            if power[k] == power[k - _WIDTH : k + _WIDTH + 1].max()
-        ]
-        found = [self._line(channel, k, excess) for k in peaks]
-        return sorted(found, key=lambda line: -line.amplitude)
+    The spectrum is that of Welch's method, with Hann windows that do not overlap.
+    """
+    from scipy import ndimage, signal  # noqa: PLC0415  slow to import
 
-    def _line(self, channel: int, k: int, excess: Array) -> SpectralLine:
-        """Return a line with the amplitude of the sine of a peak's power (Parseval, windowed)."""
-        power = excess[k - _WIDTH : k + _WIDTH + 1].clip(0).sum()
-        scale = _SIZE * float((self._window**2).sum())
-        frequency = k / (_SIZE * self._step_s)
-        return SpectralLine(channel, frequency, float(2 * np.sqrt(power / scale)))
+    power, number = np.zeros((_SIZE // 2 + 1, 6)), 0
+    for _, block in record.blocks(_SIZE, _PRESENT):
+        hz, own = signal.periodogram(filled(block), 1 / record.step_s, "hann", axis=0)
+        power, number = power + own, number + 1
+    if not number:
+        return []
+    floor = ndimage.median_filter(power, (_AROUND, 1), mode="mirror")
+    out = power > floor * max(_OVER_FLOOR, 1 + _SIGMAS / np.sqrt(number))
+    inside = slice(_FIRST_BIN, -1)
+    found: list[SpectralLine] = []
+    for channel in range(power.shape[1]):
+        excess = (power - floor)[inside, channel] / number
+        lines = excess_lines(channel, hz[inside], excess, out[inside, channel])[:_MOST]
+        found += sorted(lines, key=lambda line: line.frequency_hz)
+    return found

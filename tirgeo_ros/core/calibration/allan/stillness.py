@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.sample_blocks import SampleBlocks
-from tirgeo_ros.core.calibration.allan.sample_grid import Piece
+from tirgeo_ros.core.calibration.allan.record import ImuRecord
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: A second counts as moved beyond this many usual scatters, and at least the least change.
@@ -39,34 +38,14 @@ class Seconds(NamedTuple):
     means: Array  # (n, 6) gyroscope, accelerometer
     scatters: Array  # (n, 6)
 
-    @staticmethod
-    def none() -> Seconds:
-        """Return the seconds of a record without any."""
-        return Seconds(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
 
-
-class SecondStream:
-    """Collect the seconds of a record piece by piece."""
-
-    def __init__(self, step_ns: float) -> None:
-        self._size = max(round(1e9 / step_ns), 2)
-        self._blocks = SampleBlocks(self._size, step_ns)
-        self._found: list[Seconds] = []
-
-    def add(self, piece: Piece) -> None:
-        """Add consecutive slots."""
-        for start_s, sums, counts in self._blocks.add(piece):
-            there = counts > 0
-            if 2 * there.sum() >= len(counts):
-                values = sums[there] / counts[there, None]
-                row = (np.array([start_s]), values.mean(axis=0)[None], values.std(axis=0)[None])
-                self._found.append(Seconds(*row))
-
-    def seconds(self) -> Seconds:
-        """Return the seconds with at least half of their samples."""
-        if not self._found:
-            return Seconds.none()
-        return Seconds(*(np.concatenate(column) for column in zip(*self._found, strict=True)))
+def seconds_of(record: ImuRecord) -> Seconds:
+    """Return the seconds with at least half of their samples."""
+    blocks = list(record.blocks(max(round(1 / record.step_s), 2), 0.5))
+    means = [np.nanmean(block, axis=0) for _, block in blocks]
+    scatters = [np.nanstd(block, axis=0) for _, block in blocks]
+    starts_s = np.array([start_s for start_s, _ in blocks])
+    return Seconds(starts_s, *(np.array(column).reshape(-1, 6) for column in (means, scatters)))
 
 
 def movements(seconds: Seconds) -> list[Interval]:

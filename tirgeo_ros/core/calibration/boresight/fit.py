@@ -79,12 +79,14 @@ class _Normal(NamedTuple):
     parts: Array  # (N, p, p) g design
     gradient: Array  # (N, p) g residual
 
+    def information(self, keep: BoolArray | slice = slice(None)) -> Array:
+        """Return the information (p, p) of some sightings and the weak prior."""
+        return np.asarray(self.parts[keep].sum(0) + _PRIOR * np.eye(self.parts.shape[1]))
+
     def solved(self, without: BoolArray | None = None) -> Array:
         """Return the step (p,) from all sightings, or from those not in ``without`` (N,)."""
         keep = np.ones(len(self.parts), bool) if without is None else ~without
-        return np.asarray(
-            np.linalg.solve(_regular(self.parts[keep].sum(0)), self.gradient[keep].sum(0))
-        )
+        return np.asarray(np.linalg.solve(self.information(keep), self.gradient[keep].sum(0)))
 
 
 def fit(
@@ -94,13 +96,14 @@ def fit(
 
     Raises CalibrationError if the sightings do not agree or the fit does not converge.
     """
-    chosen = _places(estimated)
+    chosen = sorted(map(PARAMETERS.index, estimated))
     names = tuple(PARAMETERS[k] for k in chosen)
     start = sights(flight, sightings, np.zeros(len(PARAMETERS)))
     correction = _robust(flight, sightings, chosen)
     correction, sight, used = _polished(flight, sightings, chosen, correction)
     normal = _normal(sight, chosen, used.astype(float))
-    factor = _noise_factor(sight, used, len(chosen))
+    freedom = max(2 * int(used.sum()) - len(chosen), 1)
+    factor = math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
     stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
     covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
     return BoresightFit(
@@ -122,19 +125,11 @@ def foreseen(
 
     In the order of PARAMETERS; rad, s, m.
     """
-    chosen = _places(estimated)
+    chosen = sorted(map(PARAMETERS.index, estimated))
     sight = sights(flight, sightings, np.zeros(len(PARAMETERS)))
     normal = _normal(sight, chosen, np.isfinite(sight.residual[:, 0]).astype(float))
     stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
     return _covariance(sight, normal, stamps_s) * np.outer(LIMITS[chosen], LIMITS[chosen])
-
-
-def _places(names: Sequence[str]) -> list[int]:
-    return sorted(PARAMETERS.index(name) for name in names)
-
-
-def _regular(information: Array) -> Array:
-    return information + _PRIOR * np.eye(len(information))
 
 
 def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
@@ -176,7 +171,8 @@ def _robust(flight: SightedFlight, sightings: Sequence[PointSighting], chosen: l
         sigmas = _sigmas(sight)
         ratio = sigmas / (_CAUCHY_SIGMAS * _scale(sigmas))
         weights = np.where(np.isnan(ratio), 0.0, 1 / (1 + ratio**2))
-        step = _normal(sight, chosen, weights).solved() * _share(k)
+        step = _normal(sight, chosen, weights).solved()
+        step *= 1.0 if k < _DAMPED_FROM else 0.5
         correction[chosen] += step * LIMITS[chosen]
         _check_latency(flight, correction)
         if np.abs(step).max() < _SETTLED:
@@ -195,8 +191,14 @@ def _polished(
     for k in range(_MOST_STEPS):
         sigmas = _sigmas(sight)
         agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
-        _check_agreement(agree)
-        step = _normal(sight, chosen, agree.astype(float)).solved() * _share(k)
+        if agree.sum() < _LEAST_SHARE * len(agree):
+            raise CalibrationError(
+                f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
+                "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
+            )
+        step = _normal(sight, chosen, agree.astype(float)).solved() * (
+            1.0 if k < _DAMPED_FROM else 0.5
+        )
         correction = correction.copy()
         correction[chosen] += step * LIMITS[chosen]
         _check_latency(flight, correction)
@@ -208,18 +210,6 @@ def _polished(
     return correction, sight, used
 
 
-def _share(steps_before: int) -> float:
-    return 1.0 if steps_before < _DAMPED_FROM else 0.5
-
-
-def _check_agreement(agree: BoolArray) -> None:
-    if agree.sum() < _LEAST_SHARE * len(agree):
-        raise CalibrationError(
-            f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
-            "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
-        )
-
-
 def _check_latency(flight: SightedFlight, correction: Array) -> None:
     change_s = correction[PARAMETERS.index("latency")]
     if not abs(change_s) <= _MOST_LATENCY_S:
@@ -229,14 +219,9 @@ def _check_latency(flight: SightedFlight, correction: Array) -> None:
         )
 
 
-def _noise_factor(sight: Sight, used: BoolArray, parameters: int) -> float:
-    freedom = max(2 * int(used.sum()) - parameters, 1)
-    return math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
-
-
 def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
     """Return the covariance (p, p) in units of LIMITS."""
-    inverse = np.linalg.inv(_regular(normal.parts.sum(0)))
+    inverse = np.linalg.inv(normal.information())
     used = normal.parts.any(axis=(1, 2))
     weighted, times = normal.weighted[used], stamps_s[used]
     alike = np.exp(-np.abs(times[:, None] - times) / POSE_ERROR_S)

@@ -27,21 +27,16 @@ def ground_errors(
 
     The ground is level at each point's own height. ``corrections`` (7,) are by point id.
     """
-    return np.array(
-        [_error(flight, plane, seen, corrections[seen.id]) for seen in sightings]
-    ).reshape(-1, 2)
-
-
-def _error(
-    flight: SightedFlight, plane: TangentPlane, seen: PointSighting, correction: Array
-) -> Array:
-    found = corrected_pose(flight, seen.stamp_ns, correction)
-    if found is None:
-        return np.full(2, np.nan)
-    point_n = seen.point_n - [0.0, 0.0, correction[-1]]
-    height_m = float(plane.geodetic_from_ned(point_n)[2])
-    located_n, _ = locate(flight.camera, found[0], seen.uv[None], plane, height_m)
-    return np.asarray(located_n[0, :2] - point_n[:2])
+    errors = np.full((len(sightings), 2), np.nan)
+    for k, seen in enumerate(sightings):
+        found = corrected_pose(flight, seen.stamp_ns, corrections[seen.id])
+        if found is None:
+            continue
+        point_n = seen.point_n - [0.0, 0.0, corrections[seen.id][-1]]
+        height_m = float(plane.geodetic_from_ned(point_n)[2])
+        located_n, _ = locate(flight.camera, found[0], seen.uv[None], plane, height_m)
+        errors[k] = located_n[0, :2] - point_n[:2]
+    return errors
 
 
 def rmse_m(errors: Array) -> float:

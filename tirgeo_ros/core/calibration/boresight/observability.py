@@ -33,6 +33,17 @@ _PART = 0.2
 _IDLE_PX_RAD = 1.0
 
 _OF_NORTH = ("gimbal_north", "heading_offset")
+#: Parameter -> why it cannot be found, and what to do.
+_ADVICE = {
+    "ground_height": (
+        "the points are seen from about the same height and angle",
+        "fly at two heights or two tilts, or --hold ground_height",
+    ),
+    "latency": (
+        "the camera moved alike in all pictures, or hardly",
+        "fly legs in several directions and click in turns too, or --hold latency",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -99,32 +110,22 @@ def _idle(
 
 def _explained(
     alike: Sequence[str], flight: SightedFlight, sightings: Sequence[PointSighting]
-) -> list[str]:
+) -> tuple[str, str]:
     """Return the reason and the advice."""
     if all(name in alike for name in _OF_NORTH):
-        return ["both turn the camera about the vertical", "estimate one of them"]
-    for name in _OF_NORTH:
-        if name in alike:
+        return "both turn the camera about the vertical", "estimate one of them"
+    for name in (*_OF_NORTH, *_ADVICE):
+        if name in alike and name in _OF_NORTH:
             tilt = math.degrees(np.ptp(_tilts(flight, sightings)))
-            return [
-                f"the camera's tilt varied by {tilt:.1f} deg",
-                f"fly with at least two tilts 20 deg apart, or --hold {name}",
-            ]
-    if "ground_height" in alike:
-        return [
-            "the points are seen from about the same height and angle",
-            "fly at two heights or two tilts, or --hold ground_height",
-        ]
-    if "latency" in alike:
-        return [
-            "the camera moved alike in all pictures, or hardly",
-            "fly legs in several directions and click in turns too, or --hold latency",
-        ]
+            why = f"the camera's tilt varied by {tilt:.1f} deg"
+            return why, f"fly with at least two tilts 20 deg apart, or --hold {name}"
+        if name in alike:
+            return _ADVICE[name]
     wide, high = np.ptp(np.array([seen.uv for seen in sightings]), axis=0)
-    return [
+    return (
         f"{len(sightings)} observations over {wide:.0f} x {high:.0f} px are not enough",
         "click more points in more pictures, all over the picture",
-    ]
+    )
 
 
 def _tilts(flight: SightedFlight, sightings: Sequence[PointSighting]) -> Array:

@@ -38,8 +38,16 @@ class BoardPose(NamedTuple):
 
 def board_poses(sighting: BoardSighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
     """Return the poses that a sighting permits, the better one first; an empty list if none."""
-    found = [_pose(sighting, board, camera, *one) for one in _solutions(sighting, board, camera)]
-    return sorted((pose for pose in found if pose is not None), key=lambda pose: pose.rms_px)
+    found = []
+    for rotation, position in _solutions(sighting, board, camera):
+        arms_c = board.points_m @ rotation.T
+        uv, valid = camera.project(arms_c + position)  # by the camera's own model
+        if valid.all():
+            errors = sighting.corners_px - uv
+            rms = float(np.sqrt((errors**2).sum(1).mean()))
+            covariance = _covariance(arms_c, position, camera, errors)
+            found.append(BoardPose(rotation, position, rms, covariance))
+    return sorted(found, key=lambda pose: pose.rms_px)
 
 
 def _solutions(
@@ -61,19 +69,6 @@ def _solutions(
         yield from ((rotation_of(t), np.asarray(p, float).ravel()) for t, p in refined)
         if refined:
             return  # IPPE has no solution, or only nan, for some boards seen straight on
-
-
-def _pose(
-    sighting: BoardSighting, board: Checkerboard, camera: Camera, rotation: Array, position: Array
-) -> BoardPose | None:
-    """Return a solution with its errors by the camera's own model; None if not all project."""
-    uv, valid = camera.project(board.points_m @ rotation.T + position)
-    if not valid.all():
-        return None
-    errors = sighting.corners_px - uv
-    rms = float(np.sqrt((errors**2).sum(1).mean()))
-    covariance = _covariance(board.points_m @ rotation.T, position, camera, errors)
-    return BoardPose(rotation, position, rms, covariance)
 
 
 def _covariance(arms_c: Array, position_c: Array, camera: Camera, errors: Array) -> Array:
@@ -116,10 +111,20 @@ class BoardTracker:
         if not poses:
             return None
         if self._last is None:
-            return self._first(poses[0], sighting)
-        last = self._last
-        allowed = self._allowed(poses)
-        best = min(allowed, key=lambda pose: -float(np.trace(last.T @ pose.rotation_cb)))
+            # The quarter turns of the frame: the one whose x points right is upright.
+            quarters = [np.linalg.matrix_power(_QUARTER, number) for number in range(4)]
+            first = poses[0].rotation_cb
+            self._turned = max(quarters, key=lambda turn: float((first @ turn)[0, 0]))
+            self._dark_first = sighting.dark_first
+            best = poses[0]._replace(rotation_cb=first @ self._turned)
+        else:
+            last = self._last
+            # Of the poses that are not clearly worse than the best, the nearest to the last one.
+            count = self._board.count
+            least = min(pose.rms_px for pose in poses)
+            variance = max(least**2 * count / max(2 * count - 6, 1), 1e-12)
+            allowed = [p for p in poses if (p.rms_px**2 - least**2) * count <= _CLEAR * variance]
+            best = max(allowed, key=lambda pose: float(np.trace(last.T @ pose.rotation_cb)))
         self._last = best.rotation_cb
         return best
 
@@ -136,20 +141,6 @@ class BoardTracker:
         else:
             turns = [np.eye(3), half]
         return [turn @ self._turned for turn in turns]
-
-    def _first(self, pose: BoardPose, sighting: BoardSighting) -> BoardPose:
-        turns = [np.linalg.matrix_power(_QUARTER, number) for number in range(4)]
-        self._turned = max(turns, key=lambda turn: float((pose.rotation_cb @ turn)[0, 0]))
-        self._dark_first = sighting.dark_first
-        self._last = pose.rotation_cb @ self._turned
-        return pose._replace(rotation_cb=self._last)
-
-    def _allowed(self, poses: list[BoardPose]) -> list[BoardPose]:
-        """Return the poses that are not clearly worse than the best."""
-        count = self._board.count
-        best = min(pose.rms_px for pose in poses)
-        variance = max(best**2 * count / max(2 * count - 6, 1), 1e-12)
-        return [p for p in poses if (p.rms_px**2 - best**2) * count <= _CLEAR * variance]
 
 
 def camera_angles(pose: BoardPose) -> tuple[Array, Array]:

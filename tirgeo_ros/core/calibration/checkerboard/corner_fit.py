@@ -51,29 +51,20 @@ def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> C
     """
     reach = np.clip(_REACH * np.linalg.norm(steps_px, axis=2).min(1), _LEAST_PX, _MOST_PX)
     middles = np.rint(uv)
-    inside = _inside(image, middles, reach)
+    low, high = middles - reach[:, None], middles + reach[:, None]
+    height, width = image.shape
+    inside = (low >= 0).all(1) & (high <= [width - 1, height - 1]).all(1)
     fits = _Fits(image, middles[inside], uv[inside], steps_px[inside], reach[inside])
     fits.solve()
-    return _spread(inside, fits)
-
-
-def _inside(image: npt.NDArray[np.float32], middles: Array, reach: Array) -> npt.NDArray[np.bool_]:
-    """Return which corners have all their surroundings in the image."""
-    height, width = image.shape
-    low, high = middles - reach[:, None], middles + reach[:, None]
-    return np.asarray((low >= 0).all(1) & (high <= [width - 1, height - 1]).all(1))
-
-
-def _spread(inside: npt.NDArray[np.bool_], fits: _Fits) -> CornerFit:
-    """Return the results in the order of all corners, nan for those that were not fitted."""
 
     def placed(values: Array) -> Array:
+        """Return values in the order of all corners, nan for those without a good fit."""
         out = np.full((len(inside), *values.shape[1:]), np.nan)
         out[inside] = np.where(fits.good.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
         return out
 
     return CornerFit(
-        placed(fits.uv),
+        placed(fits.middles + fits.p[:, :2]),
         placed(fits.covariance),
         placed(fits.p[:, 9]),
         placed(fits.p[:, 7:9]),
@@ -101,19 +92,11 @@ class _Fits:
         self._weights = (du**2 + dv**2 <= reach[:, None] ** 2).astype(float)
         self._seen = image[rows.clip(0, height - 1), columns.clip(0, width - 1)].astype(float)
         self._du, self._dv = du.astype(float), dv.astype(float)
-        self._middles, self._reach = middles, reach
-        angles = np.arctan2(steps_px[..., 1], steps_px[..., 0])
+        self.middles, self._reach = middles, reach
         self.p = np.zeros((len(uv), _PARAMETERS))
         self.p[:, :2] = uv - middles
-        self.p[:, 2:4] = angles
-        self._levels()
-
-    @property
-    def uv(self) -> Array:
-        return np.asarray(self._middles + self.p[:, :2])
-
-    def _levels(self) -> None:
-        """Initialise the four levels by linear least squares."""
+        self.p[:, 2:4] = np.arctan2(steps_px[..., 1], steps_px[..., 0])
+        # The four levels begin with linear least squares.
         model = self._shapes(self.p)[2]
         weighted = model * self._weights[:, None]
         normal = weighted @ model.transpose(0, 2, 1) + 1e-9 * np.eye(4)
@@ -155,8 +138,10 @@ class _Fits:
             slopes = self._slopes(self.p)
             normal = slopes @ slopes.transpose(0, 2, 1)
             right = (slopes * errors[:, None]).sum(2)
-            step = _solved(normal, right, damping)
-            tried = self._bounded(self.p + step)
+            damped = normal + _ridge(normal, damping[:, None])
+            step = np.linalg.solve(damped, right[..., None])[..., 0]
+            tried = self.p + step
+            tried[:, 4:6] = np.clip(tried[:, 4:6], *np.log(_WIDTHS_PX))
             new_errors = self._errors(tried)
             new_cost = (new_errors**2).sum(1)
             better = new_cost <= cost
@@ -165,13 +150,6 @@ class _Fits:
             damping = np.where(better, damping / 5, damping * 10)
             if np.abs(step[:, :2]).max(initial=0.0) < _SETTLED_PX:
                 break
-        self._conclude(cost)
-
-    def _bounded(self, p: Array) -> Array:
-        p[:, 4:6] = np.clip(p[:, 4:6], *np.log(_WIDTHS_PX))
-        return p
-
-    def _conclude(self, cost: Array) -> None:
         slopes = self._slopes(self.p)
         normal = slopes @ slopes.transpose(0, 2, 1)
         freedom = np.maximum(self._weights.sum(1) - _PARAMETERS, 1)
@@ -180,11 +158,6 @@ class _Fits:
         self.covariance = spread * self.variance[:, None, None]
         moved = np.hypot(*self.p[:, :2].T)
         self.good = np.isfinite(self.p).all(1) & (moved < self._reach)
-
-
-def _solved(normal: Array, right: Array, damping: Array) -> Array:
-    damped = normal + _ridge(normal, damping[:, None])
-    return np.asarray(np.linalg.solve(damped, right[..., None])[..., 0])
 
 
 def _ridge(normal: Array, share: float | Array) -> Array:

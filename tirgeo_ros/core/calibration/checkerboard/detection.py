@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
-from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
+from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
 from tirgeo_ros.core.calibration.checkerboard.sighting import (
     BoardSighting,
     RefusalReason,
@@ -56,8 +56,12 @@ def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
     for form in (stretched(small), _local(small)):
         for calm_px in (0.0, _CALM_PX):
             calm = cv2.GaussianBlur(form, (0, 0), calm_px) if calm_px else form
-            for corners in _detected(np.asarray(calm, np.uint8), board):
-                yield (corners + 0.5) * scale - 0.5
+            # The detector accepts light and dark squares either way round.
+            yes, corners = cv2.findChessboardCornersSB(
+                np.asarray(calm, np.uint8), board.size, flags=_DETECTION
+            )
+            if yes:
+                yield (np.asarray(corners, float).reshape(-1, 2) + 0.5) * scale - 0.5
 
 
 def _shrunk(grey: RawPixels) -> tuple[RawPixels, int]:
@@ -68,13 +72,6 @@ def _shrunk(grey: RawPixels) -> tuple[RawPixels, int]:
     size = grey.shape[1] // scale, grey.shape[0] // scale
     whole = grey[: size[1] * scale, : size[0] * scale]
     return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA)), scale
-
-
-def _detected(form: Pixels, board: Checkerboard) -> Iterator[Array]:
-    """Yield at most one result; the detector accepts light and dark squares either way round."""
-    yes, corners = cv2.findChessboardCornersSB(form, board.size, flags=_DETECTION)
-    if yes:
-        yield np.asarray(corners, float).reshape(-1, 2)
 
 
 def stretched(grey: RawPixels) -> Pixels:
@@ -112,18 +109,13 @@ def _judged(
     if side < _LEAST_SIDE_PX:
         return Refused(RefusalReason.SMALL, f"squares of {side:.1f} px; come nearer")
     fit = fit_corners(sharp, corners, steps)
-    return doubt(sharp, fit, side, board) or _sighting(fit, side, board)
-
-
-def _sighting(fit: CornerFit, side: float, board: Checkerboard) -> BoardSighting:
-    signed = fit.contrast * alternating(board)
-    return BoardSighting(
+    return doubt(sharp, fit, side, board) or BoardSighting(
         fit.uv,
         sigma_px(fit),
         np.median(fit.blur_px, 0),
         side,
-        float(2 * np.median(np.abs(fit.contrast))),
-        bool(np.median(signed) > 0),
+        contrast=float(2 * np.median(np.abs(fit.contrast))),
+        dark_first=bool(np.median(fit.contrast * alternating(board)) > 0),
     )
 
 

@@ -119,37 +119,24 @@ def fit_lens(
     left = dict(views)
     refused: dict[str, Refused] = {}
     while True:
-        _check_count(left, refused)
+        if len(left) < FEWEST_VIEWS:
+            gone = f" after {len(refused)} that do not fit" if refused else ""
+            raise CalibrationError(
+                f"lens: {len(left)} usable views are left{gone}, {FEWEST_VIEWS} are the fewest "
+                "and 20 are good; take more, all over the picture, with the board tilted"
+            )
         fit = _fitted(left, board, size, model)
-        outlier = _outlier({name: view.rms_px for name, view in fit.views.items()})
-        if outlier is None:
+        rms_px = {name: view.rms_px for name, view in fit.views.items()}
+        worst = max(rms_px, key=rms_px.__getitem__)
+        usual = float(np.median(list(rms_px.values())))
+        if rms_px[worst] <= min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX):
             break
-        name, refusal = outlier
-        refused[name] = refusal
-        del left[name]
+        what = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
+        refused[worst] = Refused(RefusalReason.OUTLIER, what)
+        del left[worst]
     _check_determined(fit)
     fit.refused.update(refused)
     return fit
-
-
-def _check_count(views: Mapping[str, BoardSighting], refused: Mapping[str, Refused]) -> None:
-    if len(views) < FEWEST_VIEWS:
-        gone = f" after {len(refused)} that do not fit" if refused else ""
-        raise CalibrationError(
-            f"lens: {len(views)} usable views are left{gone}, {FEWEST_VIEWS} are the fewest and "
-            "20 are good; take more, all over the picture, with the board tilted"
-        )
-
-
-def _outlier(rms_px: Mapping[str, float]) -> tuple[str, Refused] | None:
-    name = max(rms_px, key=rms_px.__getitem__)
-    usual = float(np.median(list(rms_px.values())))
-    most = min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX)
-    if rms_px[name] <= most:
-        return None
-    return name, Refused(
-        RefusalReason.OUTLIER, f"error {rms_px[name]:.2f} px, usually {usual:.2f}"
-    )
 
 
 def _fitted(
@@ -169,41 +156,20 @@ def _fitted(
         raise CalibrationError(
             "lens: the views have no common solution; take more, with the board tilted"
         ) from None
-    values = np.array([matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion.ravel()[:8]])
-    poses = [
-        (np.asarray(turn, float), np.asarray(place, float))
-        for turn, place in zip(turns, places, strict=True)
-    ]
-    return _with_covariance(views, board, size, model, values, poses)
-
-
-def _with_covariance(
-    views: Mapping[str, BoardSighting],
-    board: Checkerboard,
-    size: tuple[int, int],
-    model: LensModel,
-    values: Array,
-    poses: list[tuple[Array, Array]],
-) -> LensFit:
     count = len(model.names)
-    values = np.concatenate([values, np.zeros(12)])[:count]
+    distortion = np.asarray(distortion, float).ravel()[:8]
+    values = [matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion, *np.zeros(12)]
     used: dict[str, FittedView] = {}
     slopes: list[tuple[Array, Array]] = []
-    matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1]])
-    for (name, view), (turn, place) in zip(views.items(), poses, strict=True):
-        flat, slope = cv2.projectPoints(board.points_m, turn, place, matrix, _padded(values[4:]))
+    for (name, view), turn, place in zip(views.items(), turns, places, strict=True):
+        flat, slope = cv2.projectPoints(board.points_m, turn, place, matrix, distortion)
         errors = view.corners_px - np.asarray(flat).reshape(-1, 2)
-        used[name] = FittedView(rotation_of(turn), place.ravel(), errors)
+        used[name] = FittedView(rotation_of(turn), np.asarray(place, float).ravel(), errors)
         by_all = np.asarray(slope, float)
         slopes.append((by_all[:, 6 : 6 + count], by_all[:, :6]))
-    errors_px = [view.errors_px.ravel() for view in used.values()]
-    covariance = _covariance(slopes, errors_px)
-    return LensFit(_camera(size, values), model.names, values, covariance, used)
-
-
-def _padded(distortion: Array) -> Array:
-    size = 8 if len(distortion) > 5 else 5
-    return np.concatenate([distortion, np.zeros(size - len(distortion))])
+    covariance = _covariance(slopes, [view.errors_px.ravel() for view in used.values()])
+    found = np.array(values[:count], float)
+    return LensFit(_camera(size, found), model.names, found, covariance, used)
 
 
 def _camera(size: tuple[int, int], values: Array) -> Camera:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
-from tirgeo_ros.core.types.arrays import Array
 
 #: Views with a smaller rms distance of corners, relative to the picture's width, are duplicates.
 #: At 640 px this is three pixels, about what a hand-held board still moves.
@@ -49,11 +48,7 @@ def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
 def distance_px(one: BoardSighting, other: BoardSighting) -> float:
     """Return the rms distance of corners, px, with either end of the board counted first."""
     a, b = one.corners_px, other.corners_px
-    return float(min(_rms(a - b), _rms(a - b[::-1])))
-
-
-def _rms(off: Array) -> float:
-    return float(np.sqrt((off**2).sum(1).mean()))
+    return float(min(np.sqrt((off**2).sum(1).mean()) for off in (a - b, a - b[::-1])))
 
 
 def most_distinct(views: Mapping[str, BoardSighting], count: int) -> list[str]:

@@ -21,7 +21,6 @@ _NAMES = (
     "rtk",
 )
 _KNOWN = ", ".join(_NAMES)
-_DIGITS = {"m": 3, "deg": 2, "ms": 1}
 
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
@@ -88,20 +87,13 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, what was not determined, and the innovations' size."""
-    lines = [f"{'parameter':<20}{'before':>10}{'found':>10}{'sigma':>9}{'left out':>10}"]
-    for name, one in result["parameters"].items():
-        cells = (one["before"], one["found"], one["sigma"], one["left_out"])
-        digits = _DIGITS[one["unit"]]
-        numbers = (
-            f"{x:>{width}.{digits}f}" for x, width in zip(cells, (10, 10, 9, 10), strict=True)
-        )
-        lines.append(f"{name:<20}{''.join(numbers)} {one['unit']}")
+    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+
+    lines = table(result["parameters"])
     lines += [f"not told: {name}: {reason}" for name, reason in result["not_told"].items()]
     nis = [
         f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
         for source, one in result["nis"].items()
     ]
     lines.append(f"squared innovations over what is foreseen: {'; '.join(nis)}")
-    lines += [f"note: {note}" for note in result["notes"]]
-    lines += [f"wrote {path}" for path in result["output"]]
-    return "\n".join(lines)
+    return "\n".join([*lines, *closing_lines(result)])

@@ -62,13 +62,13 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the axes as a table, and what was written."""
-    from tirgeo_ros.tools.calibrate.allan_table import table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.imu_noise_tables import rest_table  # noqa: PLC0415 heavy
 
     odd = ", ".join(f"{number} {what}" for what, number in result["irregular"].items() if number)
     return (
         f"{result['samples']} samples of {result['topic']}, {result['span_s'] / 3600:.2f} h at "
         f"{result['rate_hz']:.2f} Hz, stamps to {result['jitter_ms']:.2g} ms"
         f"{'; ' if odd else ''}{odd.replace('_', ' ')}\n"
-        f"{table(result['axes'])}\n"
+        f"{rest_table(result['axes'])}\n"
         f"written: {', '.join(result['output'])}"
     )

@@ -94,11 +94,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, and how well they fit."""
-    lines = [f"{'parameter':<16}{'before':>10}{'found':>10}{'sigma':>9}"]
-    lines += [
-        f"{name:<16}{one['before']:>10.3f}{one['found']:>10.3f}{one['sigma']:>9.3f} {one['unit']}"
-        for name, one in result["parameters"].items()
-    ]
+    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+
+    lines = table(result["parameters"])
     pixels, ground = result["residual_rms_px"], result["ground_rmse_m"]
     lines.append(
         f"residuals: {pixels['before']:.2f} px before, {pixels['after']:.2f} px after (rms)"
@@ -111,6 +109,4 @@ def describe(result: dict[str, Any]) -> str:
         f"{result['observations']} observations of {result['points']} points in "
         f"{result['pictures']} pictures, composition {result['composition']}"
     )
-    lines += [f"note: {note}" for note in result["notes"]]
-    lines += [f"wrote {path}" for path in result["output"]]
-    return "\n".join(lines)
+    return "\n".join([*lines, *closing_lines(result)])

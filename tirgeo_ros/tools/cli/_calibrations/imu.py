@@ -60,13 +60,13 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the axes as a table, and what was written."""
-    from tirgeo_ros.tools.calibrate.flight_noise_table import table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.imu_noise_tables import flight_table  # noqa: PLC0415 heavy
 
     rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""
     skipped = f", {result['skipped_s']} s with gaps left out" if result["skipped_s"] else ""
     return (
         f"{result['samples']} samples of {result['topic']} at {result['rate_hz']:.2f} Hz: "
         f"{result['flying_s']} s in flight{rest}{skipped}\n"
-        f"{table(result['axes'])}\n"
+        f"{flight_table(result['axes'])}\n"
         f"written: {', '.join(result['output']) or 'nothing; -o writes it'}"
     )

@@ -1,0 +1,129 @@
+"""Stamps of all kinds placed on a grid, with what was wrong counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.calibration.allan.record import record_of
+from tirgeo_ros.core.types.errors import CalibrationError
+
+STEP_NS = 10_000_000
+START_NS = 1_700_000_000_000_000_000
+
+
+def laid(stamps_ns, values=None, size=1000):
+    stamps_ns = START_NS + np.asarray(stamps_ns, np.int64)
+    values = np.arange(float(len(stamps_ns)))[:, None] if values is None else values
+    return record_of(stamps_ns, [values[k : k + size] for k in range(0, len(values), size)])
+
+
+def there(record):
+    return np.isfinite(np.concatenate(record.runs)[:, 0])
+
+
+def even(number):
+    return np.arange(number) * STEP_NS
+
+
+def test_even_stamps_fill_each_slot_once():
+    record = laid(even(2500))
+    (run,) = record.runs
+    assert run[:, 0].tolist() == list(range(2500))
+    assert record.starts_s == [0.0]
+    assert record.step_s == pytest.approx(STEP_NS * 1e-9, rel=1e-9)
+    assert record.jitter_s < 1e-9
+    assert record.samples == 2500
+    assert not any(record.irregular.values())
+
+
+def test_gaps_are_slots_without_samples():
+    gone = [*range(1500, 1700), 2000, 2400]
+    record = laid(np.delete(even(3000), gone))
+    assert np.flatnonzero(~there(record)).tolist() == gone
+    assert (record.irregular["gaps"], record.irregular["missing"]) == (3, 202)
+
+
+def test_dropped_samples_are_told_and_leave_the_rate():
+    keep = np.random.default_rng(1).random(20_000) > 0.1
+    keep[[0, -1]] = True
+    record = laid(even(20_000)[keep])
+    assert record.step_s == pytest.approx(0.01)
+    np.testing.assert_array_equal(there(record), keep)
+
+
+@pytest.mark.parametrize("step_ns", [60_000_000_000, -3_600_000_000_000])
+def test_a_long_gap_and_a_clock_that_goes_back_split(step_ns):
+    stamps = even(2000)
+    stamps[1200:] += step_ns
+    record = laid(stamps)
+    assert [len(run) for run in record.runs] == [1200, 800]
+    after_s = 12 + 60 if step_ns > 0 else 11.99 + 10
+    assert record.starts_s == pytest.approx([0, after_s], abs=1e-8)
+    assert (record.irregular["splits"], record.irregular["missing"]) == (1, 0)
+    assert record.irregular["late_stamps"] == 0
+
+
+def test_late_and_repeated_samples_are_left_out():
+    stamps = even(1000)
+    stamps[500] = stamps[499]
+    stamps[700] = stamps[690]
+    record = laid(stamps)
+    told = record.irregular
+    assert (told["repeated_stamps"], told["late_stamps"], record.samples) == (1, 1, 998)
+    assert np.flatnonzero(~there(record)).tolist() == [500, 700]
+
+
+def test_what_is_not_finite_is_left_out_and_what_repeats_is_counted():
+    values = np.repeat(np.arange(500.0), 2)[:, None] + np.zeros(6)
+    values[300, 2], values[301, 5] = np.nan, np.inf
+    record = laid(even(1000), values, size=1000)
+    assert record.irregular["not_finite"] == 2
+    assert record.irregular["same_as_before"] == 499
+    assert np.flatnonzero(~there(record)).tolist() == [300, 301]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    jitter=st.floats(0, 0.3),
+    rate_hz=st.floats(40, 500),
+    unit_ns=st.sampled_from([1, 1000, 1_000_000]),
+    seed=st.integers(0, 99),
+)
+def test_shaking_stamps_keep_every_sample_and_its_time(jitter, rate_hz, unit_ns, seed):
+    """Stamps of any rate, rounded as clocks round them, with up to 0.3 of a step of jitter."""
+    rng = np.random.default_rng(seed)
+    step_ns = 1e9 / rate_hz
+    shaken = np.arange(5000) * step_ns + rng.uniform(-jitter, jitter, 5000) * step_ns
+    stamps = np.sort(np.round(shaken / unit_ns) * unit_ns).astype(np.int64)
+    record = laid(stamps)
+    assert record.samples + record.irregular["repeated_stamps"] == 5000
+    # Its length is that of the stamps, to the rounding and the jitter of the two ends.
+    assert len(there(record)) == pytest.approx(5000, abs=2 + 2 * unit_ns / step_ns)
+
+
+def test_samples_keep_their_order_and_time_in_bursts_and_by_a_coarse_clock():
+    """Ten at a time, microseconds apart; 6, 6, 8, 6, 9 ms in turns, in whole milliseconds."""
+    bursts = np.repeat(even(3000)[9::10], 10) + np.tile(np.arange(10) * 1000, 300)
+    coarse = np.cumsum(np.resize([6, 6, 8, 6, 9], 3000)) * 1_000_000
+    for stamps, step_s in ((bursts, 0.01), (coarse, 0.007)):
+        record = laid(stamps)
+        (run,) = record.runs
+        assert run[there(record), 0].tolist() == list(range(3000))
+        # The last burst ends the record: its step is known to a burst in 300.
+        assert record.step_s == pytest.approx(step_s, rel=0.005)
+        assert len(run) == pytest.approx(3000, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("stamps_ns", "reason"),
+    [
+        (even(2), "2 samples are too few to tell their rate"),
+        (even(3000)[np.random.default_rng(1).random(3000) > 0.4], "missing or not finite"),
+    ],
+)
+def test_records_without_a_rate_are_refused(stamps_ns, reason):
+    with pytest.raises(CalibrationError, match=reason):
+        laid(stamps_ns)

@@ -1,0 +1,161 @@
+"""Place an IMU's samples on a regular grid in time.
+
+Time stamps have jitter, repeat, come in bursts and go back, and samples are missing. On the grid
+each sample has a slot of its own, in order, as near to its stamp as the earlier ones permit; slots
+without a sample are NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import CalibrationError
+
+#: A longer gap splits the record; so does a clock that goes back by more than _BACK_NS.
+_SPLIT_NS = 10_000_000_000
+_BACK_NS = 1_000_000_000
+_FEWEST = 100  # samples needed for a rate
+_ALONE = 1.75  # times the median step: no sample is missing in a shorter step
+_BURSTS = 0.3  # a median step below this share of the mean: samples come in bursts
+_AROUND = 101  # steps whose mean is the local one
+_LONG_GAP = 30.0  # times the mean step: longer than the pause between bursts
+_MOST_MISSING = 0.2  # share of the samples, or the record is refused
+
+
+@dataclass(frozen=True)
+class ImuRecord:
+    """Hold a record on its grid; gyroscope x, y, z (rad/s), accelerometer x, y, z (m/s2)."""
+
+    runs: list[Array]  # pieces (n, 6) without a break; NaN where a sample is missing
+    starts_s: list[float]  # of the pieces, from the first sample, without clock steps
+    step_s: float
+    jitter_s: float  # of the stamps: that of the times between samples, over sqrt(2)
+    samples: int  # on the grid
+    irregular: dict[str, int]  # faults of stamps and values: name -> number
+
+    def blocks(self, size: int, least: float) -> Iterator[tuple[float, Array]]:
+        """Yield start (s) and values (size, 6) of blocks with this share of samples or more."""
+        for start_s, run in zip(self.starts_s, self.runs, strict=True):
+            for begin in range(0, len(run) - size + 1, size):
+                block = run[begin : begin + size]
+                if np.isfinite(block[:, 0]).mean() >= least:
+                    yield start_s + begin * self.step_s, block
+
+
+def filled(block: Array) -> Array:
+    """Return samples (n, channels) with missing ones interpolated linearly."""
+    there = np.isfinite(block[:, 0])
+    if there.all():
+        return block
+    places = np.arange(len(block))
+    return np.stack([np.interp(places, places[there], c[there]) for c in block.T], axis=1)
+
+
+def record_of(stamps_ns: IntArray, blocks: Sequence[Array]) -> ImuRecord:
+    """Return the record of samples with stamps (n,) and values (n, 6), given in blocks.
+
+    Raises CalibrationError for a record without a rate, or with too many samples missing.
+    """
+    finite = np.concatenate([np.isfinite(block).all(axis=1) for block in blocks])
+    identical = sum(int((b[1:] == b[:-1]).all(axis=1).sum()) for b in blocks)
+    times_ns = _without_clock_steps(stamps_ns[finite])
+    newest = np.maximum.accumulate(times_ns)
+    repeated, late = times_ns[1:] == newest[:-1], times_ns[1:] < newest[:-1]
+    rising = np.concatenate([[True], ~(repeated | late)])[: len(times_ns)]
+    irregular = {
+        "not_finite": int((~finite).sum()),
+        "repeated_stamps": int(repeated.sum()),
+        "late_stamps": int(late.sum()),
+        "same_as_before": identical,
+    }
+    kept = np.flatnonzero(finite)[rising]
+    times_ns = times_ns[rising]
+    step_ns, steps = _places(times_ns)
+    edges = [0, *(np.flatnonzero(np.diff(times_ns) > _SPLIT_NS) + 1).tolist(), len(times_ns)]
+    placed = [_slots(steps[a:b]) for a, b in pairwise(edges)]
+    sizes = [int(slots[-1]) + 1 for slots, _ in placed]
+    lost = sum(sizes) - len(kept) + irregular["not_finite"]
+    if lost > _MOST_MISSING * (len(kept) + lost):
+        raise CalibrationError(
+            f"{lost} samples are missing or not finite beside {len(kept)} good ones; record "
+            "again without loss, with the sensor's own stamps"
+        )
+    irregular |= {
+        "missing": sum(sizes) - len(kept),
+        "gaps": sum(int((np.diff(slots) > 1).sum()) for slots, _ in placed),
+        "splits": len(sizes) - 1,
+    }
+    begins = np.cumsum([0, *sizes])
+    places = np.concatenate([at + slots for at, (slots, _) in zip(begins, placed, strict=False)])
+    return ImuRecord(
+        np.split(_gridded(blocks, kept, places, int(begins[-1])), begins[1:-1]),
+        [float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
+        step_ns * 1e-9,
+        float(np.std(np.concatenate([off for _, off in placed]))) * step_ns * 1e-9 / math.sqrt(2),
+        len(kept),
+        irregular,
+    )
+
+
+def _gridded(blocks: Sequence[Array], kept: IntArray, places: IntArray, size: int) -> Array:
+    """Return (size, channels): the samples ``kept`` of all blocks at ``places``, else NaN."""
+    grid = np.full((size, blocks[0].shape[1]), np.nan)
+    bounds = np.cumsum([0, *map(len, blocks)])
+    cuts = np.searchsorted(kept, bounds)
+    for block, first, begin, end in zip(blocks, bounds, cuts, cuts[1:], strict=False):
+        grid[places[begin:end]] = block[kept[begin:end] - first]
+    return grid
+
+
+def _without_clock_steps(stamps_ns: IntArray) -> IntArray:
+    """Return times from the first sample, with a split where the clock went back far."""
+    if not len(stamps_ns):
+        raise CalibrationError("no sample is left; look at --from and --to")
+    times_ns = stamps_ns - stamps_ns[0]  # small numbers, exact to a nanosecond in floats
+    steps_ns = np.diff(times_ns, prepend=0)
+    shifts = np.where(steps_ns < -_BACK_NS, _SPLIT_NS + 1 - steps_ns, 0)
+    return np.asarray(times_ns + np.cumsum(shifts))
+
+
+def _places(times_ns: IntArray) -> tuple[float, Array]:
+    """Return the time between samples where none is missing (ns), and the times (n,) in steps.
+
+    A step is the mean of those around, since clocks and rates wander; where samples come in bursts
+    it includes the pauses.
+    """
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  slow to import
+
+    steps = np.diff(times_ns).astype(float)
+    within = steps <= _SPLIT_NS
+    if within.sum() + 1 < _FEWEST:
+        raise CalibrationError(
+            f"{within.sum() + 1} samples are too few to tell their rate; record longer"
+        )
+    usual = float(np.median(steps[within]))
+    for _ in range(2):
+        within = within & (steps <= _LONG_GAP * steps[within].mean())
+    if usual >= _BURSTS * steps[within].mean():
+        within = steps <= _ALONE * usual
+    step_ns = float(steps[within].mean())
+    around = min(_AROUND, len(steps))
+    total, number = (
+        uniform_filter1d(column, around)
+        for column in (np.where(within, steps, 0.0), within.astype(float))
+    )
+    local = np.where(number > 0.5, total / np.maximum(number, 0.5), step_ns)
+    return step_ns, np.concatenate([[0.0], np.cumsum(steps / local)])
+
+
+def _slots(places: Array) -> tuple[IntArray, Array]:
+    """Return rising slots (n,) from 0 for samples at times in steps, and steps less slots."""
+    # The grid's phase is that of most stamps, whatever the jitter of the first one.
+    phase = float(np.angle(np.exp(2j * np.pi * places).mean())) / math.tau
+    own = np.arange(len(places))
+    slots = np.maximum.accumulate(np.rint(places - phase).astype(np.int64) - own) + own
+    return slots - slots[0], np.diff(places) - np.diff(slots)

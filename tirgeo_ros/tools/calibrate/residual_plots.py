@@ -1,0 +1,125 @@
+"""Plot the residuals of calibrations over the picture: lens, boresight, orthophoto."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
+from tirgeo_ros.core.calibration.boresight.model import PointSighting
+from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
+from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
+from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+    PolynomialTransform,
+    Residuals,
+)
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.io.surveys.control_points import ControlPoints
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
+
+#: Length of a usual arrow of the lens, and of the longest of an orthophoto, as shares of the
+#: picture's width; of the longest of a boresight, px.
+_LENS_SHARE, _ORTHOPHOTO_SHARE = 0.02, 0.12
+_LONGEST_PX = 60.0
+_MOST_NAMES = 40
+
+
+def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
+    """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
+    made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
+    width, height = fit.camera.width, fit.camera.height
+    scale = _round(_LENS_SHARE * width / max(fit.rms_px, 1e-3))
+    for number, (name, view) in enumerate(fit.views.items()):
+        colour = COLOURS[number % len(COLOURS)]
+        corners = views[name].corners_px
+        frame.plot(*corners.T, ".", color=colour, markersize=3)
+        arrows(frame, corners, scale * view.errors_px, colour, 0.0012)
+    frame.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
+    frame.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
+    frame.set(xlabel="column, px", ylabel="row, px")
+    frame.set_title(f"Corners of {len(fit.views)} views, errors enlarged {scale:g} times")
+    frame.legend(loc="lower right", frameon=True)
+    names = list(fit.views)
+    bars.bar(range(len(names)), [view.rms_px for view in fit.views.values()], color=COLOURS[0])
+    bars.axhline(fit.rms_px, color=COLOURS[1], label=f"all: {fit.rms_px:.3f} px")
+    bars.set(ylabel="reprojection error, px", xlim=(-0.7, len(names) - 0.3))
+    if len(names) <= _MOST_NAMES:
+        bars.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+    bars.grid(visible=False, axis="x")
+    bars.legend(loc="upper right")
+    bars.set_title("Root mean square error of every view")
+    return png(made)
+
+
+def _round(number: float) -> float:
+    """Return the largest of 1, 2, 5, 10, ... that is not above the number."""
+    power = 10 ** np.floor(np.log10(number))
+    return float(max(step for step in (1, 2, 5) if step * power <= number * (1 + 1e-9)) * power)
+
+
+def boresight_png(
+    camera: Camera, sightings: Sequence[PointSighting], found: BoresightFit
+) -> bytes:
+    """Return a PNG: an arrow from each observation to its point's expected pixel, outliers too."""
+    uv = np.array([one.uv for one in sightings])
+    made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)
+    for panel, title, residuals in zip(
+        axes, ("before", "after"), (found.before, found.after), strict=True
+    ):
+        _boresight_panel(panel, uv, residuals, found.used)
+        rms = float(np.sqrt(np.nanmean((residuals[found.used] ** 2).sum(1))))
+        panel.set(title=f"{title}: {rms:.2f} px rms", xlabel="column, px", aspect="equal")
+    axes[0].set(xlim=(0, camera.width), ylim=(camera.height, 0), ylabel="row, px")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)  # under the picture
+    return png(made)
+
+
+def _boresight_panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
+    longest = float(np.nanmax(np.hypot(*residuals[used].T), initial=1e-3))
+    for part, colour, what in ((used, COLOURS[0], "used"), (~used, COLOURS[1], "left out")):
+        shown = part & np.isfinite(residuals[:, 0])
+        if not shown.any():
+            continue
+        # An outlier may be hundreds of pixels off: its arrow is cut.
+        lengths = np.hypot(*residuals[shown].T)
+        cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
+        panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
+        arrows(panel, uv[shown], -residuals[shown] * cut * _LONGEST_PX / longest, colour, 0.003)
+    panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)
+
+
+def orthophoto_png(
+    control: ControlPoints,
+    found: PolynomialTransform,
+    residuals: Residuals,
+    vertices: Array,
+    outside: BoolArray,
+) -> bytes:
+    """Return a PNG: control points, residuals enlarged, hull, features' vertices (n, 2)."""
+    made, axis = figure(8.0, 6.5)
+    rim = np.vstack([found.hull_px, found.hull_px[:1]])
+    axis.plot(*rim.T, color="#777777", lw=1.0, label="hull of the control points")
+    for chosen, colour, name in (
+        (~outside, COLOURS[5], "inside"),
+        (outside, COLOURS[1], "outside"),
+    ):
+        if chosen.any():
+            axis.plot(*vertices[chosen].T, ".", color=colour, ms=3, label=f"vertices {name}")
+    axis.plot(*control.pixels.T, "+", color=COLOURS[0], ms=8, label="control points")
+    longest = float(residuals.lengths_px.max())
+    width = float(np.ptp(control.pixels[:, 0]))
+    scale = _ORTHOPHOTO_SHARE * width / longest if longest > 0 else 1.0
+    arrows(axis, control.pixels, residuals.pixels * scale, COLOURS[2], 0.004)
+    for name, place in zip(control.names, control.pixels.tolist(), strict=True):
+        axis.annotate(name, place, textcoords="offset points", xytext=(5, 5))
+    axis.set_title(
+        f"Residuals, {scale:.3g} times enlarged: mean {residuals.lengths_px.mean():.2f} px, "
+        f"{100 * residuals.lengths_m.mean():.1f} cm; the longest {longest:.2f} px"
+    )
+    axis.set(xlabel="column [px]", ylabel="row [px]", aspect="equal")
+    axis.invert_yaxis()
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=8)
+    return png(made)
