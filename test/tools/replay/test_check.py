@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.replay import check_groups as groups
+from tirgeo_ros.tools.replay import flight_checks as groups
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.process import process
 

@@ -29,7 +29,7 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rate_limit import RateLimit
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.io.messages import DiagnosticItem, Messages
 from tirgeo_ros.tools.replay import FlightChecks
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
@@ -95,7 +95,6 @@ class Pipeline:
         self._settings = settings
         self._checks = checks
         self._messages = Messages(types)
-        self._located = LocatedMessages(types)
         self._sink = sink
         self._names = names
         self._plane: TangentPlane | None = None
@@ -152,8 +151,8 @@ class Pipeline:
         stamp_ns, u, v = convert.pixel(message)
         answer = self.overlay.clicks.locate((u, v), stamp_ns)
         if isinstance(answer, Located):
-            self._send("tirgeo/locate/fix", self._located.fix(answer), log_time_ns)
-            self._send("tirgeo/locate/point", self._located.point(answer), log_time_ns)
+            self._send("tirgeo/locate/fix", self._messages.located_fix(answer), log_time_ns)
+            self._send("tirgeo/locate/point", self._messages.located_point(answer), log_time_ns)
 
     def _publish(self, found: Registered, log_time_ns: int) -> None:
         if found.body is not None:
