@@ -58,12 +58,6 @@ def test_a_whole_bag(tmp_path, packed):
     assert bag.span_ns == (EXPECTED[0][0], EXPECTED[-1][0])
 
 
-def test_some_topics(tmp_path):
-    bag = Ros1Bag(numbers_bag(tmp_path / "a.bag"))
-    assert {m.topic for m in bag.messages(["/b"])} == {"/b"}
-    assert sum(1 for _ in bag.messages(["/b"])) == COUNT
-
-
 def test_order_is_that_of_the_record_where_chunks_overlap(tmp_path):
     bag = Bag()
     order = random.Random(5).sample(range(400), 400)
@@ -227,18 +221,6 @@ def test_an_encrypted_bag(tmp_path):
     path.write_bytes(MAGIC + header + data[head.end :])
     with pytest.raises(BagError, match=r"a\.bag: the bag is encrypted"):
         Ros1Bag(path)
-
-
-def test_a_message_as_ros_2_has_it(tmp_path):
-    bag = Bag()
-    fix = bag.fix(BEGUN_NS, 52.5, 4.25, 30.0, "antenna")
-    bag.add(BEGUN_NS, "/fix", fix)
-    (message,) = Ros1Bag(bag.write(tmp_path / "a.bag")).messages()
-    made = Cdr().deserialize(Cdr().from_ros1(message.data, message.typename), message.typename)
-    assert (made.latitude, made.longitude, made.altitude) == (52.5, 4.25, 30.0)
-    assert made.header.frame_id == "antenna"
-    assert not hasattr(made.header, "seq")
-    np.testing.assert_array_equal(made.position_covariance, np.zeros(9))
 
 
 def test_a_message_that_its_type_does_not_fit(tmp_path):

@@ -166,16 +166,6 @@ def test_what_a_person_should_know(rasterio, tmp_path):
     assert len(load_terrain(path, -9.0).notes) == 2  # corrected: nothing to say of the datum
 
 
-def test_a_unit_that_nobody_knows_is_said(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    values = np.full((9, 9), 7.0, np.float32)
-    terrain = load_terrain(
-        written(rasterio, tmp_path / "u.tif", values, transform, units="cubits")
-    )
-    assert "'cubits', which is not known" in terrain.notes[0]
-    assert terrain.highest_m == 7.0
-
-
 def test_what_is_refused(rasterio, tmp_path):
     _, _, transform = grid_of_metres(rasterio)
     flat = np.full((9, 9), 7.0, np.float32)
@@ -330,46 +320,6 @@ def test_a_system_that_is_none_of_the_earths_surface(rasterio, tmp_path, crs):
     flat = np.full((9, 9), 7.0, np.float32)
     with pytest.raises(ElevationError, match=r"odd\.tif: its coordinate system .* is none of the"):
         load_terrain(written(rasterio, tmp_path / "odd.tif", flat, transform, crs))
-
-
-def test_complex_numbers_and_addresses(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    path = written(rasterio, tmp_path / "c.tif", np.ones((9, 9), np.complex64), transform)
-    with pytest.raises(ElevationError, match=r"c\.tif: complex numbers are no heights"):
-        load_terrain(path)
-    with pytest.raises(ElevationError, match=r"^http://localhost:1/x\.tif: cannot be read"):
-        load_terrain("http://localhost:1/x.tif")  # as rasterio takes it
-
-
-def test_remarks_on_many_tiles_are_told_once(rasterio, tmp_path):
-    paths = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)], units="ft")
-    (note,) = load_terrain(",".join(map(str, paths))).notes
-    assert note.startswith(f"{paths[0]} and 1 more: heights in ft")
-
-
-def test_a_mosaic_of_gdals(rasterio, tmp_path):
-    """A .vrt, as gdalbuildvrt writes it, with a gap between its tiles."""
-    tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (50, 0, 150, 150)])
-    sources = "".join(
-        f"<ComplexSource><SourceFilename relativeToVRT='1'>tile{k}.tif</SourceFilename>"
-        f"<SourceBand>1</SourceBand><SrcRect xOff='0' yOff='0' xSize='{wide}' ySize='150'/>"
-        f"<DstRect xOff='{left}' yOff='0' xSize='{wide}' ySize='150'/><NODATA>-9999</NODATA>"
-        "</ComplexSource>"
-        for k, (left, wide) in enumerate([(0, 40), (50, 100)])
-    )
-    (tmp_path / "all.vrt").write_text(
-        f"<VRTDataset rasterXSize='150' rasterYSize='150'><SRS>{UTM}</SRS>"
-        f"<GeoTransform>{WEST}, 1, 0, {NORTH}, 0, -1</GeoTransform>"
-        "<VRTRasterBand dataType='Float32' band='1'><NoDataValue>-9999</NoDataValue>"
-        f"{sources}</VRTRasterBand></VRTDataset>"
-    )
-    terrain = load_terrain(tmp_path / "all.vrt")
-    assert np.isnan(at(terrain, WEST + 45, NORTH - 75))
-    place = (WEST + 80.3, NORTH - 75.7)
-    assert at(terrain, *place) == pytest.approx(wave(*place), abs=BILINEAR_M)
-    (tmp_path / "tile1.tif").unlink()
-    with pytest.raises(ElevationError, match=r"all\.vrt: cannot be read as a raster"):
-        load_terrain(tmp_path / "all.vrt")
 
 
 MOON = (

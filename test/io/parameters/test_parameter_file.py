@@ -25,10 +25,6 @@ def ekf(section, body="publish_rate_hz: 50.0"):
     return f"{section}:\n  ros__parameters:\n    {body}\n"
 
 
-def test_without_a_file_the_defaults():
-    assert load_config(None, "ekf_node", EkfConfig) == EkfConfig()
-
-
 def test_nested_and_dotted_names_are_the_same(write):
     nested = ekf("ekf_node", "imu: {gyro_turn_on_bias: 0.25}")
     dotted = ekf("ekf_node", "imu.gyro_turn_on_bias: 0.25")
@@ -62,12 +58,6 @@ def test_sections_and_nodes(write, section, namespace, fits):
     body = "max_wait_s: 1.0" if section == "gimbal_node" else "publish_rate_hz: 50.0"
     found = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
     assert found == ({"publish_rate_hz": 50.0} if fits else {})
-
-
-def test_sections_nest_by_namespace(write):
-    text = "uav1:\n  ekf_node:\n    ros__parameters: {publish_rate_hz: 50.0}\n"
-    assert load_parameters(write(text), "ekf_node", "uav1") == {"publish_rate_hz": 50.0}
-    assert load_parameters(write(text), "ekf_node") == {}
 
 
 def test_the_later_section_wins(write):
@@ -196,19 +186,6 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "bytes.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(ConfigError, match="not a text file in UTF-8"):
         load_config(tmp_path / "bytes.yaml", "ekf_node", EkfConfig)
-
-
-def test_one_file_serves_every_node(tmp_path):
-    path = tmp_path / "all.yaml"
-    path.write_text(
-        "ekf_node: {ros__parameters: {method: rtk}}\n"
-        "gimbal_node: {ros__parameters: {composition: paper}}\n"
-    )
-    params = ParameterFile(path)
-    assert params.config("ekf_node", EkfConfig) == load_config(path, "ekf_node", EkfConfig)
-    assert params.config("ekf_node", EkfConfig).method == "rtk"
-    assert params.config("gimbal_node", GimbalConfig).composition == "paper"
-    assert params.config("overlay_node", OverlayConfig) == OverlayConfig()
 
 
 def test_sections_for_a_node_that_has_none_here(write):

@@ -25,8 +25,6 @@ CAMERA_POSE = "/tirgeo/camera_pose"
 #: Whether a filter falls back on ordinary GPS is the estimator's affair.
 FIXES = "/rtk/fix( or /gps/fix)?"
 ALL_RTK = "/rtk/fix, /rtk/vel, /rtk/heading"
-#: One of an airframe that vibrates, without velocity, and one of a walk.
-REAL_FLIGHTS = ("p4rtk_horizontal_06", "walk_0827")
 
 
 def rewrite(source, target, edit):
@@ -126,12 +124,6 @@ def test_an_output_that_cannot_be_written_stops_the_run(cut, options, tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_outputs_carry_the_log_time_of_an_input(whole, cut):
-    inputs = {item.log_time_ns for item in BagReader(cut).messages()}
-    outputs = {item.log_time_ns for item in BagReader(whole[0] / "out.mcap").messages()}
-    assert outputs <= inputs
-
-
 def test_poses_are_the_same_with_and_without_pictures(whole, poses_only):
     both = [
         [item.data for item in BagReader(path).messages(["/tirgeo/odometry", CAMERA_POSE])]
@@ -139,13 +131,6 @@ def test_poses_are_the_same_with_and_without_pictures(whole, poses_only):
     ]
     assert both[0] == both[1]
     assert len(both[0]) > 300
-
-
-def test_without_images_nothing_of_them_is_read_or_written(poses_only):
-    path, summary = poses_only
-    assert IMAGES not in summary["read"]
-    assert not any("overlay" in topic for topic in BagReader(path).topics())
-    assert summary["overlay"] == {}
 
 
 def test_one_picture_for_each_frame(whole, cut):
@@ -160,20 +145,6 @@ def test_one_picture_for_each_frame(whole, cut):
     capture = cv2.VideoCapture(str(folder / "out.mp4"))
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == len(frames)
     assert summary["video"] == {"frames": len(frames), "rate_hz": pytest.approx(9.0, rel=1e-3)}
-
-
-def test_jpeg_shows_what_the_raw_picture_shows(whole):
-    folder, _ = whole
-    raw, jpeg = (
-        [m for _, m in messages_of(folder / "out.mcap", f"/tirgeo/overlay/image{form}")][-1]
-        for form in ("", "/compressed")
-    )
-    assert raw.encoding == "bgr8"
-    assert jpeg.format == "jpeg"
-    _, plain = cv2.imencode(".jpg", convert.image_pixels(raw), [cv2.IMWRITE_JPEG_QUALITY, 80])
-    np.testing.assert_array_equal(
-        convert.compressed_pixels(jpeg), cv2.imdecode(plain, cv2.IMREAD_COLOR)
-    )
 
 
 def test_diagnostics_once_a_second(whole):
@@ -257,23 +228,6 @@ def test_absent_topics_are_named_and_nothing_is_written(
     assert [entry.name for entry in tmp_path.iterdir()] == ["in.mcap"]
 
 
-@pytest.mark.parametrize("method", ["raw", "rtk", "ekf"])
-def test_topics_that_a_method_does_not_take_may_be_absent(cut, options, tmp_path, method):
-    unused = {
-        "raw": ("/rtk/", "/gps/vel"),  # a baseline stands still between positions without it
-        "rtk": ("/gps/", "/rtk/vel", "/rtk/heading"),
-        "ekf": ("/gps/", "/rtk/heading"),
-    }[method]
-    bag = rewrite(
-        cut,
-        tmp_path / "in.mcap",
-        lambda item: None if item.topic.startswith(unused) else same(item),
-    )
-    summary = process(bag, tmp_path / "out.mcap", method=method, images=False, **options)
-    assert summary["method"] == method
-    assert summary["written"][CAMERA_POSE] > 100
-
-
 def without(source, target, *topics):
     return rewrite(source, target, lambda item: None if item.topic in topics else same(item))
 
@@ -349,29 +303,6 @@ def test_poses_of_the_body_need_no_gimbal(cut, options, tmp_path):
     ]
     assert len(both[0]) > 200
     assert both[0] == both[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bag", REAL_FLIGHTS, ids=lambda name: name)
-def test_a_real_flight_without_gimbal_and_heading(shared, tmp_path, capsys, bag):
-    path = shared / "real_flights" / f"{bag}.mcap"
-    if not path.exists():
-        pytest.skip(f"no {path}")
-    out = tmp_path / "out.mcap"
-    assert main(["process", str(path), "-o", str(out), "--no-images", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["written"]["/tirgeo/odometry"] > 1000
-    assert "method ekf: the bag has no /rtk/heading" in summary["notes"]
-
-
-def test_a_warning_is_a_line_on_stderr(cut, sample, tmp_path, capsys):
-    bag = without(cut, tmp_path / "in.mcap", "/rtk/vel")
-    arguments = ["process", str(bag), "-o", str(tmp_path / "out.mcap"), "--no-images"]
-    code = main([*arguments, "--params", str(sample / "params.yaml"), "--method", "rtk"])
-    assert code == 0
-    assert capsys.readouterr().err == (
-        f"tirgeo process: warning: {bag} has no /rtk/vel: done without\n"
-    )
 
 
 def unstamped(item, topics):
@@ -527,14 +458,6 @@ def test_no_bag_no_map_no_sense(cut, options, tmp_path):
             process(bag, arguments.pop("out", out), **arguments)
         assert "\n" not in str(raised.value)
     assert {entry: entry.read_bytes() for entry in tmp_path.iterdir()} == before
-
-
-def test_wrong_use_is_exit_code_2(cut, tmp_path, capsys):
-    out = ["-o", str(tmp_path / "out.mcap")]
-    with pytest.raises(SystemExit) as left:
-        main(["process", str(cut), *out, "--no-images", "--video", "a.mp4"])
-    assert left.value.code == 2
-    assert "--no-images goes with neither" in capsys.readouterr().err
 
 
 def test_paper_composition_from_a_parameter_file(cut, sample, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from mmap import mmap
@@ -21,9 +20,9 @@ from tirgeo_ros.io.bags.mcap_contents import (
     header_of,
     read_segment,
 )
-from tirgeo_ros.io.bags.time_order import Placed, in_time_order
+from tirgeo_ros.io.bags.time_order import Placed, damage_line, in_time_order
 from tirgeo_ros.io.files.mapped_file import mapped
-from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
@@ -49,7 +48,7 @@ class BagReader:
     chunk and those that overlap it in time are held.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self._read = 0
         with mapped(self.path) as data:
@@ -89,10 +88,7 @@ class BagReader:
         The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
-        if not losses:
-            return None
-        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
-        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
+        return damage_line(losses, self._read)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -170,7 +166,7 @@ class BagWriter:
     left behind. The same calls give the same bytes. Raises BagError if it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}

@@ -19,9 +19,9 @@ from tirgeo_ros.core.ground.dem import GridOf, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError
 from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
-from tirgeo_ros.io.files.file_list import named_files
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Cache of what GDAL has unpacked: each pixel is read once. By default it is 5 % of all memory.

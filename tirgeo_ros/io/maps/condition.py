@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.maps.label_rule import shown_value, table_names
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.maps.label_rule import LabelRule, shown_value, table_names
+from tirgeo_ros.io.parameters.parameter_file import nearest
 
 _LONGEST = 1000  # characters of a condition
 _MOST_VALUES = 6  # of a property, shown where no feature matches
@@ -117,6 +117,24 @@ class Condition:
             found.append(f"{name} is {', '.join(values[:_MOST_VALUES])}{more}")
         told = f": {'; '.join(found)}" if found else ""
         return f"{self.source}: no feature of {where} is so{told}"
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Hold the label rule of a layer's features, and the condition for drawing them."""
+
+    label: LabelRule = LabelRule()
+    condition: Condition | None = None  # None: all are drawn
+
+    def columns(self, known: Collection[str], where: str) -> list[str]:
+        """Return the table's own names of the properties to read, each once.
+
+        Raises ConfigError for an unknown one that a style sheet wants as a label.
+        """
+        names = self.label.columns(known, where)
+        if self.condition:
+            names += self.condition.columns(known)
+        return [name for name in dict.fromkeys(names) if name is not None]
 
 
 class _Tokens:

@@ -15,9 +15,9 @@ from urllib.parse import quote
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import known
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
-from tirgeo_ros.io.maps.wanted_properties import Wanted
 from tirgeo_ros.io.maps.wkb import wkb_parts
 
 MAGIC = b"SQLite format 3\0"

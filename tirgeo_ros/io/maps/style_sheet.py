@@ -17,8 +17,7 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.maps.condition import Condition
 from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.parameters.parameter_file import load_yaml, nearest
 
 _DEFAULT = LayerStyle()
 _PLAIN = (
