@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 from pathlib import Path
 
 import message_samples as given
@@ -178,13 +177,6 @@ def test_same_calls_same_bytes(tmp_path):
     for name in ("a.mcap", "b.mcap"):
         write(tmp_path / name, range(300))
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
-
-
-def test_permissions_are_those_of_any_new_file(tmp_path):
-    write(tmp_path / "a.mcap", [1])
-    (tmp_path / "plain").touch()
-    modes = {stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("a.mcap", "plain")}
-    assert len(modes) == 1
 
 
 # nothing half-written

@@ -11,7 +11,7 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import BagPlayerConfig
-from tirgeo_ros.core.types.errors import ConfigError, DjiError
+from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast, encode_broadcast
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
@@ -22,7 +22,6 @@ from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
-from tirgeo_ros.tools.convert.import_ros1 import Pictures
 
 CDR = Cdr()
 CUT_S = 6.0
@@ -139,29 +138,6 @@ def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     true = truth[times[nearest(times, np.array([convert.stamp_ns(last)]))[0]]]
     apart_deg = heading_deg(last) - heading_deg(true)
     assert abs(math.remainder(apart_deg, 360)) < 1.0
-
-
-@pytest.mark.slow
-def test_an_aircraft_without_rtk_flies_on_its_gps(sample, player, tmp_path, capsys):
-    """The whole sample, said by an aircraft without RTK: it starts after its wait and stays."""
-    reader = BagReader(sample / "flight.mcap")
-    topics = [f"/{topic}" for topic in SENSED_TOPICS if not topic.startswith("rtk/")]
-    flown = [
-        (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
-        for m in reader.messages(topics)
-    ]
-    capture, bag, out = (tmp_path / name for name in ("a.bin", "in.mcap", "out.mcap"))
-    capture.write_bytes(said(flown, player))
-    os.utime(capture, ns=(flown[-1][0], flown[-1][0]))
-    import_flight(capture, bag, params=sample / "params.yaml")
-    params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
-    assert main(["process", str(bag), "-o", str(out), *params]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["method"], result["state"]) == ("ekf", "degraded")
-    assert "it flies on ordinary GPS" in result["notes"][0]
-    # Said once a second: the wait of 5 s, and all the rest.
-    assert set(result["states_s"]) == {"aligning", "degraded"}
-    assert result["states_s"]["aligning"] <= 7
 
 
 def heading_deg(message):
@@ -298,11 +274,6 @@ def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, t
     assert "the aircraft's clock started again 1 times" in summary["warning"]
     first, whole = (stamps(p, "/imu/data")[0] for p in (tmp_path / "o.mcap", imported[0]))
     assert abs(first - whole) <= DATE_NS
-
-
-def test_pictures_are_of_ros_1_bags(capture, tmp_path):
-    with pytest.raises(ConfigError, match="no ROS 1 bag; --image-topic and"):
-        import_flight(capture, tmp_path / "o.mcap", pictures=Pictures("/image"))
 
 
 def test_frames_of_djis_own_encoder(tmp_path):

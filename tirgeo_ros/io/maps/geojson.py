@@ -131,16 +131,15 @@ def _shapes(features: list[Any]) -> tuple[Shapes, Faults]:
 
 
 def _slow_shapes(features: list[Any]) -> tuple[Shapes, Faults]:
+    def parts(feature: Any) -> Iterator[Part]:
+        for kind, positions in _pieces(_geometry(feature)):
+            points = _fast_points([positions])
+            yield kind, _points(positions) if points is None else points
+
     shapes = ShapeBuilder()
     for number, feature in enumerate(features):
-        shapes.take(number, _parts(feature))
+        shapes.take(number, parts(feature))
     return shapes.shapes(), shapes.faults
-
-
-def _parts(feature: Any) -> Iterator[Part]:
-    for kind, positions in _pieces(_geometry(feature)):
-        points = _fast_points([positions])
-        yield kind, _points(positions) if points is None else points
 
 
 def _geometry(feature: Any) -> Any:
@@ -204,28 +203,23 @@ def _fast_points(parts: list[Positions]) -> Array | None:
 
 
 def _points(positions: Positions) -> Array:
+    """Return positions one by one; raise FeatureError for one that is none, or not finite."""
     points = np.full((len(positions), 3), np.nan)
     for row, position in zip(points, positions, strict=True):
-        numbers = _numbers(position)
-        if not all(map(math.isfinite, numbers)):
-            raise FeatureError(f"{str(position)[:60]} is not finite")
-        row[: len(numbers)] = numbers
+        shown = str(position)[:60]
+        if (
+            not isinstance(position, list)
+            or len(position) < 2
+            or set(map(type, position)) - {int, float}
+        ):
+            raise FeatureError(f"{shown} is not a position of two or three numbers")
+        try:
+            row[: len(position)] = position[:3]
+        except OverflowError:
+            row[0] = math.inf
+        if not np.isfinite(row[: len(position)]).all():
+            raise FeatureError(f"{shown} is not finite")
     return points
-
-
-def _numbers(position: Any) -> list[float]:
-    """Return the first two or three numbers of a position."""
-    right = isinstance(position, list) and len(position) >= 2 and all(map(_is_number, position))
-    if not right:
-        raise FeatureError(f"{str(position)[:60]} is not a position of two or three numbers")
-    try:
-        return [float(value) for value in position[:3]]
-    except OverflowError:
-        return [math.inf]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _crs_name(root: dict[str, Any]) -> str | None:
