@@ -36,7 +36,6 @@ class BagMessage(NamedTuple):
     topic: str
     typename: str
     log_time_ns: int
-    publish_time_ns: int
     data: bytes  # CDR
 
 
@@ -69,11 +68,6 @@ class BagReader:
             schema = self._contents.schemas.get(channel.schema_id)
             found.setdefault(channel.topic, schema.name if schema else "")
         return dict(sorted(found.items()))
-
-    @property
-    def count(self) -> int | None:
-        """Return the number of messages in the bag, None if the bag does not contain it."""
-        return self._contents.count
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -125,10 +119,10 @@ class BagReader:
         self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
     ) -> Iterator[Placed[BagMessage]]:
         raw = read_segment(data, segment.offset, segment.length, self._contents)
-        for number, (channel, log, publish, body) in enumerate(raw):
+        for number, (channel, log, body) in enumerate(raw):
             if channel in types and log >= start_ns:
                 self._read += 1
-                message = BagMessage(*types[channel], log, publish, body)
+                message = BagMessage(*types[channel], log, body)
                 yield log, segment.offset, number, message
 
     def _checked_types(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
@@ -184,23 +178,15 @@ class BagWriter:
             self._writer.start("ros2", f"tirgeo {__version__}")
         return self
 
-    def write(
-        self,
-        topic: str,
-        typename: str,
-        message: Any,
-        log_time_ns: int,
-        publish_time_ns: int | None = None,
-    ) -> None:
+    def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
         """Append a message, an object or its CDR bytes, to a topic (``/imu/data``)."""
         number, first = self._channels.get(topic) or self._channel(topic, typename)
         if first != typename:
             raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
-        published = log_time_ns if publish_time_ns is None else publish_time_ns
         try:
-            self._writer.add_message(number, log_time_ns, data, published)
+            self._writer.add_message(number, log_time_ns, data, log_time_ns)
         except OSError as error:
             raise self._error(error) from None
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.maps.table import (
     FEWEST,
@@ -39,12 +40,12 @@ _RECORD_SEPARATOR = "\x1e"  # before each text of a JSON sequence (RFC 8142)
 Positions = list[Any]
 
 
-def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
+def read_geojson(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
     """Return the only table of a GeoJSON file, named by its ``name`` member or else as the file.
 
     Raises MapError, naming the file, if it is no GeoJSON.
     """
-    root = _root(path, content)
+    root = _root(path, path.read_bytes())
     name = root.get("name")
     name = name if isinstance(name, str) and name else path.stem
     check_layer(path, layer, {name, path.stem})

@@ -116,18 +116,8 @@ def _table(where: str, name: str, fetch: Fetch, wanted: Wanted) -> Table:
     crs = (prj or b"").decode("utf-8-sig", "replace").strip() or None
     no_crs = "has no .prj" if prj is None else "has an empty .prj"
     deleted = sum(record is None for record in records[: len(properties)])
-    return Table(
-        where,
-        name,
-        crs,
-        shapes.shapes(),
-        properties,
-        fields,
-        told,
-        deleted,
-        no_crs,
-        shapes.faults,
-    )
+    found, faults = shapes.shapes(), shapes.faults
+    return Table(where, name, crs, found, properties, fields, told, deleted, no_crs, faults)
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:

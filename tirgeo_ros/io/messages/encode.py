@@ -56,26 +56,25 @@ class Messages(MessageParts):
     Nodes pass rclpy's classes, bags those they are written with (``io.bags.cdr.Cdr.types``).
     """
 
-    def imu(self, sample: ImuSample, frame_id: str = BODY_FRAME) -> Any:
+    def imu(self, sample: ImuSample) -> Any:
         """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
         attitude = sample.autopilot_q_nb
         turned = _NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
         return self._imu(
             sample.stamp_ns,
-            frame_id,
             (turned, _absent() if attitude is None else np.zeros(9)),
             (sample.angular_rate_b, np.zeros(9)),
             (sample.specific_force_b, np.zeros(9)),
         )
 
-    def heading(self, sample: HeadingSample, frame_id: str = BODY_FRAME) -> Any:
+    def heading(self, sample: HeadingSample) -> Any:
         """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
         half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros(9)
         covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
         turned = (math.cos(half), 0.0, 0.0, math.sin(half))
         nothing = (np.zeros(3), _absent())
-        return self._imu(sample.stamp_ns, frame_id, (turned, covariance), nothing, nothing)
+        return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
@@ -170,7 +169,7 @@ class Messages(MessageParts):
         covariance[:3, :3] = located.covariance_n
         return self._map_pose(located.stamp_ns, located.point_n, _NO_TURN, covariance)
 
-    def image(self, stamp_ns: int, pixels: npt.NDArray[Any], frame_id: str = OPTICAL_FRAME) -> Any:
+    def image(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Any:
         """Return ``sensor_msgs/Image``: mono8 (h, w), bgr8 (h, w, 3) or mono16 (h, w).
 
         mono8 and bgr8 are of uint8, mono16 of uint16. Raises ValueError for any other array.
@@ -182,7 +181,7 @@ class Messages(MessageParts):
         return self._stamped(
             "sensor_msgs/msg/Image",
             stamp_ns,
-            frame_id,
+            OPTICAL_FRAME,
             height=height,
             width=width,
             encoding=encoding,
@@ -191,13 +190,13 @@ class Messages(MessageParts):
             data=self._octets(np.ascontiguousarray(pixels)),
         )
 
-    def compressed(self, stamp_ns: int, jpeg: bytes, frame_id: str = OPTICAL_FRAME) -> Any:
+    def compressed(self, stamp_ns: int, jpeg: bytes) -> Any:
         """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
         data = self._octets(np.frombuffer(jpeg, np.uint8))
         typename = "sensor_msgs/msg/CompressedImage"
-        return self._stamped(typename, stamp_ns, frame_id, format="jpeg", data=data)
+        return self._stamped(typename, stamp_ns, OPTICAL_FRAME, format="jpeg", data=data)
 
-    def camera_info(self, camera: Camera, stamp_ns: int, frame_id: str = OPTICAL_FRAME) -> Any:
+    def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
         k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
         size = 5 if len(camera.distortion) <= 5 else 8
@@ -206,7 +205,7 @@ class Messages(MessageParts):
         return self._stamped(
             "sensor_msgs/msg/CameraInfo",
             stamp_ns,
-            frame_id,
+            OPTICAL_FRAME,
             height=camera.height,
             width=camera.width,
             distortion_model="plumb_bob" if size == 5 else "rational_polynomial",

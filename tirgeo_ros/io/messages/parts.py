@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.messages.message_axes import Quaternion, covariance_turned_world, positive
-from tirgeo_ros.io.messages.topics import MAP_FRAME
+from tirgeo_ros.io.messages.topics import BODY_FRAME, MAP_FRAME
 
 _SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
@@ -57,7 +57,6 @@ class MessageParts:
     def _imu(
         self,
         stamp_ns: int,
-        frame_id: str,
         attitude: tuple[Quaternion, Array],
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
@@ -70,7 +69,7 @@ class MessageParts:
         return self._stamped(
             "sensor_msgs/msg/Imu",
             stamp_ns,
-            frame_id,
+            BODY_FRAME,
             orientation=self._quaternion(positive(attitude[0])),
             orientation_covariance=attitude[1],
             angular_velocity=self._vector((rate_x, -rate_y, -rate_z)),
