@@ -140,6 +140,7 @@ class Messages(MessageParts):
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
         message = self._fix(plane, np.zeros((3, 3)), MAP_FRAME, stamp_ns=stamp_ns)
+        message.position_covariance = np.zeros(9)  # turned ones have minus signs
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
 
