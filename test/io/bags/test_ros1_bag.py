@@ -135,16 +135,6 @@ def messages_before(data: bytes, cut: int) -> int:
     return number
 
 
-def test_of_a_cut_chunk_without_compression_its_messages_are_read(tmp_path):
-    path = numbers_bag(tmp_path / "a.bag", chunk_bytes=1 << 20)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 3])
-    found, damage = read(path)
-    assert found == EXPECTED[: len(found)]
-    assert len(found) > 0.3 * len(EXPECTED)  # the index takes a tenth of the file
-    assert "the chunk at byte" in damage
-
-
 @pytest.mark.parametrize("packed", PACKED)
 def test_no_damage_raises_anything_else(tmp_path, packed):
     """Many random hits and cuts: messages or a BagError; what is lost is said."""
@@ -197,13 +187,6 @@ def test_what_is_no_bag(tmp_path, data, message):
     path.write_bytes(data)
     with pytest.raises(BagError, match=rf"x\.bag: {message}"):
         Ros1Bag(path)
-
-
-def test_no_file_and_a_directory(tmp_path):
-    with pytest.raises(BagError, match=r"none\.bag: cannot be read: No such file"):
-        Ros1Bag(tmp_path / "none.bag")
-    with pytest.raises(BagError, match=r"cannot be read: Is a directory"):
-        Ros1Bag(tmp_path)
 
 
 def test_a_bag_without_messages(tmp_path):

@@ -10,7 +10,7 @@ from map_files import UTM33_PRJ
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.crs import checked_system, to_wgs84
+from tirgeo_ros.io.coordinates.crs import to_wgs84
 from tirgeo_ros.io.maps import load_layers
 
 NAN = float("nan")
@@ -116,22 +116,6 @@ def test_names_of_datums_without_a_code(datum, told):
     _, remarks = laid(GEOGCS.format(datum), [16.0, 48.0, NAN])
     assert len(remarks) == bool(told)
     assert told in "".join(remarks)
-
-
-@pytest.mark.parametrize("name", ["", "nonsense", "\ud800", "x" * 10000])
-def test_what_is_no_system(name):
-    with pytest.raises(
-        MapError, match=r"^a.map: unknown coordinate reference system .*; save the"
-    ):
-        checked_system(name, "a.map")
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"), [("EPSG:5773", "Vertical"), ("EPSG:4978", "Geocentric")]
-)
-def test_a_system_of_no_map(name, kind):
-    with pytest.raises(MapError, match=f"^a.map: '{name}' is a {kind} CRS, and .*; save the"):
-        checked_system(name, "a.map")
 
 
 def test_a_line_across_the_antimeridian_stays_short(tmp_path):

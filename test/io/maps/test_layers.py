@@ -96,14 +96,6 @@ def test_the_label_field_where_the_sheet_does_not_say(styled):
     assert [layer.features[0].label for layer in layers] == ["Gasse", "Haus"]
 
 
-def test_the_system_of_the_sheet_stands_above_the_files(folder, styled):
-    plain, moved = styled(
-        "layers: [{}, {crs: '+proj=longlat +datum=WGS84 +pm=1'}]", "houses.geojson"
-    )
-    shift = moved.features[0].points - plain.features[0].points
-    assert shift[:, 1] == pytest.approx(math.radians(1), abs=1e-12)
-
-
 @pytest.mark.parametrize(
     "member",
     [

@@ -235,13 +235,6 @@ def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
     assert err.count("\n") == 1
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path, capsys):
-    assert command.main(["dump", str(tmp_path / "absent.bin")]) == 1
-    assert capsys.readouterr().err.endswith("absent.bin: No such file or directory\n")
-    assert command.main(["dump", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == f"tirgeo dump: {tmp_path}: Is a directory\n"
-
-
 def test_a_bad_table_or_key_is_told_before_reading(tmp_path):
     capture = tmp_path / "absent.bin"
     table = tmp_path / "packages.yaml"

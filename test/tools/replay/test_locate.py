@@ -212,13 +212,6 @@ def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, opt
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_output_may_not_be_the_list_of_pixels(sample, tmp_path):
-    pixels = tmp_path / "pixels.csv"
-    pixels.write_bytes((sample / "observations.csv").read_bytes())
-    with pytest.raises(SurveyError, match=r"pixels\.csv: would take the place of the input"):
-        locate_pixels(sample / "flight.mcap", pixels, pixels, ground_height=11.5)
-
-
 def test_a_bag_without_a_camera_is_named(sample, tmp_path):
     bag = tmp_path / "blind.mcap"
     with BagWriter(bag) as writer:

@@ -121,14 +121,3 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     assert found == data_of(poses_only[0], CAMERA_POSE)
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):
         process(moved, tmp_path / "none.mcap", images=False, **options)
-
-
-def test_paper_composition_from_a_parameter_file(cut, sample, tmp_path):
-    """Joint angles are there, but are not asked for."""
-    chosen = tmp_path / "chosen.yaml"
-    chosen.write_text("/**/gimbal_node:\n  ros__parameters: {composition: paper}\n")
-    params = [sample / "params.yaml", chosen]
-    summary = process(cut, tmp_path / "out.mcap", params=params, images=False)
-    assert summary["composition"] == "paper"
-    assert "/gimbal/joint_states" not in summary["read"]
-    assert summary["written"][CAMERA_POSE] > 100
