@@ -118,7 +118,10 @@ def _summary(data: mmap) -> McapContents | None:
         elif isinstance(record, Statistics):
             numbers = record.channel_message_counts
         elif isinstance(record, ChunkIndex):
-            found.segments.append(_indexed(record))
+            start_ns, end_ns = record.message_start_time, record.message_end_time
+            channels = frozenset(record.message_index_offsets) or None
+            place = record.chunk_start_offset, record.chunk_length
+            found.segments.append(Segment(start_ns, end_ns, *place, channels))
     found.empty = {key for key in found.channels if numbers and not numbers.get(key)}
     return found if found.segments and found.channels else None
 
@@ -132,16 +135,6 @@ def _footer(data: mmap) -> Footer:
         raise McapError("no footer")
     footer: Footer = Footer.read(ReadDataStream(BytesIO(data[at + _RECORD.size :])))
     return footer
-
-
-def _indexed(index: ChunkIndex) -> Segment:
-    return Segment(
-        index.message_start_time,
-        index.message_end_time,
-        index.chunk_start_offset,
-        index.chunk_length,
-        frozenset(index.message_index_offsets) or None,
-    )
 
 
 def _walked(data: mmap) -> McapContents:

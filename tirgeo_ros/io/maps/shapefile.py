@@ -190,15 +190,14 @@ def _records(
             encodingErrors="replace",
         ) as reader:
             fields = [each[0] for each in reader.fields if each[0] != "DeletionFlag"]
-            return fields, list(_rows(reader, wanted.columns(fields, where))), ()
+            names = wanted.columns(fields, where)
+            found = (reader.record(number, fields=names) for number in range(len(reader)))
+            rows: list[Mapping[str, Any] | None] = [
+                None if row is None else dict(zip(names, row, strict=True)) for row in found
+            ]
+            return fields, rows, ()
     except _DAMAGE as error:
         raise MapError(f"{where}: a damaged .dbf: {_line(error)}") from None
-
-
-def _rows(reader: Any, wanted: Sequence[str]) -> Iterator[Mapping[str, Any] | None]:
-    for number in range(len(reader)):
-        record = reader.record(number, fields=list(wanted))
-        yield None if record is None else dict(zip(wanted, record, strict=True))
 
 
 def _encoding(cpg: bytes | None, dbf: bytes) -> str:

@@ -107,7 +107,8 @@ def process(
         run = _Run(reader, settings, writer, film, namespace, checks)
         run.through(topics, progress)
         if not run.read:
-            raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
+            because = f": {reader.damage}" if reader.damage else ""
+            raise BagError(f"{bag_in}: no message could be read{because}")
     elapsed_s = time.perf_counter() - begun_s
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
@@ -115,10 +116,6 @@ def process(
     summary["warning"] = _warning(reader, topics, ekf.method, namespace)
     summary["findings"] = finding_items(checks.findings())  # damage is in the summary's error
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
-
-
-def _because(reader: BagReader) -> str:
-    return f": {reader.damage}" if reader.damage else ""
 
 
 def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: str) -> str | None:
