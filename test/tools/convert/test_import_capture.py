@@ -8,6 +8,7 @@ import os
 
 import numpy as np
 import pytest
+from imported_bags import messages
 from project import PROJECT
 
 from tirgeo_ros.core.config import BagPlayerConfig
@@ -30,10 +31,6 @@ KEY = "00112233445566778899aabbccddeeff" * 2
 #: A second begins with an epoch of RTK's 5 Hz; the receiver's own latency is a parameter and
 #: jitters by some milliseconds, and the next broadcast at 100 Hz says it.
 DATE_NS = 20_000_000
-
-
-def messages(path, topic):
-    return [CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages([topic])]
 
 
 def stamps(path, topic):
