@@ -131,52 +131,6 @@ def by_gdal(driver, crs="EPSG:4326", **options):
     return write
 
 
-def number(value):
-    """A variable-length integer of protocol buffers."""
-    more = value >> 7
-    return bytes([value & 0x7F | 0x80]) + number(more) if more else bytes([value])
-
-
-def signed(value):
-    return number(2 * value if value >= 0 else -2 * value - 1)
-
-
-def member(key, value):
-    """A field of protocol buffers: bytes, or an integer that is encoded already."""
-    if isinstance(value, int):
-        return number(key << 3) + number(value)
-    return number(key << 3 | 2) + number(len(value)) + value
-
-
-def osm_pbf(path):
-    """OpenStreetMap's binary form (PBF): four nodes and the way through them."""
-
-    def block(kind, content):
-        blob = member(1, content) + member(2, len(content))
-        head = member(1, kind) + member(3, len(blob))
-        return struct.pack(">I", len(head)) + head + blob
-
-    texts = [b"", b"highway", b"path", b"name", b"a"]
-    strings = b"".join(member(1, each) for each in texts)
-    nodes = b"".join(
-        member(
-            1,
-            number(1 << 3)
-            + signed(i + 1)
-            + number(8 << 3)
-            + signed(round(y * 1e7))
-            + number(9 << 3)
-            + signed(round(x * 1e7)),
-        )
-        for i, (x, y) in enumerate(RING[:3])
-    )
-    way = member(1, 9) + member(2, bytes([1, 3])) + member(3, bytes([2, 4]))
-    way += member(8, b"".join(map(signed, (1, 1, 1, -2))))  # each less the one before
-    data = member(1, strings) + member(2, nodes) + member(2, member(3, way))
-    head = member(4, b"OsmSchema-V0.6")
-    path.write_bytes(block(b"OSMHeader", head) + block(b"OSMData", data))
-
-
 def csv(*lines):
     return text("\n".join(lines) + "\n")
 
@@ -332,7 +286,6 @@ READ = {
         csv("name,WKT", 'a,"LINESTRING (' + ",".join(f"{x} {y}" for x, y in RING) + ')"'),
         ["names no system: taken for WGS84"],
     ),
-    "OpenStreetMap, binary": ("a.osm.pbf", osm_pbf, []),
     "OpenStreetMap": (
         "a.osm",
         text(

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.clicks import Clicks
-from tirgeo_ros.io.messages import LocatedMessages, pixel
+from tirgeo_ros.io.messages import Messages, pixel
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
@@ -22,7 +22,7 @@ class LocateTopics:
     def __init__(self, node: Node, clicks: Clicks, monitor: Monitor) -> None:
         self._clicks = clicks
         self._node = node
-        self._messages = LocatedMessages(message_class)
+        self._messages = Messages(message_class)
         self._fix = advertise(node, "tirgeo/locate/fix", output())
         self._point = advertise(node, "tirgeo/locate/point", output())
         self._refused = ""
@@ -39,8 +39,8 @@ class LocateTopics:
         stamp_ns, u, v = pixel(message)
         answer = self._clicks.locate((u, v), stamp_ns)
         if isinstance(answer, Located):
-            self._fix.publish(self._messages.fix(answer))
-            self._point.publish(self._messages.point(answer))
+            self._fix.publish(self._messages.located_fix(answer))
+            self._point.publish(self._messages.located_point(answer))
             self._refused = ""
             return
         self._refused = answer.reason.value

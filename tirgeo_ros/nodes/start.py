@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 
-from tirgeo_ros.io.files.stop_signals import stop_signals
+from tirgeo_ros.io.files.child_python import stop_signals
 
 STOP_SIGNALS = stop_signals()
 #: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.

@@ -21,6 +21,7 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.simulator import Aircraft
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
@@ -32,8 +33,8 @@ from tirgeo_ros.tools.replay.recorded_flight import (
     body_errors,
     load_recording,
     load_truth,
-    track_of,
 )
+from tirgeo_ros.tools.replay.registration import Registration
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
@@ -78,18 +79,26 @@ class Flight:
         return heard(aircraft, self.samples, self.dji)
 
     def judged(self, samples) -> Judged:
-        track = track_of(samples, self._ekf, self._gimbal)
-        errors = body_errors(track.bodies, self._truth, SETTLED_S)
+        samples, cameras = list(samples), {}
+        for composition in ("paper", "encoders"):
+            gimbal = replace(self._gimbal, composition=composition)
+            flown = Registration(self._ekf, gimbal)
+            found = [flown.take(sample) for sample in samples]
+            cameras[composition] = PoseBuffer(1e9)
+            for pose in (pose for one in found for pose in one.cameras):
+                cameras[composition].add(pose)
+        bodies = [one.body for one in found if one.body is not None]
+        errors = body_errors(bodies, self._truth, SETTLED_S)
         ground = {
             composition: locate_observations(
                 poses,
-                track.plane,
+                flown.navigation.plane,
                 self._camera,
                 self._given,
                 self._overlay.ground_height_m,
                 self._overlay,
             )[0]
-            for composition, poses in track.cameras.items()
+            for composition, poses in cameras.items()
         }
         return Judged(
             math.degrees(errors.heading_rad),

@@ -58,12 +58,6 @@ def test_a_whole_bag(tmp_path, packed):
     assert bag.span_ns == (EXPECTED[0][0], EXPECTED[-1][0])
 
 
-def test_some_topics(tmp_path):
-    bag = Ros1Bag(numbers_bag(tmp_path / "a.bag"))
-    assert {m.topic for m in bag.messages(["/b"])} == {"/b"}
-    assert sum(1 for _ in bag.messages(["/b"])) == COUNT
-
-
 def test_order_is_that_of_the_record_where_chunks_overlap(tmp_path):
     bag = Bag()
     order = random.Random(5).sample(range(400), 400)
@@ -141,16 +135,6 @@ def messages_before(data: bytes, cut: int) -> int:
     return number
 
 
-def test_of_a_cut_chunk_without_compression_its_messages_are_read(tmp_path):
-    path = numbers_bag(tmp_path / "a.bag", chunk_bytes=1 << 20)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 3])
-    found, damage = read(path)
-    assert found == EXPECTED[: len(found)]
-    assert len(found) > 0.3 * len(EXPECTED)  # the index takes a tenth of the file
-    assert "the chunk at byte" in damage
-
-
 @pytest.mark.parametrize("packed", PACKED)
 def test_no_damage_raises_anything_else(tmp_path, packed):
     """Many random hits and cuts: messages or a BagError; what is lost is said."""
@@ -205,13 +189,6 @@ def test_what_is_no_bag(tmp_path, data, message):
         Ros1Bag(path)
 
 
-def test_no_file_and_a_directory(tmp_path):
-    with pytest.raises(BagError, match=r"none\.bag: cannot be read: No such file"):
-        Ros1Bag(tmp_path / "none.bag")
-    with pytest.raises(BagError, match=r"cannot be read: Is a directory"):
-        Ros1Bag(tmp_path)
-
-
 def test_a_bag_without_messages(tmp_path):
     with pytest.raises(BagError, match=r"empty\.bag: no message can be read; it has none"):
         Ros1Bag(Bag().write(tmp_path / "empty.bag"))
@@ -227,18 +204,6 @@ def test_an_encrypted_bag(tmp_path):
     path.write_bytes(MAGIC + header + data[head.end :])
     with pytest.raises(BagError, match=r"a\.bag: the bag is encrypted"):
         Ros1Bag(path)
-
-
-def test_a_message_as_ros_2_has_it(tmp_path):
-    bag = Bag()
-    fix = bag.fix(BEGUN_NS, 52.5, 4.25, 30.0, "antenna")
-    bag.add(BEGUN_NS, "/fix", fix)
-    (message,) = Ros1Bag(bag.write(tmp_path / "a.bag")).messages()
-    made = Cdr().deserialize(Cdr().from_ros1(message.data, message.typename), message.typename)
-    assert (made.latitude, made.longitude, made.altitude) == (52.5, 4.25, 30.0)
-    assert made.header.frame_id == "antenna"
-    assert not hasattr(made.header, "seq")
-    np.testing.assert_array_equal(made.position_covariance, np.zeros(9))
 
 
 def test_a_message_that_its_type_does_not_fit(tmp_path):

@@ -10,7 +10,7 @@ from map_files import UTM33_PRJ
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.crs import checked_system, to_wgs84
+from tirgeo_ros.io.coordinates.crs import to_wgs84
 from tirgeo_ros.io.maps import load_layers
 
 NAN = float("nan")
@@ -118,36 +118,6 @@ def test_names_of_datums_without_a_code(datum, told):
     assert told in "".join(remarks)
 
 
-def test_heights_of_another_zero_are_left_out_and_that_is_told():
-    points, remarks = laid("EPSG:32633+5773", [500000.0, 0.0, 120.0])
-    assert np.isnan(points[0, 2])
-    (remark,) = remarks
-    assert remark.endswith("zone 33N + EGM96 height are none above the ellipsoid: left out")
-    assert laid("EPSG:32633+5773", [500000.0, 0.0, NAN])[1] == ()
-
-
-def test_the_input_stays_as_it_is():
-    points = np.array([[500000.0, 0.0, 1.0]])
-    to_wgs84(points, "EPSG:32633+5773", "a.map")
-    np.testing.assert_array_equal(points, [[500000.0, 0.0, 1.0]])
-
-
-@pytest.mark.parametrize("name", ["", "nonsense", "\ud800", "x" * 10000])
-def test_what_is_no_system(name):
-    with pytest.raises(
-        MapError, match=r"^a.map: unknown coordinate reference system .*; save the"
-    ):
-        checked_system(name, "a.map")
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"), [("EPSG:5773", "Vertical"), ("EPSG:4978", "Geocentric")]
-)
-def test_a_system_of_no_map(name, kind):
-    with pytest.raises(MapError, match=f"^a.map: '{name}' is a {kind} CRS, and .*; save the"):
-        checked_system(name, "a.map")
-
-
 def test_a_line_across_the_antimeridian_stays_short(tmp_path):
     """UTM 60 goes on beyond 180 deg; the line is 20 km long there and on the tangent plane."""
     path = tmp_path / "a.geojson"
@@ -162,13 +132,3 @@ def test_a_line_across_the_antimeridian_stays_short(tmp_path):
     ned = plane.ned_from_geodetic(feature.points[:, 0], feature.points[:, 1], np.zeros(3))
     # 0.9996 at the central meridian grows by (x / R)^2 / 2, 0.13 %, so far from it.
     assert np.hypot(*np.diff(ned[[0, -1], :2], axis=0)[0]) == pytest.approx(20e3, rel=2e-3)
-
-
-def test_another_planet():
-    moon = (
-        'GEOGCRS["Moon",DATUM["D_Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],'
-        'PRIMEM["Reference_Meridian",0],CS[ellipsoidal,2],AXIS["lat",north],AXIS["lon",east],'
-        'ANGLEUNIT["degree",0.0174532925199433]]'
-    )
-    with pytest.raises(MapError, match=r"a\.map: there is no way from Moon to WGS84: is it of"):
-        laid(moon, [10.0, 10.0, NAN])

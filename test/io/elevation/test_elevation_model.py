@@ -6,21 +6,22 @@ import math
 import sys
 
 import numpy as np
-import pyproj
 import pytest
-from measured import run_measured
+from elevation_files import (
+    BILINEAR_M,
+    NORTH,
+    SIZE,
+    WEST,
+    at,
+    grid_of_metres,
+    some_places,
+    wave,
+    written,
+)
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import ElevationError
-from tirgeo_ros.io.elevation import raster_grid as elevation_grid
 from tirgeo_ros.io.elevation.elevation_model import ground_of, load_terrain
-
-UTM = "EPSG:32650"
-WEST, NORTH, SIZE = 500_100.0, 4_411_600.0, 150
-
-
-def wave(x, y):
-    return 40.0 + 3.0 * np.sin(np.asarray(x) / 50.0) + 2.0 * np.cos(np.asarray(y) / 40.0)
 
 
 @pytest.fixture
@@ -28,54 +29,10 @@ def rasterio():
     return pytest.importorskip("rasterio", reason="elevation models need rasterio")
 
 
-def written(rasterio, path, values, transform, crs=UTM, tags=None, units=None, **profile):
-    bands = values if values.ndim == 3 else values[None]
-    profile = {"nodata": -9999.0} | profile
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        count=len(bands),
-        height=bands.shape[1],
-        width=bands.shape[2],
-        dtype=bands.dtype,
-        crs=crs,
-        transform=transform,
-        **profile,
-    ) as out:
-        out.write(bands)
-        out.update_tags(**(tags or {}))
-        if units:
-            out.units = (units,) * len(bands)
-    return path
-
-
 def place(transform, column, row):
     """x and y of a column and row counted from the first pixel's corner."""
     a, b, c, d, e, f = tuple(transform)[:6]
     return a * column + b * row + c, d * column + e * row + f
-
-
-def grid_of_metres(rasterio, west=WEST, north=NORTH, size=SIZE, step=1.0):
-    """Middles of pixels of ``step`` m, and the transform of their corners."""
-    x = west + step * (np.arange(size) + 0.5)
-    y = north - step * (np.arange(size) + 0.5)
-    return *np.meshgrid(x, y), rasterio.transform.from_origin(west, north, step, step)
-
-
-def at(terrain, x, y, crs=UTM):
-    lon, lat = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(x, y)
-    return terrain.height_m(np.radians(lat), np.radians(lon))
-
-
-def some_places(rng, margin=2.0):
-    x = rng.uniform(WEST + margin, WEST + SIZE - margin, 200)
-    return x, rng.uniform(NORTH - SIZE + margin, NORTH - margin, 200)
-
-
-# A metre of grid: 3 / 50^2 and 2 / 40^2 of curvature, an eighth of their sum: 0.3 mm; half a pixel
-# of shift would be 3 / 50 / 2 = 30 mm.
-BILINEAR_M = 5e-4
 
 
 @pytest.mark.parametrize("kind", ["Area", "Point"])
@@ -166,16 +123,6 @@ def test_what_a_person_should_know(rasterio, tmp_path):
     assert len(load_terrain(path, -9.0).notes) == 2  # corrected: nothing to say of the datum
 
 
-def test_a_unit_that_nobody_knows_is_said(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    values = np.full((9, 9), 7.0, np.float32)
-    terrain = load_terrain(
-        written(rasterio, tmp_path / "u.tif", values, transform, units="cubits")
-    )
-    assert "'cubits', which is not known" in terrain.notes[0]
-    assert terrain.highest_m == 7.0
-
-
 def test_what_is_refused(rasterio, tmp_path):
     _, _, transform = grid_of_metres(rasterio)
     flat = np.full((9, 9), 7.0, np.float32)
@@ -220,156 +167,12 @@ def test_the_ground_of_the_parameters(rasterio, tmp_path):
     assert ground_of(OverlayConfig(dem=path, dem_undulation_m=2.0)).highest_m == 9.0
 
 
-def test_a_large_model_is_mapped_and_the_same(rasterio, tmp_path, monkeypatch):
-    x, y, transform = grid_of_metres(rasterio)
-    values = wave(x, y).astype(np.float32)
-    values[70:80, 70:80] = -9999.0
-    path = written(rasterio, tmp_path / "large.tif", values, transform)
-    whole = load_terrain(path)
-    monkeypatch.setattr(elevation_grid, "MOST_IN_MEMORY", SIZE * SIZE - 1)
-    monkeypatch.setattr(elevation_grid, "_AT_ONCE", 7 * SIZE)
-    mapped = load_terrain(path)
-    assert isinstance(mapped.heights_m.base, np.memmap)  # nothing of it is copied
-    np.testing.assert_array_equal(mapped.heights_m, whole.heights_m)
-    assert (mapped.lowest_m, mapped.highest_m) == (whole.lowest_m, whole.highest_m)
-
-
-def test_a_model_without_room_says_how_much_it_needs(rasterio, tmp_path, monkeypatch):
-    monkeypatch.setattr(elevation_grid, "_MOST_BYTES", 1 << 62)
-    _, _, transform = grid_of_metres(rasterio)
-    path = tmp_path / "endless.tif"
-    profile = {"width": 30_000_000, "height": 30_000_000, "count": 1, "dtype": "float32"}
-    sparse = {"tiled": True, "blockxsize": 65_536, "blockysize": 65_536, "SPARSE_OK": True}
-    with rasterio.open(
-        path, "w", driver="GTiff", crs=UTM, transform=transform, BIGTIFF="YES", **profile, **sparse
-    ):
-        pass
-    with pytest.raises(
-        ElevationError,
-        match=r"endless\.tif: 30000000 x 30000000 pixels need 3600000\.0 GB in .*TMPDIR",
-    ):
-        load_terrain(path)
-
-
-def tiles_of(rasterio, folder, cuts, **profile):
-    """Tiles (left, top, right, bottom) of the wave, in pixels."""
-    x, y, _ = grid_of_metres(rasterio)
-    paths = []
-    for k, (left, top, right, bottom) in enumerate(cuts):
-        corner = rasterio.transform.from_origin(WEST + left, NORTH - top, 1.0, 1.0)
-        values = wave(x, y)[top:bottom, left:right].astype(np.float32)
-        paths.append(written(rasterio, folder / f"tile{k}.tif", values, corner, **profile))
-    return paths
-
-
-def test_tiles_side_by_side_are_one_surface(rasterio, tmp_path):
-    # one over another, one apart, the second before the first in both directions
-    cuts = [(60, 50, 150, 150), (0, 0, 60, 50), (60, 0, 150, 50), (0, 45, 62, 150)]
-    paths = tiles_of(rasterio, tmp_path, cuts)
-    terrain = load_terrain(", ".join(map(str, paths)))
-    assert terrain.heights_m.shape == (SIZE, SIZE)
-    places = some_places(np.random.default_rng(4))
-    np.testing.assert_allclose(at(terrain, *places), wave(*places), atol=BILINEAR_M)
-
-
-def test_between_tiles_is_a_gap_and_the_first_tile_stands_above_the_next(rasterio, tmp_path):
-    first, second = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (50, 0, 150, 150)])
-    low = rasterio.transform.from_origin(WEST, NORTH, 1.0, 1.0)
-    holed = np.full((150, 20), 7.0, np.float32)
-    holed[:60] = -9999
-    above = written(rasterio, tmp_path / "above.tif", holed, low, units="m")
-    terrain = load_terrain(f"{above},{first},{second}")
-    assert np.isnan(at(terrain, WEST + 45, NORTH - 75))
-    assert at(terrain, WEST + 10, NORTH - 75) == pytest.approx(7)
-    for x, y in ((WEST + 10, NORTH - 30), (WEST + 30, NORTH - 75), (WEST + 80, NORTH - 75)):
-        assert at(terrain, x, y) == pytest.approx(wave(x, y), abs=BILINEAR_M)
-
-
-def test_tiles_that_do_not_fit_are_named(rasterio, tmp_path):
-    first, second = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)])
-    flat = np.full((9, 9), 7.0, np.float32)
-    halved = rasterio.transform.from_origin(WEST + 40.5, NORTH, 1.0, 1.0)
-    finer = rasterio.transform.from_origin(WEST + 40, NORTH, 0.5, 0.5)
-    for name, transform in (("halved", halved), ("finer", finer)):
-        odd = written(rasterio, tmp_path / f"{name}.tif", flat, transform)
-        with pytest.raises(
-            ElevationError, match=rf"{name}\.tif: its pixels are not on the grid of"
-        ):
-            load_terrain(f"{first},{odd}")
-    other = written(rasterio, tmp_path / "other.tif", flat, halved, "EPSG:32649")
-    with pytest.raises(
-        ElevationError, match=r"other\.tif: another coordinate system than that of"
-    ):
-        load_terrain(f"{first},{other}")
-    second.write_bytes(second.read_bytes()[:20_000])
-    with pytest.raises(ElevationError, match=r"tile1\.tif: cannot be read as a raster"):
-        load_terrain(f"{first},{second}")
-    with pytest.raises(ElevationError, match=r"' , ': names no elevation model"):
-        load_terrain(" , ")
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_tiles_that_meet_at_the_antimeridian(rasterio, tmp_path, turned):
-    step = 1e-3
-    paths = []
-    for west, low in ((180 - 20 * step, 0.0), (-180.0, 20.0)):
-        transform = rasterio.transform.from_origin(west, 40.0, step, step)
-        values = np.add.outer(np.zeros(9), low + np.arange(20.0)).astype(np.float32)
-        paths.append(written(rasterio, tmp_path / f"{low}.tif", values, transform, "EPSG:4326"))
-    terrain = load_terrain(",".join(map(str, paths[::-1] if turned else paths)))
-    assert terrain.heights_m.shape == (9, 40)
-    latitude = math.radians(40 - 4 * step)
-    for longitude in (180.0, -180.0):
-        found = terrain.height_m(latitude, math.radians(longitude))
-        assert found == pytest.approx(19.5, abs=1e-4)
-
-
 @pytest.mark.parametrize("crs", ["EPSG:4978", 'LOCAL_CS["site",UNIT["metre",1]]'])
 def test_a_system_that_is_none_of_the_earths_surface(rasterio, tmp_path, crs):
     _, _, transform = grid_of_metres(rasterio)
     flat = np.full((9, 9), 7.0, np.float32)
     with pytest.raises(ElevationError, match=r"odd\.tif: its coordinate system .* is none of the"):
         load_terrain(written(rasterio, tmp_path / "odd.tif", flat, transform, crs))
-
-
-def test_complex_numbers_and_addresses(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    path = written(rasterio, tmp_path / "c.tif", np.ones((9, 9), np.complex64), transform)
-    with pytest.raises(ElevationError, match=r"c\.tif: complex numbers are no heights"):
-        load_terrain(path)
-    with pytest.raises(ElevationError, match=r"^http://localhost:1/x\.tif: cannot be read"):
-        load_terrain("http://localhost:1/x.tif")  # as rasterio takes it
-
-
-def test_remarks_on_many_tiles_are_told_once(rasterio, tmp_path):
-    paths = tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (40, 0, 150, 150)], units="ft")
-    (note,) = load_terrain(",".join(map(str, paths))).notes
-    assert note.startswith(f"{paths[0]} and 1 more: heights in ft")
-
-
-def test_a_mosaic_of_gdals(rasterio, tmp_path):
-    """A .vrt, as gdalbuildvrt writes it, with a gap between its tiles."""
-    tiles_of(rasterio, tmp_path, [(0, 0, 40, 150), (50, 0, 150, 150)])
-    sources = "".join(
-        f"<ComplexSource><SourceFilename relativeToVRT='1'>tile{k}.tif</SourceFilename>"
-        f"<SourceBand>1</SourceBand><SrcRect xOff='0' yOff='0' xSize='{wide}' ySize='150'/>"
-        f"<DstRect xOff='{left}' yOff='0' xSize='{wide}' ySize='150'/><NODATA>-9999</NODATA>"
-        "</ComplexSource>"
-        for k, (left, wide) in enumerate([(0, 40), (50, 100)])
-    )
-    (tmp_path / "all.vrt").write_text(
-        f"<VRTDataset rasterXSize='150' rasterYSize='150'><SRS>{UTM}</SRS>"
-        f"<GeoTransform>{WEST}, 1, 0, {NORTH}, 0, -1</GeoTransform>"
-        "<VRTRasterBand dataType='Float32' band='1'><NoDataValue>-9999</NoDataValue>"
-        f"{sources}</VRTRasterBand></VRTDataset>"
-    )
-    terrain = load_terrain(tmp_path / "all.vrt")
-    assert np.isnan(at(terrain, WEST + 45, NORTH - 75))
-    place = (WEST + 80.3, NORTH - 75.7)
-    assert at(terrain, *place) == pytest.approx(wave(*place), abs=BILINEAR_M)
-    (tmp_path / "tile1.tif").unlink()
-    with pytest.raises(ElevationError, match=r"all\.vrt: cannot be read as a raster"):
-        load_terrain(tmp_path / "all.vrt")
 
 
 MOON = (
@@ -401,38 +204,3 @@ def test_another_planet(rasterio, tmp_path):
     path = written(rasterio, tmp_path / "moon.tif", np.ones((9, 9), np.float32), transform, MOON)
     with pytest.raises(ElevationError, match=r"moon\.tif: there is no way .* 'Moon': is it of"):
         load_terrain(path)
-
-
-MANY_PIXELS = """<VRTDataset rasterXSize="30000" rasterYSize="30000"><SRS>EPSG:32650</SRS>
-<GeoTransform>500000,1,0,3300000,0,-1</GeoTransform><VRTRasterBand dataType="Float32" band="1">
-<SimpleSource><SourceFilename relativeToVRT="1">one.tif</SourceFilename><SourceBand>1</SourceBand>
-<SrcRect xOff="0" yOff="0" xSize="9" ySize="9"/><DstRect xOff="0" yOff="0" xSize="30000"
-ySize="30000"/></SimpleSource></VRTRasterBand></VRTDataset>"""
-LOAD = """
-import sys
-from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.elevation.elevation_model import load_terrain
-try:
-    print(load_terrain(sys.argv[1]).heights_m.shape)
-except TirgeoError as error:
-    print(error)
-"""
-
-
-def test_a_small_file_of_many_pixels_is_refused(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    written(rasterio, tmp_path / "one.tif", np.ones((9, 9), np.float32), transform)
-    (tmp_path / "many.vrt").write_text(MANY_PIXELS)
-    done = run_measured(LOAD, str(tmp_path / "many.vrt"))
-    assert "30000 x 30000 pixels, and at most 150 million are taken; cut out" in done.said, done
-    done.check_modest()
-
-
-@pytest.mark.slow
-def test_the_most_pixels_that_are_taken_fit(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    written(rasterio, tmp_path / "one.tif", np.ones((9, 9), np.float32), transform)
-    (tmp_path / "many.vrt").write_text(MANY_PIXELS.replace("30000", "12247"))
-    done = run_measured(LOAD, str(tmp_path / "many.vrt"))
-    assert "(12247, 12247)" in done.said, done
-    done.check_modest()

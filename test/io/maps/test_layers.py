@@ -56,10 +56,6 @@ def test_several_files_each_table_a_layer(folder):
     assert all(layer.style == LayerStyle() and layer.sigma_m is None for layer in layers)
 
 
-def test_no_map_is_no_layers():
-    assert load_layers("", "", "name") == []
-
-
 def test_a_name_with_a_comma(folder):
     path = folder / "a, b.geojson"
     (folder / "houses.geojson").rename(path)
@@ -100,14 +96,6 @@ def test_the_label_field_where_the_sheet_does_not_say(styled):
     assert [layer.features[0].label for layer in layers] == ["Gasse", "Haus"]
 
 
-def test_the_system_of_the_sheet_stands_above_the_files(folder, styled):
-    plain, moved = styled(
-        "layers: [{}, {crs: '+proj=longlat +datum=WGS84 +pm=1'}]", "houses.geojson"
-    )
-    shift = moved.features[0].points - plain.features[0].points
-    assert shift[:, 1] == pytest.approx(math.radians(1), abs=1e-12)
-
-
 @pytest.mark.parametrize(
     "member",
     [
@@ -125,14 +113,6 @@ def test_the_sheets_system_stands_above_a_member_that_names_none(folder, styled,
     assert math.degrees(layer.features[0].points[0, 1]) == pytest.approx(15, abs=1e-9)
     with pytest.raises(MapError, match=r"odd\.geojson: unknown coordinate reference system"):
         styled("layers: [{file: ../odd.geojson}]")
-
-
-def test_a_system_of_the_sheet_where_the_file_has_none(folder, styled):
-    line = [(500000.0, 0.0), (500000.0, 1000.0)]
-    write_shapefile(folder / "site.shp", "line", [[line]], prj=None)
-    (layer,) = styled("layers: [{file: ../site.shp, crs: 32633}]")
-    assert layer.features[0].points[0, 1] == pytest.approx(math.radians(15), abs=1e-11)
-    assert layer.left_out == ()
 
 
 def test_what_a_sheet_asks_for_in_vain(styled):
@@ -210,19 +190,6 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
     )
     with pytest.raises(ConfigError, match=r"style.yaml: it draws no feature of the map: .*pump"):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")
-
-
-def test_a_feature_a_line(folder):
-    feature = (folder / "houses.geojson").read_text()
-    point = json.dumps({"type": "Point", "coordinates": RING[0]})
-    path = folder / "a.geojsonl"
-    for text in (f"{feature}\n\n{point}\n", f"\x1e{feature}\n\x1e{point}\n"):
-        path.write_text(text)
-        (layer,) = load_layers(str(path))
-        assert [(f.label, f.group) for f in layer.features] == [("Haus", 0), ("", 1)]
-    path.write_text(f"{feature}\n{point[:-3]}\n")
-    with pytest.raises(MapError, match="not JSON"):
-        load_layers(str(path))
 
 
 def test_content_goes_before_the_name(folder):

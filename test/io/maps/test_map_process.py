@@ -63,20 +63,6 @@ def test_the_middle_of_own_heights_comes_with_the_map(child, config):
     assert child.lay(PLANE).level_m == 20.0
 
 
-def test_what_is_left_out_is_told(child, tmp_path):
-    path = tmp_path / "map.kml"
-    places = " ".join(f"{east},{north}" for east, north in LINE)
-    line = f"<LineString><coordinates>{places}</coordinates></LineString>"
-    link = "<NetworkLink><name>more</name></NetworkLink>"
-    path.write_text(
-        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
-        f"<Placemark>{line}</Placemark>{link}</Document></kml>"
-    )
-    contents = child.read(OverlayConfig(map=str(path), ground_height_m=30.0))
-    assert contents.features == 1
-    assert contents.left_out == (f"{path}: 1 NetworkLink left out",)
-
-
 def test_a_map_is_read_anew_for_each_laying(child, config):
     child.read(config)
     child.read(config)  # the first is given up

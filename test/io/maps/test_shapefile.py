@@ -61,11 +61,6 @@ def test_null_shapes_keep_their_number(path):
     assert layer.left_out == (f"{path}: 1 features without a geometry left out",)
 
 
-def test_numbers_as_labels(path):
-    write_shapefile(path, "line", [[RING], [HOLE]])
-    assert [f.label for f in load_layers(str(path), "", "ref")[0].features] == ["0", "1"]
-
-
 def test_deleted_records_are_not_drawn(path):
     write_shapefile(path, "line", [[RING], [HOLE], [RING]])
     table = bytearray(path.with_suffix(".dbf").read_bytes())
@@ -75,13 +70,6 @@ def test_deleted_records_are_not_drawn(path):
     (layer,) = load_layers(str(path))
     assert [f.label for f in layer.features] == ["n0", "n2"]
     assert layer.left_out == ()
-
-
-def test_projected_with_a_prj_of_esri(path):
-    line = [(500000.0, 0.0), (500000.0, 1000.0)]
-    write_shapefile(path, "line", [[line]], prj=UTM33_PRJ)
-    (layer,) = load_layers(str(path))
-    np.testing.assert_allclose(degrees(layer.features[0])[0], [15.0, 0.0], atol=1e-9)
 
 
 def test_without_a_prj(path):
@@ -142,11 +130,6 @@ def test_a_letter_that_the_fields_end_cuts_is_lost_alone(path):
     )
     (feature,) = load_layers(str(path))[0].features
     assert feature.label.startswith("x" + "ü" * 19)
-
-
-def test_an_empty_prj(path):
-    write_shapefile(path, "line", [[RING]], prj=" \n")
-    assert load_layers(str(path))[0].left_out == (f"{path}: has an empty .prj: {ASSUMED}",)
 
 
 def test_companions_in_capitals_and_named_instead(path):
@@ -237,10 +220,3 @@ def test_what_is_not_drawn(path, spoil, message):
     with pytest.raises(MapError, match=message) as caught:
         load_layers(str(path))
     assert str(caught.value).startswith(f"{path}: ")
-
-
-def test_a_clear_word_where_pyshp_is_absent(path, monkeypatch):
-    write_shapefile(path, "line", [[RING]])
-    monkeypatch.setitem(__import__("sys").modules, "shapefile", None)
-    with pytest.raises(MapError, match="needs the library pyshp: pip install pyshp"):
-        load_layers(str(path))

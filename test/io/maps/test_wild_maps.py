@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
 import warnings
 
 import numpy as np
@@ -14,9 +13,10 @@ from wild_maps import ELSEWHERE, READ, REFUSED
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.wkb import wkb_parts
 
 #: Formats that are read through pyogrio.
-BY_GDAL = {".gpx", ".fgb", ".gml", ".dxf", ".gdb", ".sqlite", ".mif", ".csv", ".osm", ".pbf"}
+BY_GDAL = {".gpx", ".fgb", ".gml", ".dxf", ".gdb", ".sqlite", ".mif", ".csv", ".osm"}
 BY_GDAL_TOO = {"TopoJSON", "JSON of ESRI"}
 CLOSE_DEG = 1e-8  # a millimetre
 WHERE = {case: (name, write, RING, notes) for case, (name, write, notes) in READ.items()}
@@ -102,9 +102,9 @@ def by_gdal(pyogrio, path):
         warnings.simplefilter("ignore")
         for layer in pyogrio.list_layers(path)[:, 0]:
             meta, _, geometries, _ = pyogrio.raw.read(path, layer=layer)
-            places = [p for blob in geometries if blob for p in positions(Bytes(bytes(blob)))]
-            if places:
-                yield in_degrees(np.array(places), meta["crs"])
+            parts = [part[:, :2] for blob in geometries if blob for _, part in wkb_parts(blob)]
+            if parts:
+                yield in_degrees(np.concatenate(parts), meta["crs"])
 
 
 def in_degrees(places, crs):
@@ -113,34 +113,3 @@ def in_degrees(places, crs):
     system = pyproj.CRS(crs).to_2d()
     transformer = pyproj.Transformer.from_crs(system, "EPSG:4326", always_xy=True)
     return np.column_stack(transformer.transform(*places.T))
-
-
-class Bytes:
-    """Takes numbers from the front of well-known binary."""
-
-    def __init__(self, data):
-        self.data = data
-        self.at = 0
-
-    def take(self, form):
-        found = struct.unpack_from("<" + form, self.data, self.at)
-        self.at += struct.calcsize("<" + form)
-        return found
-
-
-def positions(source):
-    """All x, y of a geometry in little-endian WKB, in whatever it is nested."""
-    _, code = source.take("BI")
-    dimensions = 2 + (code // 1000 in {1, 3}) + (code // 1000 in {2, 3})
-    if code & 0x80000000:
-        dimensions = 3
-    kind = code & 0xFF if code & 0x80000000 else code % 1000
-    if kind == 1:
-        return [source.take(f"{dimensions}d")[:2]]
-    (count,) = source.take("I")
-    if kind == 2:
-        return [source.take(f"{dimensions}d")[:2] for _ in range(count)]
-    if kind == 3:
-        sizes = (source.take("I")[0] for _ in range(count))
-        return [source.take(f"{dimensions}d")[:2] for size in sizes for _ in range(size)]
-    return [p for _ in range(count) for p in positions(source)]

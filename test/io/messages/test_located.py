@@ -11,11 +11,11 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 CDR = Cdr()
-MADE = LocatedMessages(CDR.types)
+MADE = Messages(CDR.types)
 COVARIANCE = given.covariance(3)
 LOCATED = Located(
     given.STAMP_NS, (3.0, 4.0), np.array([1.0, 2.0, 3.0]), COVARIANCE, 0.55, -2.1, 123.4
@@ -28,7 +28,7 @@ def through_cdr(message, topic):
 
 
 def test_the_fix_is_the_place_with_its_covariance_in_enu():
-    fix = through_cdr(MADE.fix(LOCATED), "tirgeo/locate/fix")
+    fix = through_cdr(MADE.located_fix(LOCATED), "tirgeo/locate/fix")
     assert messages.stamp_ns(fix) == given.STAMP_NS
     assert fix.header.frame_id == "map"
     np.testing.assert_allclose(
@@ -44,7 +44,7 @@ def test_the_fix_is_the_place_with_its_covariance_in_enu():
 
 
 def test_the_point_is_in_the_map_and_has_no_attitude():
-    point = through_cdr(MADE.point(LOCATED), "tirgeo/locate/point")
+    point = through_cdr(MADE.located_point(LOCATED), "tirgeo/locate/point")
     assert point.header.frame_id == "map"
     position = point.pose.pose.position
     assert (position.x, position.y, position.z) == (2.0, 1.0, -3.0)

@@ -25,10 +25,6 @@ def ekf(section, body="publish_rate_hz: 50.0"):
     return f"{section}:\n  ros__parameters:\n    {body}\n"
 
 
-def test_without_a_file_the_defaults():
-    assert load_config(None, "ekf_node", EkfConfig) == EkfConfig()
-
-
 def test_nested_and_dotted_names_are_the_same(write):
     nested = ekf("ekf_node", "imu: {gyro_turn_on_bias: 0.25}")
     dotted = ekf("ekf_node", "imu.gyro_turn_on_bias: 0.25")
@@ -62,12 +58,6 @@ def test_sections_and_nodes(write, section, namespace, fits):
     body = "max_wait_s: 1.0" if section == "gimbal_node" else "publish_rate_hz: 50.0"
     found = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
     assert found == ({"publish_rate_hz": 50.0} if fits else {})
-
-
-def test_sections_nest_by_namespace(write):
-    text = "uav1:\n  ekf_node:\n    ros__parameters: {publish_rate_hz: 50.0}\n"
-    assert load_parameters(write(text), "ekf_node", "uav1") == {"publish_rate_hz": 50.0}
-    assert load_parameters(write(text), "ekf_node") == {}
 
 
 def test_the_later_section_wins(write):
@@ -125,39 +115,16 @@ def test_texts_that_look_like_something_else(write):
     [
         (ekf("ekf_node", "publish_rate: 50.0"), "unknown parameter publish_rate of /ekf_node"),
         (ekf("ekf_node", "publish_rate: 50.0"), r"\(did you mean publish_rate_hz\?\)"),
-        (
-            ekf("ekf_node", "video_latency_s: 0.1"),
-            "parameter video_latency_s of /ekf_node",
-        ),
         (ekf("/**", "video_latency: 0.1"), r"unknown .* of /\*\* \(did you mean video_latency_s"),
-        (ekf("overlay_node", "imu: {x: 1}"), "unknown parameter imu.x of /overlay_node"),
         (ekf("ekf_nod"), "unknown node /ekf_nod; known: dji_node, ekf_node, gimbal_node"),
-        (ekf("/uav1/camera"), "unknown node /uav1/camera"),
-        (
-            ekf("ekf_node", "publish_rate_hz: fast"),
-            "rate_hz: 'fast' is not of type double",
-        ),
-        (ekf("ekf_node", "publish_rate_hz:"), "publish_rate_hz: None is not of type double"),
-        (ekf("gimbal_node", "max_wait_s: -1.0"), "max_wait_s: -1 s is outside 0 to 10"),
-        (ekf("/**", "method: magic"), "method: 'magic' is not one of raw, rtk"),
-        (
-            ekf("gimbal_node", "aircraft: {gimbal_pivot_m: [1.0, 2.0]}"),
-            "aircraft.gimbal_pivot_m: needs 3 numbers, has 2",
-        ),
         (
             ekf("ekf_node", "rtk: {lever_arm_m: [0, 0, 0]}"),
             "rtk.lever_arm_m is now aircraft.rtk_ant",
         ),
         (
-            ekf("/**", "lever_arm_m: [0, 0, 0]"),
-            "parameter lever_arm_m is now aircraft.gimbal_pivot",
-        ),
-        (
             ekf("/**/dji_node", "heading: {baseline_offset_deg: 90.0}"),
             "is now the direction from aircraft.rtk_antenna_m to aircraft.second_antenna_m, said",
         ),
-        (ekf("bag_player", "aircraft.pushes: true"), "is now simulated_aircraft.pushes"),
-        (ekf("ekf_node", "imu:"), "unknown parameter imu of"),
         ("ekf_node:\n  publish_rate_hz: 3.0\n", "ekf_node/publish_rate_hz holds no ros__param"),
         ("ekf_node:\n  ros__parameters: 3\n", "ros__parameters holds no parameters"),
         ("ros__parameters: {method: rtk}\n", "unknown node ros__parameters"),
@@ -172,12 +139,8 @@ def test_texts_that_look_like_something_else(write):
         (ekf("ekf_node", f"publish_rate_hz: {'9' * 5000}"), "line 3: not YAML: '9{59} is no int"),
         (ekf("ekf_node", f"publish_rate_hz: 0x{'f' * 5000}"), "line 3: not YAML: '0xf+ is no int"),
         (ekf("ekf_node", "method: !!int abc"), "line 3: not YAML: 'abc' is no int"),
-        (ekf("ekf_node", "method: !!float ''"), "line 3: not YAML: '' is no float"),
-        (ekf("ekf_node", "method: !!bool abc"), "line 3: not YAML: 'abc' is no bool"),
         (ekf("ekf_node", "method: !!timestamp abc"), "line 3: not YAML: 'abc' is no timestamp"),
-        (ekf("ekf_node", "method: !!timestamp 2024-01-01"), "method: .* is not of type string"),
         (ekf("ekf_node", 'method: "\\ud800"'), r"line 3: not YAML: '\\ud800' is no str"),
-        (ekf("ekf_node", '"\\udfff": 1'), r"line 3: not YAML: '\\udfff' is no str"),
         ("a: !!set b\n", "line 1: not YAML: expected a mapping node"),
         (f"a: {'[' * 5000}", "not YAML: nested too deeply"),
     ],
@@ -196,19 +159,6 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "bytes.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(ConfigError, match="not a text file in UTF-8"):
         load_config(tmp_path / "bytes.yaml", "ekf_node", EkfConfig)
-
-
-def test_one_file_serves_every_node(tmp_path):
-    path = tmp_path / "all.yaml"
-    path.write_text(
-        "ekf_node: {ros__parameters: {method: rtk}}\n"
-        "gimbal_node: {ros__parameters: {composition: paper}}\n"
-    )
-    params = ParameterFile(path)
-    assert params.config("ekf_node", EkfConfig) == load_config(path, "ekf_node", EkfConfig)
-    assert params.config("ekf_node", EkfConfig).method == "rtk"
-    assert params.config("gimbal_node", GimbalConfig).composition == "paper"
-    assert params.config("overlay_node", OverlayConfig) == OverlayConfig()
 
 
 def test_sections_for_a_node_that_has_none_here(write):

@@ -49,8 +49,3 @@ def test_the_faulty_one_of_several_files_is_named(tmp_path):
     write_parameters(bad, {"ekf_node": {"methode": "ekf"}}, "")
     with pytest.raises(ConfigError, match=r"bad\.yaml: unknown parameter methode.*method"):
         ParameterFile([good, bad])
-
-
-def test_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(ConfigError, match=r"absent/found\.yaml: cannot be written: No such"):
-        write_parameters(tmp_path / "absent/found.yaml", {}, "")

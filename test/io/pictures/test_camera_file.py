@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-import yaml
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import CameraError
@@ -52,13 +51,6 @@ def test_what_is_written_is_read(tmp_path, camera):
     assert (found.width, found.height, found.cy) == (640, 512, camera.cy)
 
 
-def test_the_rational_model_has_eight_coefficients():
-    tree = yaml.safe_load(camera_yaml(RATIONAL, "front"))
-    assert tree["distortion_model"] == "rational_polynomial"
-    assert tree["distortion_coefficients"]["cols"] == 8
-    assert tree["camera_name"] == "front"
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -79,13 +71,3 @@ def test_wrong_files_are_refused_with_file_and_key(tmp_path, old, new, message):
     with pytest.raises(CameraError, match=message) as refused:
         load_camera(path)
     assert str(path) in str(refused.value)
-
-
-def test_an_absent_file_is_refused(tmp_path):
-    with pytest.raises(CameraError, match="cannot be read"):
-        load_camera(tmp_path / "none.yaml")
-
-
-def test_a_folder_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(CameraError, match="cannot be written"):
-        save_camera(tmp_path / "none" / "camera.yaml", XT2)

@@ -15,7 +15,6 @@ from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
 from tirgeo_ros.dji.protocol.broadcast_parts import Rtk, Velocity
 from tirgeo_ros.dji.protocol.commands import (
-    Activate,
     GetVersion,
     RemovePackage,
     encode_request,
@@ -23,7 +22,6 @@ from tirgeo_ros.dji.protocol.commands import (
 )
 from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
 from tirgeo_ros.tools.cli import main as command
-from tirgeo_ros.tools.convert import dump as dump_module
 from tirgeo_ros.tools.convert.dump import CaptureDump
 
 KEY = "00112233445566778899aabbccddeeff" * 2
@@ -119,11 +117,6 @@ def test_nan_is_null(tirgeo_dump):
     assert found["lat_deg"] == 52.0
 
 
-def test_json_lines_are_what_is_printed_either_way(tirgeo_dump):
-    frame = broadcast(mag=(1, -2, 3))
-    assert tirgeo_dump(frame, "--json") == tirgeo_dump(frame)
-
-
 def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):
     frame = encode_frame(b"\x02\x00\x03\x00" + bytes(5))
     (record,) = dump(frame)
@@ -162,19 +155,6 @@ def test_packages_from_a_file(dump, tmp_path):
     assert dump(frame)[0]["topics"] == []  # not in the usual packages
 
 
-def test_a_push_of_a_wrong_table_is_told(tirgeo_dump):
-    wrong = Package.of(2, 100, True, ("ACCELERATION_GROUND", "QUATERNION", "ANGULAR_RATE_RAW"))
-    frame = push(
-        wrong,
-        ACCELERATION_GROUND=(0.5, 0.25, 9.75),
-        QUATERNION=(0.5, 0.5, 0.5, 0.5),
-        ANGULAR_RATE_RAW=(0.0, 0.0, 0.0),
-    )
-    _, (record,), err = tirgeo_dump(frame)
-    assert record["implausible"] == ["QUATERNION"]
-    assert "; 1 implausible\n" in err
-
-
 def test_both_directions(dump):
     package = Package.of(1, 5, with_timestamp=True, names=("RTK_YAW",))
     version = encode_version_ack(0, "M6-1")
@@ -209,25 +189,6 @@ def test_both_directions(dump):
     assert records[7]["fields"]["RTK_YAW"]["deg"] == 46  # the removal was refused
 
 
-def test_what_is_not_known_is_printed_as_bytes(dump):
-    records = dump(
-        encode_frame(b"\x02\x02\x01\xff"),
-        encode_frame(b"\x01\x02", session=2, sequence=9, is_ack=True),
-        encode_frame(b"\x02\x01\x04"),
-        encode_frame(b""),
-        encode_frame(encode_request(Activate(7, (3, 2, 41, 13))), session=2, sequence=4),
-        encode_frame(b"\x03", session=2, sequence=4, is_ack=True),
-    )
-    assert [(record["kind"], record["fields"]) for record in records[:4]] == [
-        ("unknown", {"hex": "01ff"}),
-        ("ack", {"hex": "0102"}),
-        ("control_lost", {"hex": "04"}),
-        ("unknown", {}),
-    ]
-    assert (records[3]["length"], records[3]["cmd_set"]) == (12, None)
-    assert records[5]["fields"] == {"of": "activate", "hex": "03"}  # a code of two bytes
-
-
 def test_encrypted_frames_need_their_key(tirgeo_dump):
     pytest.importorskip("cryptography")
     data = b"\x02\x00" + encode_broadcast(Broadcast(mag=(1, -2, 3)))
@@ -240,19 +201,6 @@ def test_encrypted_frames_need_their_key(tirgeo_dump):
     assert (record["enc"], record["kind"]) == (1, "broadcast")
     assert record["fields"] == {"mag": [1, -2, 3]}
     assert err == "tirgeo dump: 1 frame (1 broadcast)\n"
-
-
-def test_a_capture_is_read_piece_by_piece(tmp_path, monkeypatch):
-    monkeypatch.setattr(dump_module, "_CHUNK_BYTES", 1000)
-    frame = broadcast(mag=(1, -2, 3))
-    path = tmp_path / "capture.bin"
-    path.write_bytes(frame * 1000)
-    dump = CaptureDump(path)
-    records = dump.records()
-    next(records)
-    assert dump.counts["bytes"] == 1000
-    assert [record["i"] for record in records] == list(range(1, 1000))
-    assert dump.counts["skipped_bytes"] == 0
 
 
 COMMANDS = [b"\x02\x00", b"\x02\x05", b"\x02\x01", b"\x00\x00", b"\x00\x01", b"\x00\x10"]
@@ -285,13 +233,6 @@ def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
     assert (code, records) == (1, [])
     assert err.startswith(f"tirgeo dump: {tmp_path}/capture.bin: {what}")
     assert err.count("\n") == 1
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path, capsys):
-    assert command.main(["dump", str(tmp_path / "absent.bin")]) == 1
-    assert capsys.readouterr().err.endswith("absent.bin: No such file or directory\n")
-    assert command.main(["dump", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == f"tirgeo dump: {tmp_path}: Is a directory\n"
 
 
 def test_a_bad_table_or_key_is_told_before_reading(tmp_path):

@@ -8,10 +8,11 @@ import os
 
 import numpy as np
 import pytest
+from imported_bags import messages
 from project import PROJECT
 
 from tirgeo_ros.core.config import BagPlayerConfig
-from tirgeo_ros.core.types.errors import ConfigError, DjiError
+from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast, encode_broadcast
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
@@ -22,7 +23,6 @@ from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
-from tirgeo_ros.tools.convert.import_ros1 import Pictures
 
 CDR = Cdr()
 CUT_S = 6.0
@@ -31,10 +31,6 @@ KEY = "00112233445566778899aabbccddeeff" * 2
 #: A second begins with an epoch of RTK's 5 Hz; the receiver's own latency is a parameter and
 #: jitters by some milliseconds, and the next broadcast at 100 Hz says it.
 DATE_NS = 20_000_000
-
-
-def messages(path, topic):
-    return [CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages([topic])]
 
 
 def stamps(path, topic):
@@ -127,11 +123,6 @@ def test_log_times_are_when_it_was_sent(imported):
     assert all(found == sorted(found) for found in times.values())
 
 
-def test_the_same_capture_gives_the_same_bytes(imported, capture, sample, tmp_path):
-    import_flight(capture, tmp_path / "again.mcap", params=sample / "params.yaml")
-    assert (tmp_path / "again.mcap").read_bytes() == imported[0].read_bytes()
-
-
 def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     """Heading against the truth: within the aircraft's whole degrees."""
     out = tmp_path / "out.mcap"
@@ -144,29 +135,6 @@ def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     true = truth[times[nearest(times, np.array([convert.stamp_ns(last)]))[0]]]
     apart_deg = heading_deg(last) - heading_deg(true)
     assert abs(math.remainder(apart_deg, 360)) < 1.0
-
-
-@pytest.mark.slow
-def test_an_aircraft_without_rtk_flies_on_its_gps(sample, player, tmp_path, capsys):
-    """The whole sample, said by an aircraft without RTK: it starts after its wait and stays."""
-    reader = BagReader(sample / "flight.mcap")
-    topics = [f"/{topic}" for topic in SENSED_TOPICS if not topic.startswith("rtk/")]
-    flown = [
-        (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
-        for m in reader.messages(topics)
-    ]
-    capture, bag, out = (tmp_path / name for name in ("a.bin", "in.mcap", "out.mcap"))
-    capture.write_bytes(said(flown, player))
-    os.utime(capture, ns=(flown[-1][0], flown[-1][0]))
-    import_flight(capture, bag, params=sample / "params.yaml")
-    params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
-    assert main(["process", str(bag), "-o", str(out), *params]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["method"], result["state"]) == ("ekf", "degraded")
-    assert "it flies on ordinary GPS" in result["notes"][0]
-    # Said once a second: the wait of 5 s, and all the rest.
-    assert set(result["states_s"]) == {"aligning", "degraded"}
-    assert result["states_s"]["aligning"] <= 7
 
 
 def heading_deg(message):
@@ -182,14 +150,6 @@ def test_a_start_that_is_given_counts(capture, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["time"] == "of --start-time"
     first_ns = min(m.log_time_ns for m in BagReader(target).messages())
     assert first_ns == 1_718_091_879_000_000_000
-
-
-@pytest.mark.parametrize("text", ["yesterday", "2024-13-01", "99"])
-def test_a_start_that_is_no_time(capture, tmp_path, capsys, text):
-    with pytest.raises(SystemExit) as left:
-        main(["import", str(capture), "-o", str(tmp_path / "o.mcap"), "--start-time", text])
-    assert left.value.code == 2
-    assert f"--start-time {text}: not a time" in capsys.readouterr().err
 
 
 def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sample, tmp_path):
@@ -258,22 +218,6 @@ def test_encrypted_frames_need_the_key(capture, imported, tmp_path, sample):
     assert not (tmp_path / "none.mcap").exists()
 
 
-def test_encrypted_frames_among_others_are_told(capture, tmp_path):
-    pytest.importorskip("cryptography")
-    path = tmp_path / "some.bin"
-    extra = encode_frame(b"\x02\x00\x00\x00", key=bytes.fromhex(KEY))
-    path.write_bytes(capture.read_bytes() + extra)
-    summary = import_flight(path, tmp_path / "o.mcap")
-    assert "1 frames are encrypted: give --key" in summary["warning"]
-
-
-@pytest.mark.parametrize("options", [CaptureOptions(key="12"), CaptureOptions(packages="x.yaml")])
-def test_wrong_options(capture, tmp_path, options):
-    with pytest.raises((DjiError, ConfigError), match=r"64 hex|x\.yaml: cannot be read"):
-        import_flight(capture, tmp_path / "o.mcap", capture=options)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_capture_without_any_time_is_refused(capture, tmp_path):
     path = tmp_path / "untimed.bin"
     frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
@@ -304,14 +248,6 @@ def test_a_counter_of_long_ticks_is_told_by_the_seconds(
     assert given is not None or abs(np.median(apart)) <= 2_500_000
 
 
-def test_a_capture_of_unknown_packages_says_what_is_missing(tmp_path):
-    path = tmp_path / "pushes.bin"
-    path.write_bytes(encode_frame(b"\x02\x05\x07" + bytes(30)))
-    said = r"pushes\.bin: its frames hold nothing for a flight; 1 pushes are .* give --packages"
-    with pytest.raises(DjiError, match=said):
-        import_flight(path, tmp_path / "o.mcap")
-
-
 def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, tmp_path):
     """The time of what stands before is not moved by the seconds that are said after it."""
     frames = [f.data for f in FrameReader().feed(capture.read_bytes())]
@@ -335,21 +271,6 @@ def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, t
     assert "the aircraft's clock started again 1 times" in summary["warning"]
     first, whole = (stamps(p, "/imu/data")[0] for p in (tmp_path / "o.mcap", imported[0]))
     assert abs(first - whole) <= DATE_NS
-
-
-def test_pictures_are_of_ros_1_bags(capture, tmp_path):
-    with pytest.raises(ConfigError, match="no ROS 1 bag; --image-topic and"):
-        import_flight(capture, tmp_path / "o.mcap", pictures=Pictures("/image"))
-
-
-def test_bytes_without_a_frame(tmp_path):
-    path = tmp_path / "noise.bin"
-    path.write_bytes(np.random.default_rng(1).bytes(20_000))
-    with pytest.raises(
-        DjiError, match=r"noise\.bin: no frame in 20000 bytes: neither a ROS 1 bag"
-    ):
-        import_flight(path, tmp_path / "o.mcap")
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_frames_of_djis_own_encoder(tmp_path):

@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError
@@ -36,8 +36,7 @@ from tirgeo_ros.tools.graph.demo import (
 from tirgeo_ros.tools.graph.localhost import PROFILES
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.graph.resources import find_resource
-from tirgeo_ros.tools.replay.found_targets import FoundTarget
-from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
+from tirgeo_ros.tools.replay.graph_outputs import FoundTarget, Outputs, read_outputs
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
@@ -120,7 +119,7 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     covariance_n = np.diag([0.04, 0.01, 0.01])
     located = Located(5 * MS, (1.0, 2.0), clicked_n, covariance_n, 0.0, 0.0, 0.0)
     origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
-    point = LocatedMessages(Cdr().types).point(located)
+    point = Messages(Cdr().types).located_point(located)
     path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])
     (found,) = against_targets(read_outputs(path), targets)
     where = [np.degrees(x) for x in PLANE.geodetic_from_ned(clicked_n)[:2]]

@@ -9,11 +9,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from process_bags import rewritten
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import BagError, ConfigError, SurveyError
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.surveys.survey import (
     Observation,
     load_observations,
@@ -62,13 +63,6 @@ def errors_of(path, sample):
         around = TangentPlane(point.latitude_rad, point.longitude_rad, point.height_m)
         error_n = around.ned_from_geodetic(*np.radians([latitude, longitude]), point.height_m)
         yield name, error_n[:2], feature["properties"]
-
-
-def edited_params(sample, path, old, new):
-    text = (sample / "params.yaml").read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    return path
 
 
 @pytest.mark.slow
@@ -195,39 +189,6 @@ def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
     assert np.hypot(*raw.T).mean() > 2 * np.hypot(*level.T).mean()
 
 
-def test_on_an_elevation_model(sample, tmp_path, located):
-    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
-    transform = rasterio.transform.from_origin(116.695, 39.855, 1e-4, 1e-4)
-    path = tmp_path / "dem.tif"
-    shape = {"height": 100, "width": 100, "count": 1, "dtype": "float32"}
-    with rasterio.open(
-        path, "w", driver="GTiff", crs="EPSG:4326", transform=transform, **shape
-    ) as out:
-        out.write(np.full((1, 100, 100), 20.5, np.float32))
-    params = edited_params(
-        sample, tmp_path / "p.yaml", "{ground_height_m: 11.5,", "{dem_undulation_m: -9.0,"
-    )
-    locate_pixels(
-        sample / "flight.mcap",
-        sample / "observations.csv",
-        tmp_path / "out.geojson",
-        params=params,
-        dem=path,
-    )
-    level = points_of(located[0] / "points.geojson")
-    for ours, theirs in zip(points_of(tmp_path / "out.geojson"), level, strict=True):
-        assert ours["properties"]["reason"] == theirs["properties"]["reason"]
-        if theirs["geometry"]:
-            expected = theirs["geometry"]["coordinates"]
-            # the last digit of nine; parabolas along the ray are true to 0.1 mm
-            np.testing.assert_allclose(
-                ours["geometry"]["coordinates"], expected, atol=2e-4, rtol=0
-            )
-            np.testing.assert_allclose(
-                ours["geometry"]["coordinates"][:2], expected[:2], atol=3e-9, rtol=0
-            )
-
-
 @pytest.mark.parametrize(
     ("options", "error", "said"),
     [
@@ -252,41 +213,8 @@ def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, opt
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_output_may_not_be_the_list_of_pixels(sample, tmp_path):
-    pixels = tmp_path / "pixels.csv"
-    pixels.write_bytes((sample / "observations.csv").read_bytes())
-    with pytest.raises(SurveyError, match=r"pixels\.csv: would take the place of the input"):
-        locate_pixels(sample / "flight.mcap", pixels, pixels, ground_height=11.5)
-
-
 def test_a_bag_without_a_camera_is_named(sample, tmp_path):
     bag = tmp_path / "blind.mcap"
-    with BagWriter(bag) as writer:
-        for item in BagReader(sample / "flight.mcap").messages(
-            ["/imu/data", "/rtk/fix", "/gimbal/joint_states"]
-        ):
-            writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    rewritten(sample / "flight.mcap", bag, seconds=1, without=["/thermal/camera_info"])
     with pytest.raises(BagError, match=r"blind\.mcap: needed topic absent: /thermal/camera_info"):
         locate_pixels(bag, sample / "observations.csv", tmp_path / "o.geojson", ground_height=11.5)
-
-
-def test_two_grounds_are_wrong_use(inputs, tmp_path, capsys):
-    words = ["locate", *inputs, "-o", tmp_path / "o", "--dem", "d.tif", "--ground-height", "3"]
-    with pytest.raises(SystemExit) as caught:
-        main([str(word) for word in words])
-    assert caught.value.code == 2
-    assert "give one" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_without_headings_the_method_is_ekf_and_said(sample, tmp_path):
-    bag = tmp_path / "in.mcap"
-    with BagWriter(bag) as writer:
-        for item in BagReader(sample / "flight.mcap").messages():
-            if not item.topic.startswith(("/rtk/heading", "/thermal/image")):
-                writer.write(item.topic, item.typename, item.data, item.log_time_ns)
-    pixels, params = sample / "observations.csv", sample / "params.yaml"
-    summary = locate_pixels(bag, pixels, tmp_path / "points.geojson", params=params)
-    assert summary["method"] == "ekf"
-    assert summary["notes"] == ["method ekf: the bag has no /rtk/heading"]
-    assert summary["located"] > 0

@@ -27,13 +27,6 @@ def poses(count: int) -> list[CameraPose]:
     ]
 
 
-def test_the_same_poses_do_not_differ():
-    apart = differences(poses(5), poses(5))
-    assert apart.stamp_ns == [k * 20 * MS for k in range(5)]
-    assert np.all(apart.distance_m == 0)
-    assert np.allclose(apart.angle_rad, 0, atol=1e-15)
-
-
 def test_a_shift_and_a_turn_are_found_with_their_axes():
     turn, shift = np.array([0.0, 0.0, math.radians(2)]), np.array([0.0, 0.3, 0.4])
     moved = [
@@ -56,13 +49,6 @@ def test_instants_between_are_interpolated_and_beyond_left_out():
     apart = differences(late, poses(4))
     assert len(apart.stamp_ns) == 3
     assert apart.position_n[:, 0] == pytest.approx([-0.03] * 3)
-
-
-def test_nothing_in_common_is_empty():
-    apart = differences(poses(3), [])
-    assert apart.stamp_ns == []
-    assert apart.distance_m.shape == (0,)
-    assert apart.angle_rad.shape == (0,)
 
 
 def test_another_plane_is_the_same_place_and_back_again():

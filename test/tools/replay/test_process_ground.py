@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.config import EkfConfig, OverlayConfig
-from tirgeo_ros.core.types.errors import ElevationError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, ground_point
@@ -106,19 +105,6 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, sample,
     assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
 
 
-def test_what_is_no_elevation_model_is_said(clicked, sample, tmp_path):
-    pytest.importorskip("rasterio", reason="elevation models need rasterio")
-    with pytest.raises(ElevationError, match=r"map\.geojson: cannot be read as a raster"):
-        process(
-            clicked[0],
-            tmp_path / "out.mcap",
-            params=sample / "params.yaml",
-            map=sample / "map.geojson",
-            dem=sample / "map.geojson",
-        )
-    assert not (tmp_path / "out.mcap").exists()
-
-
 def test_two_grounds_are_one_too_many(clicked, tmp_path, capsys):
     words = ["--dem", "a.tif", "--ground-height", "3", "-o", str(tmp_path / "out.mcap")]
     with pytest.raises(SystemExit, match="2"):
@@ -162,11 +148,3 @@ def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, s
     notes = process(clicked[0], tmp_path / "out.mcap", **options)["notes"]
     assert any("NetworkLink" in note for note in notes)
     assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
-
-
-def test_a_map_that_is_drawn_whole_has_no_notes(clicked, sample, tmp_path, capsys):
-    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap")]
-    words += ["--params", str(sample / "params.yaml"), "--map", str(sample / "map.geojson")]
-    assert main([*words, "-v"]) == 0
-    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
-    assert line.split(maxsplit=1)[1] == "none"

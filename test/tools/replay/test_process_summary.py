@@ -99,13 +99,6 @@ def test_single_refusals_of_many_are_told_and_not_wrong(result):
     assert text.splitlines()[4] == "  refused  rtk_position 5 of 1000 gated"
 
 
-def test_poses_alone_are_no_fault(result):
-    change = {"overlay": {}, "written": {"/uav1/tirgeo/odometry": 9}}
-    text = six_lines(result | change)
-    assert wrong(text) == []
-    assert "frames   not drawn: no map was given" in text
-
-
 def test_the_output_names_the_video_and_the_notes(result):
     change = {"video": {"frames": 256, "rate_hz": 9.0003}, "notes": ["method ekf: no heading"]}
     last = six_lines(result | change).splitlines()[-1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from mmap import mmap
@@ -21,9 +20,9 @@ from tirgeo_ros.io.bags.mcap_contents import (
     header_of,
     read_segment,
 )
-from tirgeo_ros.io.bags.time_order import Placed, in_time_order
+from tirgeo_ros.io.bags.time_order import Placed, damage_line, in_time_order
 from tirgeo_ros.io.files.mapped_file import mapped
-from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
@@ -37,7 +36,6 @@ class BagMessage(NamedTuple):
     topic: str
     typename: str
     log_time_ns: int
-    publish_time_ns: int
     data: bytes  # CDR
 
 
@@ -49,7 +47,7 @@ class BagReader:
     chunk and those that overlap it in time are held.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self._read = 0
         with mapped(self.path) as data:
@@ -72,11 +70,6 @@ class BagReader:
         return dict(sorted(found.items()))
 
     @property
-    def count(self) -> int | None:
-        """Return the number of messages in the bag, None if the bag does not contain it."""
-        return self._contents.count
-
-    @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and of the last message."""
         segments = self._contents.segments
@@ -89,10 +82,7 @@ class BagReader:
         The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
-        if not losses:
-            return None
-        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
-        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
+        return damage_line(losses, self._read)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -129,10 +119,10 @@ class BagReader:
         self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
     ) -> Iterator[Placed[BagMessage]]:
         raw = read_segment(data, segment.offset, segment.length, self._contents)
-        for number, (channel, log, publish, body) in enumerate(raw):
+        for number, (channel, log, body) in enumerate(raw):
             if channel in types and log >= start_ns:
                 self._read += 1
-                message = BagMessage(*types[channel], log, publish, body)
+                message = BagMessage(*types[channel], log, body)
                 yield log, segment.offset, number, message
 
     def _checked_types(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
@@ -170,7 +160,7 @@ class BagWriter:
     left behind. The same calls give the same bytes. Raises BagError if it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}
@@ -188,23 +178,15 @@ class BagWriter:
             self._writer.start("ros2", f"tirgeo {__version__}")
         return self
 
-    def write(
-        self,
-        topic: str,
-        typename: str,
-        message: Any,
-        log_time_ns: int,
-        publish_time_ns: int | None = None,
-    ) -> None:
+    def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
         """Append a message, an object or its CDR bytes, to a topic (``/imu/data``)."""
         number, first = self._channels.get(topic) or self._channel(topic, typename)
         if first != typename:
             raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
-        published = log_time_ns if publish_time_ns is None else publish_time_ns
         try:
-            self._writer.add_message(number, log_time_ns, data, published)
+            self._writer.add_message(number, log_time_ns, data, log_time_ns)
         except OSError as error:
             raise self._error(error) from None
 

@@ -27,7 +27,6 @@ MAGIC = b"\x89MCAP0\r\n"
 
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK_TIMES = struct.Struct("<QQ")
 _FOOTER_SIZE = _RECORD.size + 20
 _COMPRESSION_AT = _RECORD.size + 28  # of the compression's name in a chunk
 _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
@@ -43,8 +42,8 @@ _BROKEN = (
     OverflowError,
 )
 
-#: channel, log time (ns), publish time (ns), data
-RawMessage = tuple[int, int, int, bytes]
+#: channel, log time (ns), data
+RawMessage = tuple[int, int, bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +64,6 @@ class McapContents:
     segments: list[Segment] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    count: int | None = None  # messages in the file, where known
     empty: set[int] = field(default_factory=set)  # channels that are known to have no message
     losses: dict[int, str] = field(default_factory=dict)  # byte offset -> what is lost there
 
@@ -118,10 +116,12 @@ def _summary(data: mmap) -> McapContents | None:
         elif isinstance(record, Channel):
             found.channels[record.id] = record
         elif isinstance(record, Statistics):
-            found.count = record.message_count
             numbers = record.channel_message_counts
         elif isinstance(record, ChunkIndex):
-            found.segments.append(_indexed(record))
+            start_ns, end_ns = record.message_start_time, record.message_end_time
+            channels = frozenset(record.message_index_offsets) or None
+            place = record.chunk_start_offset, record.chunk_length
+            found.segments.append(Segment(start_ns, end_ns, *place, channels))
     found.empty = {key for key in found.channels if numbers and not numbers.get(key)}
     return found if found.segments and found.channels else None
 
@@ -137,27 +137,15 @@ def _footer(data: mmap) -> Footer:
     return footer
 
 
-def _indexed(index: ChunkIndex) -> Segment:
-    return Segment(
-        index.message_start_time,
-        index.message_end_time,
-        index.chunk_start_offset,
-        index.chunk_length,
-        frozenset(index.message_index_offsets) or None,
-    )
-
-
 def _walked(data: mmap) -> McapContents:
     """Return the contents by walking all records from the first one on."""
-    found = McapContents(count=0)
+    found = McapContents()
     for offset, length in _ranges(data, found):
-        number, first_ns, last_ns = 0, sys.maxsize, 0
-        for _, log_time_ns, _, _ in read_segment(data, offset, length, found):
-            number += 1
+        first_ns, last_ns = sys.maxsize, -1
+        for _, log_time_ns, _ in read_segment(data, offset, length, found):
             first_ns, last_ns = min(first_ns, log_time_ns), max(last_ns, log_time_ns)
-        if number:
+        if last_ns >= 0:
             found.segments.append(Segment(first_ns, last_ns, offset, length))
-            found.count = (found.count or 0) + number
     return found
 
 
@@ -263,9 +251,9 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
             found.losses.setdefault(offset, f"the record at byte {offset} is cut off")
             return
         if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-            channel, _, log_time, publish_time = _MESSAGE.unpack_from(records, at)
+            channel, _, log_time, _ = _MESSAGE.unpack_from(records, at)
             if channel in found.channels:
-                yield channel, log_time, publish_time, records[at + _MESSAGE.size : at + length]
+                yield channel, log_time, records[at + _MESSAGE.size : at + length]
             else:
                 found.losses[offset] = f"messages at byte {offset} are of no known topic"
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:

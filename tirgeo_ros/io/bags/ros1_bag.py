@@ -6,7 +6,6 @@ battery leaves a bag without an index, so the file is walked here (``ros1_conten
 
 from __future__ import annotations
 
-import os
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -21,8 +20,9 @@ from rosbags.typesys.store import Typestore
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.io.bags.ros1_contents import Chunk, Connection, contents_of
 from tirgeo_ros.io.bags.ros1_records import MAGIC
-from tirgeo_ros.io.bags.time_order import Placed, in_time_order
+from tirgeo_ros.io.bags.time_order import Placed, damage_line, in_time_order
 from tirgeo_ros.io.files.mapped_file import mapped
+from tirgeo_ros.io.files.whole_files import PathLike
 
 # Raised by the decoders for bytes that are no such message.
 _UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
@@ -48,7 +48,7 @@ class Ros1Bag:
     that overlap it in time.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self._read = 0
         self._unknown: Counter[int] = Counter()
@@ -82,10 +82,7 @@ class Ros1Bag:
         losses = [what for _, what in sorted(self._contents.losses.items())]
         if self._unknown:
             losses.append(f"{self._unknown.total()} messages are of topics that nothing names")
-        if not losses:
-            return None
-        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
-        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
+        return damage_line(losses, self._read)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
         """Return the messages of these topics in order of the times when they were recorded."""

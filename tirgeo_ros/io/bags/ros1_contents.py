@@ -74,7 +74,10 @@ class Ros1Contents:
 
     def messages(self, data: mmap, chunk: Chunk) -> Iterator[RawMessage]:
         """Yield the messages in a chunk; add the connections that are described in it."""
-        inside = self._unpacked(data, chunk)
+        packed = part_of_file(data, chunk.offset, chunk.length)
+        inside, fault = unpacked(packed, chunk.compression, chunk.size)
+        if fault:
+            self.lose(chunk, fault)
         number = 0
         for record in records(inside, 0, len(inside)):
             if isinstance(record, Lost) or record.cut:
@@ -103,13 +106,6 @@ class Ros1Contents:
         )
         self.connections.setdefault(record.number(b"conn"), connection)
 
-    def _unpacked(self, data: mmap, chunk: Chunk) -> bytes:
-        packed = part_of_file(data, chunk.offset, chunk.length)
-        found, fault = unpacked(packed, chunk.compression, chunk.size)
-        if fault:
-            self.lose(chunk, fault)
-        return found
-
     def lose(self, chunk: Chunk, what: str) -> None:
         """Record what is wrong with a chunk."""
         self.losses.setdefault(chunk.offset, f"the chunk at byte {chunk.offset} {what}")
@@ -129,7 +125,7 @@ def contents_of(data: mmap, name: str) -> Ros1Contents:
         elif record.op == Op.BAG:
             indexed = _is_indexed(data, record, name)
         else:
-            _TAKE.get(record.op, _nothing)(found, data, record)
+            _take(found, data, record)
             if found.chunks and found.chunks[-1].size is None:
                 break  # up to the end of the file: what looks like records in it is packed data
             if record.cut and record.op != Op.CHUNK:
@@ -147,14 +143,23 @@ def _is_indexed(data: mmap, record: Ros1Record, name: str) -> bool:
     return at == len(data) or (0 < at < len(data) and record_at(data, at, len(data)) is not None)
 
 
-def _add_chunk(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
-    compression, size = record.text(b"compression"), record.number(b"size")
-    chunk = Chunk(record.offset, record.end - record.offset, compression, size)
-    if not chunk.length and not size and compression != "none":
-        chunk.length, chunk.size = len(data) - record.offset, None  # it was not closed
-    if record.cut:
-        found.lose(chunk, "is cut off or damaged")
-    found.chunks.append(chunk)
+def _take(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
+    """Add a record to the contents; others than these kinds are not needed."""
+    if record.op == Op.CHUNK:
+        compression, size = record.text(b"compression"), record.number(b"size")
+        chunk = Chunk(record.offset, record.end - record.offset, compression, size)
+        if not chunk.length and not size and compression != "none":
+            chunk.length, chunk.size = len(data) - record.offset, None  # it was not closed
+        if record.cut:
+            found.lose(chunk, "is cut off or damaged")
+        found.chunks.append(chunk)
+    elif record.op == Op.INDEX:
+        _add_times(found, data, record)
+    elif record.op == Op.MESSAGE:  # outside chunks: in one that was not closed at the end
+        length = record.end - record.start
+        found.chunks.append(Chunk(record.start, length, "none", length))
+    elif record.op == Op.CONNECTION:
+        found.connect(data, record)
 
 
 def _add_times(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
@@ -163,31 +168,10 @@ def _add_times(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
     entries = np.frombuffer(data[record.offset : record.offset + whole], "<u4").reshape(-1, 3)
     if found.chunks and len(entries):
         times_ns = entries[:, 0].astype(np.int64) * 1_000_000_000 + entries[:, 1]
-        found.chunks[-1].reach(int(times_ns.min()), int(times_ns.max()))
-        found.chunks[-1].connections.add(record.number(b"conn"))
-        found.chunks[-1].indexed += len(entries)
-
-
-def _add_loose(found: Ros1Contents, _data: mmap, record: Ros1Record) -> None:
-    """Add a message outside chunks: it is in one that was not closed when the recording ended."""
-    length = record.end - record.start
-    found.chunks.append(Chunk(record.start, length, "none", length))
-
-
-def _connect(found: Ros1Contents, data: mmap, record: Ros1Record) -> None:
-    found.connect(data, record)
-
-
-def _nothing(_found: Ros1Contents, _data: mmap, _record: Ros1Record) -> None:
-    """Ignore a record that the walk does not need."""
-
-
-_TAKE = {
-    Op.CHUNK: _add_chunk,
-    Op.INDEX: _add_times,
-    Op.MESSAGE: _add_loose,
-    Op.CONNECTION: _connect,
-}
+        chunk = found.chunks[-1]
+        chunk.reach(int(times_ns.min()), int(times_ns.max()))
+        chunk.connections.add(record.number(b"conn"))
+        chunk.indexed += len(entries)
 
 
 def _complete(found: Ros1Contents, data: mmap) -> None:

@@ -1,10 +1,10 @@
-"""Sort the messages of a bag's parts by time, with a bound on those that wait."""
+"""Sort the messages of a bag's parts by time, with a bound on those that wait; say its damage."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
 from tirgeo_ros.core.types.errors import BagError
 
@@ -13,15 +13,7 @@ MOST_BYTES = 384 << 20
 _BESIDE_BYTES = 600  # memory of a message in addition to its data
 
 
-class Message(Protocol):
-    """Specify a message of a bag."""
-
-    @property
-    def data(self) -> bytes:
-        """Return its bytes as they are in the bag."""
-
-
-M = TypeVar("M", bound=Message)
+M = TypeVar("M")  # a message of a bag, with its bytes as ``data``
 #: A message preceded by its sort keys: time, then its place in the file.
 Placed = tuple[int, int, int, M]
 
@@ -36,9 +28,9 @@ def in_time_order(parts: Iterable[tuple[int, Iterable[Placed[M]]]], name: object
         ready = bisect_left(waiting, (start_ns,))
         yield from (message for *_, message in waiting[:ready])
         del waiting[:ready]
-        room = MOST_BYTES - sum(len(message.data) + _BESIDE_BYTES for *_, message in waiting)
+        room = MOST_BYTES - sum(_size(message) for *_, message in waiting)
         for placed in loaded:
-            room -= len(placed[3].data) + _BESIDE_BYTES
+            room -= _size(placed[3])
             if room < 0:
                 raise BagError(
                     f"{name}: more than {MOST_BYTES >> 20} MiB of messages overlap in time; "
@@ -47,3 +39,15 @@ def in_time_order(parts: Iterable[tuple[int, Iterable[Placed[M]]]], name: object
             waiting.append(placed)
         waiting.sort()
     yield from (message for *_, message in waiting)
+
+
+def _size(message: Any) -> int:
+    return len(message.data) + _BESIDE_BYTES
+
+
+def damage_line(losses: Sequence[str], read: int) -> str | None:
+    """Return the losses of a bag, of which ``read`` messages were read, in one line, or None."""
+    if not losses:
+        return None
+    more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
+    return f"{'; '.join(losses[:3])}{more}; {read} messages were read"

@@ -90,20 +90,16 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
                 f"{where}: heights of {system.name} are none above the ellipsoid: left out",
             )
         laid[:, 2] = np.nan
-    transformer = _transformer(system, where)
-    laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
-    if len(laid):
-        remarks += _shift_remarks(transformer, system, where)
-    return laid, remarks
-
-
-def _transformer(system: pyproj.CRS, where: str) -> pyproj.Transformer:
     try:
-        return pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
+        transformer = pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
     except ProjError:
         raise MapError(
             f"{where}: there is no way from {system.name} to WGS84: is it of the Earth?"
         ) from None
+    laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
+    if len(laid):
+        remarks += _shift_remarks(transformer, system, where)
+    return laid, remarks
 
 
 def _shift_remarks(
@@ -130,16 +126,10 @@ def _of_a_plate(system: pyproj.CRS) -> bool:
     datum = system.datum
     if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
         return False
-    return "id" in datum.to_json_dict() or _is_datum(datum.name)
-
-
-def _is_datum(name: str) -> bool:
-    """Return whether PROJ knows a datum of this name or alias."""
-    try:
-        Datum.from_name(name)
+    try:  # a code tells, or a name or alias that PROJ knows
+        return "id" in datum.to_json_dict() or bool(Datum.from_name(datum.name))
     except CRSError:
         return False
-    return True
 
 
 def _as_large(system: pyproj.CRS) -> bool:

@@ -47,6 +47,14 @@ def _named(name: str) -> pyproj.CRS:
 
 def _utm(degrees: Array) -> pyproj.CRS:
     """Return the UTM zone of the median, also beyond latitude 84 deg, where UTM proper ends."""
-    longitude, latitude = np.median(degrees, axis=0)
-    zone = int((longitude + 180) // 6) % 60 + 1
-    return pyproj.CRS.from_epsg((32600 if latitude >= 0 else 32700) + zone)
+    longitude, latitude = np.median(degrees, axis=0).tolist()
+    return pyproj.CRS.from_epsg(utm_zone(latitude, longitude)[1])
+
+
+def utm_zone(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+    """Return the number of a place's UTM zone, and the zone's EPSG code (WGS84).
+
+    The exceptions around Norway and Svalbard are not made: their planes are as good.
+    """
+    zone = int((longitude_deg + 180) // 6) % 60 + 1
+    return zone, (32600 if latitude_deg >= 0 else 32700) + zone

@@ -19,27 +19,19 @@ from tirgeo_ros.core.ground.dem import GridOf, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError
 from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
-from tirgeo_ros.io.files.file_list import named_files
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Cache of what GDAL has unpacked: each pixel is read once. By default it is 5 % of all memory.
 _CACHE_MB = 64
 #: Metres in a unit of height, by the names that files use.
 _UNITS_M = {
-    "m": 1.0,
-    "metre": 1.0,
-    "meter": 1.0,
-    "metres": 1.0,
-    "meters": 1.0,
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
     "cm": 0.01,
-    "ft": 0.3048,
-    "foot": 0.3048,
-    "feet": 0.3048,
-    "us survey foot": 1200 / 3937,
-    "us-ft": 1200 / 3937,
-    "ftus": 1200 / 3937,
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
+    **dict.fromkeys(("us survey foot", "us-ft", "ftus"), 1200 / 3937),
 }
 
 
@@ -123,7 +115,8 @@ def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple
         raise ElevationError(f"{path}: complex numbers are no heights")
     system = _system(path, source)
     unit_m, unit_note = _unit(source)
-    notes = [_bands_note(source), unit_note, _datum_note(system, undulation_m)]
+    bands = f"{source.count} bands; the first one is taken" if source.count > 1 else ""
+    notes = [bands, unit_note, _datum_note(system, undulation_m)]
     scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
     return Tile(path, source, scale, offset_m), [(path, note) for note in notes if note]
 
@@ -198,10 +191,6 @@ def _unwrapped(
     a, b, c = (float(x) for x in tuple(transform)[:3])
     middle = a * shape[1] / 2 + b * shape[0] / 2 + c
     return lambda x: middle + (x - middle + turn / 2) % turn - turn / 2
-
-
-def _bands_note(source: Any) -> str:
-    return f"{source.count} bands; the first one is taken" if source.count > 1 else ""
 
 
 def _unit(source: Any) -> tuple[float, str]:

@@ -67,7 +67,8 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
         )
     strips = _strips(placed, (rows, columns), dtype, guard)
     heights = _kept(strips, (rows, columns), dtype, tiles[0].name)
-    return heights, _moved(tiles[0].source.transform, left, top)
+    transform = tiles[0].source.transform
+    return heights, transform * type(transform).translation(left, top)
 
 
 def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
@@ -78,17 +79,17 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
             f"{tile.name}: another coordinate system than that of {first.name}; bring the tiles "
             "into one (gdalwarp -t_srs)"
         )
-    inverse = ~first.source.transform
-    places = ((0, 0), (source.width, 0), (0, source.height))
-    moves = [_from(_applied(inverse, _applied(source.transform, at)), at) for at in places]
-    turn = _turn(first.source, moves[0][0])
-    moves = [(across - turn, down) for across, down in moves]
-    column, row = (round(each) for each in moves[0])
-    if max(abs(x) for move in moves for x in _from(move, (column, row))) > _OFF_PIXELS:
+    to_grid = ~first.source.transform * source.transform
+    places = [(0, 0), (source.width, 0), (0, source.height)]
+    moves = np.array([to_grid * place for place in places]) - places
+    moves[:, 0] -= _turn(first.source, moves[0, 0])
+    corner = moves[0].round()
+    if np.abs(moves - corner).max() > _OFF_PIXELS:
         raise ElevationError(
             f"{tile.name}: its pixels are not on the grid of {first.name}; make one model of the "
             "tiles (gdalwarp A.tif B.tif OUT.tif)"
         )
+    column, row = corner.astype(int).tolist()
     return column, row
 
 
@@ -98,22 +99,6 @@ def _turn(source: Any, columns: float) -> float:
     if not source.crs.is_geographic or b:
         return 0.0
     return round(columns * a / 360) * 360 / a
-
-
-def _applied(transform: Any, at: tuple[float, float]) -> tuple[float, float]:
-    a, b, c, d, e, f = tuple(transform)[:6]
-    return a * at[0] + b * at[1] + c, d * at[0] + e * at[1] + f
-
-
-def _from(to: tuple[float, float], start: tuple[float, float]) -> tuple[float, float]:
-    return to[0] - start[0], to[1] - start[1]
-
-
-def _moved(transform: Any, columns: int, rows: int) -> Any:
-    """Return the transform of a grid that begins this many columns and rows further on."""
-    a, b, _, d, e, _ = tuple(transform)[:6]
-    west, north = _applied(transform, (columns, rows))
-    return type(transform)(a, b, west, d, e, north)
 
 
 def _dtype(tile: Tile) -> type[np.floating]:

@@ -1,5 +1,7 @@
 """Run child processes in this Python: they find this process's modules, and no others.
 
+Also list the signals that end a command or a node.
+
 ``python -c`` and ``python -m`` put the working directory first on the path, so that a ``yaml.py``
 beside a recording would be run. In isolated mode (``-I``) they do not, and ignore PYTHONPATH. The
 path of this process is passed on instead, without the working directory.
@@ -8,6 +10,7 @@ path of this process is passed on instead, without the working directory.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,3 +50,15 @@ def safe_workers() -> Iterator[None]:
             del os.environ[name]
             if value is not None:
                 os.environ[name] = value
+
+
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """Return SIGINT, SIGTERM and SIGHUP (the terminal was closed).
+
+    SIGHUP is left out if it is ignored: that is how nohup keeps a program running. An ignored
+    SIGINT is included all the same, since a shell sets it for everything that it starts in the
+    background.
+    """
+    always = (signal.SIGINT, signal.SIGTERM)
+    kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    return always if kept else (*always, signal.SIGHUP)

@@ -1,4 +1,4 @@
-"""Read text files from outside, up to the size that a person's file has."""
+"""Read text files up to the size that a person's file has; split lists of files."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import os
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
 
 
 def read_text(
-    path: str | os.PathLike[str],
+    path: PathLike,
     error: type[TirgeoError],
     most_bytes: int = _MOST_BYTES,
     *,
@@ -34,3 +35,13 @@ def read_text(
     except UnicodeDecodeError:
         raise error(f"{os.fspath(path)}: not a text file in UTF-8") from None
     raise error(f"{os.fspath(path)}: larger than {most_bytes / 2**20:g} MB; is it the right file?")
+
+
+def named_files(text: str) -> list[str]:
+    """Return the files of a comma-separated list.
+
+    A text with a comma that is an existing file's name is one file.
+    """
+    if Path(text).is_file():
+        return [text]
+    return [name.strip() for name in text.split(",") if name.strip()]

@@ -98,7 +98,9 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
     try:
         for path, content in contents.items():
             check_place(path, error)
-            parts[path].write_bytes(_bytes(content))
+            if isinstance(content, str):  # what cannot be encoded (in a name) is escaped
+                content = content.encode(errors="backslashreplace")  # noqa: PLW2901
+            parts[path].write_bytes(content)
         for path, part in parts.items():
             part.replace(path)
     except OSError as fault:
@@ -106,8 +108,3 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
     finally:
         for part in parts.values():
             part.unlink(missing_ok=True)
-
-
-def _bytes(content: str | bytes) -> bytes:
-    """Return the content as UTF-8; what cannot be encoded (in a name) is escaped."""
-    return content.encode(errors="backslashreplace") if isinstance(content, str) else content

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.maps.label_rule import shown_value, table_names
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.maps.label_rule import LabelRule, shown_value, table_names
+from tirgeo_ros.io.parameters.parameter_file import nearest
 
 _LONGEST = 1000  # characters of a condition
 _MOST_VALUES = 6  # of a property, shown where no feature matches
@@ -78,7 +78,7 @@ class Condition:
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
         try:
-            return cls(tuple(_comparisons(_Tokens(text))), source)
+            return cls(tuple(_Tokens(text).comparisons()), source)
         except ValueError as error:
             raise ConfigError(
                 f"{source}: {text!r} is no condition: {error}; write it as: kind == hydrant, "
@@ -119,24 +119,58 @@ class Condition:
         return f"{self.source}: no feature of {where} is so{told}"
 
 
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Hold the label rule of a layer's features, and the condition for drawing them."""
+
+    label: LabelRule = LabelRule()
+    condition: Condition | None = None  # None: all are drawn
+
+    def columns(self, known: Collection[str], where: str) -> list[str]:
+        """Return the table's own names of the properties to read, each once.
+
+        Raises ConfigError for an unknown one that a style sheet wants as a label.
+        """
+        names = self.label.columns(known, where)
+        if self.condition:
+            names += self.condition.columns(known)
+        return [name for name in dict.fromkeys(names) if name is not None]
+
+
 class _Tokens:
-    """Yield the words and signs of a condition, one after the other."""
+    """Parse the words and signs of a condition, one after the other."""
 
     def __init__(self, text: str) -> None:
-        self._found = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(text)]
-        self._at = 0
+        self._left = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(text)]
 
-    def more(self) -> bool:
-        return self._at < len(self._found)
+    def comparisons(self) -> Iterator[_Comparison]:
+        yield self._comparison()
+        while self._left:
+            self._sign("and", "and")
+            yield self._comparison()
 
-    def take(self, what: str, *signs: str) -> str:
+    def _comparison(self) -> _Comparison:
+        field = self._value("a property").text
+        sign = self._sign("==, !=, <, <=, >, >= or in", "==", "!=", *_ORDER, "in")
+        if sign == "in":
+            self._sign("[", "[")
+            values = [self._value("a value")]
+            while self._sign(", or ]", ",", "]") == ",":
+                values.append(self._value("a value"))
+            return _Comparison(field, sign, tuple(values))
+        value = self._value("a value")
+        if sign in _ORDER and value.number is None:
+            raise ValueError(f"{sign} needs a number, and {value.text} is none")
+        return _Comparison(field, sign, (value,))
+
+    def _sign(self, what: str, *signs: str) -> str:
         """Return the next token, which must be one of these signs or words."""
         kind, text = self._next(what)
         if kind == "text" or text not in signs:
             raise ValueError(f"{text} stands where {what} should")
         return text
 
-    def value(self, what: str) -> _Value:
+    def _value(self, what: str) -> _Value:
         kind, text = self._next(what)
         if kind == "text":
             return _Value(text[1:-1], None)
@@ -145,35 +179,9 @@ class _Tokens:
         return _Value(text, _number(text))
 
     def _next(self, what: str) -> tuple[str, str]:
-        if not self.more():
+        if not self._left:
             raise ValueError(f"it ends where {what} should stand")
-        self._at += 1
-        return self._found[self._at - 1]
-
-
-def _comparisons(tokens: _Tokens) -> Iterator[_Comparison]:
-    yield _comparison(tokens)
-    while tokens.more():
-        tokens.take("and", "and")
-        yield _comparison(tokens)
-
-
-def _comparison(tokens: _Tokens) -> _Comparison:
-    field = tokens.value("a property").text
-    sign = tokens.take("==, !=, <, <=, >, >= or in", "==", "!=", *_ORDER, "in")
-    if sign == "in":
-        return _Comparison(field, sign, tuple(_listed(tokens)))
-    value = tokens.value("a value")
-    if sign in _ORDER and value.number is None:
-        raise ValueError(f"{sign} needs a number, and {value.text} is none")
-    return _Comparison(field, sign, (value,))
-
-
-def _listed(tokens: _Tokens) -> Iterator[_Value]:
-    tokens.take("[", "[")
-    yield tokens.value("a value")
-    while tokens.take(", or ]", ",", "]") == ",":
-        yield tokens.value("a value")
+        return self._left.pop(0)
 
 
 def _number(value: Any) -> float | None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,11 +12,10 @@ from tirgeo_ros.core.map.layers import GeoFeature
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
-from tirgeo_ros.io.maps.condition import Condition
+from tirgeo_ros.io.maps.condition import Condition, Wanted
 from tirgeo_ros.io.maps.feature_faults import Faults
 from tirgeo_ros.io.maps.label_rule import LabelRule
 from tirgeo_ros.io.maps.table import Shapes, Table
-from tirgeo_ros.io.maps.wanted_properties import Wanted
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 
@@ -40,26 +38,25 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     """
     columns = wanted.label.columns(table.fields, table.where)
     shapes, remarks = _on_earth(table, crs)
-    shapes = _without_repeats(Shapes(_radians(shapes.points), *_parts(shapes)), table.faults)
-    owners = dict.fromkeys(shapes.feature.tolist())
-    texts = {i: wanted.label.text(columns, table.properties[i]) for i in owners}
+    shapes = _without_repeats(shapes, table.faults)
+    texts = {
+        i: wanted.label.text(columns, table.properties[i])
+        for i in dict.fromkeys(shapes.feature.tolist())
+    }
 
     def name(number: int) -> str:
+        """Return a feature's name for messages: its label, or else its name or id."""
         row = table.properties[number]
-        return _name(row, wanted.label.text(columns, row))
+        label = wanted.label.text(columns, row)
+        for rule in map(LabelRule.of_field, ("name", "id")):
+            label = label or rule.text(rule.columns(row, ""), row)
+        return label[:_LONGEST_NAME]
 
     bad = table.faults.notes(table.where, name, texts)
     features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
     notes = (*table.left_out, *bad, *_bare(table), *remarks, *unmet)
     refusal = table.faults.refusal(table.where, name) or table.empty
     return MapFeatures(features, tuple(map(shown, notes)), None if texts else refusal)
-
-
-def _name(row: Mapping[str, Any], label: str) -> str:
-    """Return a feature's name for messages: its label, or else its name or id."""
-    for rule in map(LabelRule.of_field, ("name", "id")):
-        label = label or rule.text(rule.columns(row, ""), row)
-    return label[:_LONGEST_NAME]
 
 
 def _bare(table: Table) -> tuple[str, ...]:
@@ -69,12 +66,11 @@ def _bare(table: Table) -> tuple[str, ...]:
     return (f"{table.where}: {bare} features without a geometry left out",) if bare else ()
 
 
-def _parts(shapes: Shapes) -> tuple[IntArray, IntArray, BoolArray]:
-    return shapes.starts, shapes.feature, shapes.closed
-
-
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
-    """Return the shapes in WGS84 (deg), without those of bad features; and remarks."""
+    """Return the shapes in WGS84, without those of bad features; and remarks.
+
+    The points become latitude, longitude (rad), height (m).
+    """
     shapes = _finite(table)
     points = shapes.points
     remarks: tuple[str, ...] = ()
@@ -84,38 +80,35 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
     elif table.no_crs and len(points):
         remarks = (f"{table.where}: {table.no_crs}: {ASSUMED}",)
     shapes = _in_range(shapes, points, table.faults)
-    x = once_around(shapes.points[:, 0])
-    if (np.abs(x - shapes.points[:, 0]) > 1).any():
+    x, y, z = shapes.points.T
+    around = once_around(x)
+    if (np.abs(around - x) > 1).any():
         remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
-    return Shapes(np.column_stack([x, shapes.points[:, 1:]]), *_parts(shapes)), remarks
+    place = np.column_stack([np.radians(y), np.radians(around), z])
+    return replace(shapes, points=place), remarks
 
 
 def _finite(table: Table) -> Shapes:
     # z is nan where there is none: readers refuse a nan that a file has as z.
     points = table.shapes.points
     bad = ~np.isfinite(points[:, :2]).all(axis=1) | np.isinf(points[:, 2])
-
-    def why(point: int) -> str:
-        x, y, z = points[point]
-        return f"({x:.6g}, {y:.6g}, {z:.6g}) is not finite"
-
-    return _without(table.shapes, bad, table.faults, why)
+    numbers = "({:.6g}, {:.6g}, {:.6g}) is not finite"
+    return _without(table.shapes, bad, table.faults, lambda i: numbers.format(*points[i]))
 
 
 def _in_range(shapes: Shapes, points: Array, faults: Faults) -> Shapes:
-    """Return the shapes at other points, without features that are off the Earth.
+    """Return the shapes at other points (deg), without features that are off the Earth.
 
     If most are off it, all are left out: the coordinate system is probably wrong.
     """
     bad = ~in_range(points)
-    moved = Shapes(points, *_parts(shapes))
     most = 2 * len(np.unique(_owner(shapes)[bad])) > len(np.unique(shapes.feature))
 
     def why(point: int) -> str:
         place = points[point] if np.isfinite(points[point, :2]).all() else shapes.points[point]
         return range_fault(place[0], place[1], all_are=most)
 
-    left = _without(moved, bad, faults, why)
+    left = _without(replace(shapes, points=points), bad, faults, why)
     if not most:
         return left
     doubt = "its place is in doubt, as most others are off the Earth"
@@ -145,11 +138,6 @@ def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
     return Shapes(points, starts, shapes.feature[keep], shapes.closed[keep])
 
 
-def _radians(points: Array) -> Array:
-    """Convert longitude, latitude (deg), height to latitude, longitude (rad), height."""
-    return np.column_stack([np.radians(points[:, 1]), np.radians(points[:, 0]), points[:, 2]])
-
-
 def _without_repeats(shapes: Shapes, faults: Faults) -> Shapes:
     """Remove repeated vertices in a row; lines and rings of a single place become faults."""
     points = shapes.points
@@ -163,7 +151,7 @@ def _without_repeats(shapes: Shapes, faults: Faults) -> Shapes:
     for number in shapes.feature[flat].tolist():
         faults.add(number, "a line of no length")
     starts = np.concatenate([[0], np.cumsum(after)])
-    return _selected(Shapes(points[keep], starts, shapes.feature, shapes.closed), ~flat)
+    return _selected(replace(shapes, points=points[keep], starts=starts), ~flat)
 
 
 def _features(shapes: Shapes, texts: Mapping[int, str]) -> list[GeoFeature]:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import archive, geopackage, shapefile
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.gdal_formats import read_other
 from tirgeo_ros.io.maps.geojson import read_geojson
 from tirgeo_ros.io.maps.kml import read_kml, read_kmz
 from tirgeo_ros.io.maps.table import Table
-from tirgeo_ros.io.maps.wanted_properties import Wanted
 
 Reader = Callable[[Path, str, Wanted], list[Table]]
 
@@ -94,7 +94,7 @@ def _reader(path: Path) -> Reader:
 
 def _by_content(path: Path, head: bytes) -> Reader | None:
     if head.startswith(geopackage.MAGIC):
-        return geopackage.read_geopackage if geopackage.is_geopackage(path) else _database
+        return _database
     if head.startswith(archive.MAGIC):
         return _zip
     if head.startswith(shapefile.MAGIC):
@@ -104,28 +104,23 @@ def _by_content(path: Path, head: bytes) -> Reader | None:
             raise MapError(f"{path}: {what}; a map is of points, lines and outlines")
     text = head.lstrip(_BLANK)
     if text[:1] in {b"{", b"["}:
-        return read_other if _OTHER_JSON.search(head) else _geojson
-    return _kml if text[:1] == b"<" and b"kml" in head.lower() else None
+        return read_other if _OTHER_JSON.search(head) else read_geojson
+    return read_kml if text[:1] == b"<" and b"kml" in head.lower() else None
 
 
 def _database(path: Path, layer: str, wanted: Wanted) -> list[Table]:
-    """Read an SQLite file of another kind; refuse views, which GDAL would run without a bound."""
-    if geopackage.has_tiles(path):
+    """Read an SQLite file; refuse views of other kinds, which GDAL would run without a bound."""
+    kind = geopackage.kind_of(path)
+    if kind == "package":
+        return geopackage.read_geopackage(path, layer, wanted)
+    if kind == "tiles":
         raise MapError(
             f"{path}: tiles, cut up for a screen (MBTiles); save the layers themselves as a "
             "GeoPackage"
         )
-    if geopackage.has_views(path):
+    if kind == "views":
         raise MapError(f"{path}: an SQLite file with views in it; save the map as a GeoPackage")
     return read_other(path, layer, wanted)
-
-
-def _geojson(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
-    return read_geojson(path, path.read_bytes(), layer)
-
-
-def _kml(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
-    return read_kml(path, path.read_bytes(), layer)
 
 
 def _zip(path: Path, layer: str, wanted: Wanted) -> list[Table]:
@@ -142,13 +137,9 @@ def _zip(path: Path, layer: str, wanted: Wanted) -> list[Table]:
 
 
 _BY_NAME: dict[str, Reader] = {
-    ".geojson": _geojson,
-    ".json": _geojson,
-    ".geojsonl": _geojson,
-    ".geojsons": _geojson,
+    **dict.fromkeys((".geojson", ".json", ".geojsonl", ".geojsons"), read_geojson),
     ".gpkg": geopackage.read_geopackage,
     ".shp": shapefile.read_shapefile,
-    ".kml": _kml,
-    ".kmz": _zip,
-    ".zip": _zip,
+    ".kml": read_kml,
+    **dict.fromkeys((".kmz", ".zip"), _zip),
 }

@@ -18,6 +18,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
 from tirgeo_ros.io.maps.table import (
     FEWEST,
@@ -39,12 +40,12 @@ _RECORD_SEPARATOR = "\x1e"  # before each text of a JSON sequence (RFC 8142)
 Positions = list[Any]
 
 
-def read_geojson(path: Path, content: bytes, layer: str) -> list[Table]:
+def read_geojson(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
     """Return the only table of a GeoJSON file, named by its ``name`` member or else as the file.
 
     Raises MapError, naming the file, if it is no GeoJSON.
     """
-    root = _root(path, content)
+    root = _root(path, path.read_bytes())
     name = root.get("name")
     name = name if isinstance(name, str) and name else path.stem
     check_layer(path, layer, {name, path.stem})
@@ -131,16 +132,15 @@ def _shapes(features: list[Any]) -> tuple[Shapes, Faults]:
 
 
 def _slow_shapes(features: list[Any]) -> tuple[Shapes, Faults]:
+    def parts(feature: Any) -> Iterator[Part]:
+        for kind, positions in _pieces(_geometry(feature)):
+            points = _fast_points([positions])
+            yield kind, _points(positions) if points is None else points
+
     shapes = ShapeBuilder()
     for number, feature in enumerate(features):
-        shapes.take(number, _parts(feature))
+        shapes.take(number, parts(feature))
     return shapes.shapes(), shapes.faults
-
-
-def _parts(feature: Any) -> Iterator[Part]:
-    for kind, positions in _pieces(_geometry(feature)):
-        points = _fast_points([positions])
-        yield kind, _points(positions) if points is None else points
 
 
 def _geometry(feature: Any) -> Any:
@@ -204,28 +204,23 @@ def _fast_points(parts: list[Positions]) -> Array | None:
 
 
 def _points(positions: Positions) -> Array:
+    """Return positions one by one; raise FeatureError for one that is none, or not finite."""
     points = np.full((len(positions), 3), np.nan)
     for row, position in zip(points, positions, strict=True):
-        numbers = _numbers(position)
-        if not all(map(math.isfinite, numbers)):
-            raise FeatureError(f"{str(position)[:60]} is not finite")
-        row[: len(numbers)] = numbers
+        shown = str(position)[:60]
+        if (
+            not isinstance(position, list)
+            or len(position) < 2
+            or set(map(type, position)) - {int, float}
+        ):
+            raise FeatureError(f"{shown} is not a position of two or three numbers")
+        try:
+            row[: len(position)] = position[:3]
+        except OverflowError:
+            row[0] = math.inf
+        if not np.isfinite(row[: len(position)]).all():
+            raise FeatureError(f"{shown} is not finite")
     return points
-
-
-def _numbers(position: Any) -> list[float]:
-    """Return the first two or three numbers of a position."""
-    right = isinstance(position, list) and len(position) >= 2 and all(map(_is_number, position))
-    if not right:
-        raise FeatureError(f"{str(position)[:60]} is not a position of two or three numbers")
-    try:
-        return [float(value) for value in position[:3]]
-    except OverflowError:
-        return [math.inf]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _crs_name(root: dict[str, Any]) -> str | None:

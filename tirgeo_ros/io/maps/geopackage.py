@@ -9,15 +9,15 @@ from __future__ import annotations
 import itertools
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from urllib.parse import quote
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import known
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
-from tirgeo_ros.io.maps.wanted_properties import Wanted
 from tirgeo_ros.io.maps.wkb import wkb_parts
 
 MAGIC = b"SQLite format 3\0"
@@ -55,31 +55,22 @@ def read_geopackage(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         raise MapError(f"{path}: no GeoPackage that can be read: {told}") from None
 
 
-def is_geopackage(path: Path) -> bool:
-    """Return whether an SQLite file has the tables of a GeoPackage.
+def kind_of(path: Path) -> str:
+    """Return what an SQLite file is: ``package``, ``tiles`` (MBTiles), ``views`` (it has some).
 
-    True if it is too damaged to tell.
+    Returns "" for any other, and ``package`` for one that is too damaged to tell.
     """
-    return _found(path, "name = 'gpkg_geometry_columns'")
-
-
-def has_views(path: Path) -> bool:
-    """Return whether an SQLite file has views; True if it is too damaged to tell."""
-    return _found(path, "type = 'view'")
-
-
-def has_tiles(path: Path) -> bool:
-    """Return whether an SQLite file has pictures or vectors in tiles, as MBTiles have."""
-    return _found(path, "name IN ('tiles', 'gpkg_tile_matrix')", damaged=False)
-
-
-def _found(path: Path, what: str, *, damaged: bool = True) -> bool:
-    query = f"SELECT count(*) FROM sqlite_master WHERE {what}"  # noqa: S608  of this module
     try:
         with closing(_connected(path)) as database:
-            return bool(database.execute(query).fetchone()[0])
+            found = database.execute("SELECT name, type FROM sqlite_master").fetchall()
     except (sqlite3.Error, ValueError):  # ValueError: SQLite's own message is not valid text
-        return damaged
+        return "package"
+    names = {name for name, _ in found}
+    if "gpkg_geometry_columns" in names:
+        return "package"
+    if names & {"tiles", "gpkg_tile_matrix"}:
+        return "tiles"
+    return "views" if "view" in {kind for _, kind in found} else ""
 
 
 def _connected(path: Path) -> sqlite3.Connection:
@@ -90,7 +81,10 @@ def _connected(path: Path) -> sqlite3.Connection:
     """
     with path.open("rb") as file:
         logged = file.read(_READ_VERSION + 1)[_READ_VERSION:] == b"\2"
-    way = "immutable=1" if logged and not _size(log_of(path)) else "mode=ro"
+    waits = False
+    with suppress(OSError):  # the other program may remove the log meanwhile
+        waits = log_of(path).stat().st_size > 0
+    way = "immutable=1" if logged and not waits else "mode=ro"
     uri = f"file:{quote(str(path.absolute()))}?{way}"
     database = sqlite3.connect(uri, uri=True, timeout=_BUSY_S)
     steps = itertools.count(_STEPS_AT_ONCE, _STEPS_AT_ONCE)
@@ -102,13 +96,6 @@ def _connected(path: Path) -> sqlite3.Connection:
 def log_of(path: Path) -> Path:
     """Return the path of the write-ahead log, which exists while a program writes the package."""
     return path.with_name(path.name + "-wal")
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
 
 
 def _table(database: sqlite3.Connection, path: Path, row: Row, wanted: Wanted) -> Table:

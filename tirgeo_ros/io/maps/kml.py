@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer, empty_map
 
@@ -43,11 +44,15 @@ _NOT_DRAWN = {
 _STYLES = {"Style", "StyleMap"}
 
 
-def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
+def read_kml(path: Path, layer: str, _wanted: Wanted) -> list[Table]:
     """Return the only table of a KML file, or the placemarks of its folders named ``layer``.
 
     Raises MapError, naming the file, if it is no KML.
     """
+    return [_read(path, path.read_bytes(), layer)]
+
+
+def _read(path: Path, content: bytes, layer: str) -> Table:
     root = _tree(content, path)
     if root.tag != "kml" and root.tag not in _HOLDERS | {"Placemark"}:
         raise MapError(f"{path}: XML, but not KML: it begins with {root.tag}")
@@ -56,7 +61,7 @@ def read_kml(path: Path, content: bytes, layer: str) -> list[Table]:
     chosen = [root]
     if layer and layer != path.stem:
         chosen = [folder for folder in folders if _text(folder, "name") == layer]
-    return [_table(path, layer or path.stem, chosen)]
+    return _table(path, layer or path.stem, chosen)
 
 
 def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
@@ -66,7 +71,7 @@ def read_kmz(path: Path, archive: Archive, layer: str) -> list[Table]:
     """
     names = archive.names(".kml")
     main = next((name for name in names if name.lower() == "doc.kml"), names[0])
-    (table,) = read_kml(path, archive.read(main), layer)
+    table = _read(path, archive.read(main), layer)
     if len(names) == 1:
         return [table]
     told = f"{path}: of {len(names)} .kml in it {main} alone is read"
@@ -84,19 +89,19 @@ def _tree(content: bytes, path: Path) -> Element:
     parser.CharacterDataHandler = builder.data
     parser.EntityDeclHandler = builder.refuse_entity
     try:
-        for begin in range(0, len(content), _AT_ONCE):
-            parser.Parse(content[begin : begin + _AT_ONCE], False)
-            _check_waiting(begin - parser.CurrentByteIndex)
-        parser.Parse(b"", True)
+        _feed(parser, content)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise MapError(f"{path}: no KML that can be read: {error}") from None
     return builder.close()
 
 
-def _check_waiting(size: int) -> None:
-    """Refuse a tag of which the parser holds too many bytes."""
-    if size > _LONGEST_TAG:
-        raise ValueError(f"a tag of more than {_LONGEST_TAG} bytes")
+def _feed(parser: Any, content: bytes) -> None:
+    """Parse a file; refuse a tag of which the parser holds too many bytes."""
+    for begin in range(0, len(content), _AT_ONCE):
+        parser.Parse(content[begin : begin + _AT_ONCE], False)
+        if begin - parser.CurrentByteIndex > _LONGEST_TAG:
+            raise ValueError(f"a tag of more than {_LONGEST_TAG} bytes")
+    parser.Parse(b"", True)
 
 
 class _Builder:
@@ -141,14 +146,9 @@ def _text(element: Element, name: str) -> str:
     return (element.findtext(name) or "").strip()
 
 
-def _placemarks(roots: list[Element]) -> Iterator[Element]:
-    """Return each placemark once: a chosen folder may be inside another one."""
-    seen = dict.fromkeys(mark for root in roots for mark in root.iter("Placemark"))
-    return iter(seen)
-
-
-def _elements(roots: list[Element]) -> Iterator[Element]:
-    return iter(dict.fromkeys(each for root in roots for each in root.iter()))
+def _elements(roots: list[Element], tag: str | None = None) -> Iterator[Element]:
+    """Return each element (of a tag) once: a chosen folder may be inside another one."""
+    return iter(dict.fromkeys(each for root in roots for each in root.iter(tag)))
 
 
 def _instead(chosen: list[Element]) -> str:
@@ -161,20 +161,11 @@ def _instead(chosen: list[Element]) -> str:
     return f"it has {tags['Placemark']} placemarks and {held}"
 
 
-def _left_out(element: Element) -> str:
-    """Return what of an element is left out; "" if nothing is."""
-    if element.tag in _NOT_DRAWN:
-        return f"{element.tag} left out"
-    if element.tag in _GEOMETRIES and _text(element, "altitudeMode") == "absolute":
-        return f"{element.tag} with heights above the sea: the heights left out"
-    return ""
-
-
 def _table(path: Path, name: str, chosen: list[Element]) -> Table:
     shapes = ShapeBuilder()
     properties: list[Mapping[str, Any]] = []
     set_aside = 0
-    for number, placemark in enumerate(_placemarks(chosen)):
+    for number, placemark in enumerate(_elements(chosen, "Placemark")):
         check_count(number + 1, str(path))
         properties.append(_properties(placemark))
         drawn = len(shapes.parts)
@@ -197,7 +188,14 @@ def _table(path: Path, name: str, chosen: list[Element]) -> Table:
 
 
 def _told(path: Path, chosen: list[Element]) -> tuple[str, ...]:
-    counts = Counter(filter(None, map(_left_out, _elements(chosen))))
+    """Return a line for each kind of element of which something is left out."""
+    high = "with heights above the sea: the heights left out"
+    counts = Counter(
+        f"{each.tag} left out" if each.tag in _NOT_DRAWN else f"{each.tag} {high}"
+        for each in _elements(chosen)
+        if each.tag in _NOT_DRAWN
+        or (each.tag in _GEOMETRIES and _text(each, "altitudeMode") == "absolute")
+    )
     return tuple(f"{path}: {count} {what}" for what, count in counts.items())
 
 

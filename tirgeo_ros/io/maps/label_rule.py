@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.parameters.parameter_file import nearest
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
 

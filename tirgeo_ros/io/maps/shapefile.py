@@ -11,13 +11,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+import shapefile
 from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
+from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
-from tirgeo_ros.io.maps.wanted_properties import Wanted
 
 MAGIC = b"\x00\x00\x27\x0a"
 SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
@@ -30,38 +31,29 @@ _WITH_Z = {11, 13, 15, 18}
 _HEADER_BYTES = 100
 _NO_DATA = -1e38  # less than this is "no data"
 
-#: Code pages by the number in the header of a .dbf, used without a .cpg.
+#: Code pages by the number (hexadecimal) in the header of a .dbf, used without a .cpg.
 _LANGUAGES = {
-    0x01: "cp437",
-    0x02: "cp850",
-    0x03: "cp1252",
-    0x13: "cp932",
-    0x4D: "gbk",
-    0x4E: "cp949",
-    0x4F: "big5",
-    0x57: "cp1252",
-    0x64: "cp852",
-    0x65: "cp866",
-    0x7A: "gbk",
-    0x7B: "cp932",
-    0x58: "cp1252",
-    0x59: "cp1252",
-    0x66: "cp865",
-    0x67: "cp861",
-    0x6A: "cp737",
-    0x6B: "cp857",
-    0x78: "big5",
-    0x79: "cp949",
-    0x7C: "cp874",
-    0x7D: "cp1255",
-    0x7E: "cp1256",
-    0xC8: "cp1250",
-    0xC9: "cp1251",
-    0xCA: "cp1254",
-    0xCB: "cp1253",
-    0xCC: "cp1257",
+    int(number, 16): f"cp{page}"
+    for number, page in re.findall(
+        r"(\w+):(\d+)",
+        "01:437 02:850 03:1252 13:932 4D:936 4E:949 4F:950 57:1252 58:1252 59:1252 64:852 65:866 "
+        "66:865 67:861 6A:737 6B:857 78:950 79:949 7A:936 7B:932 7C:874 7D:1255 7E:1256 C8:1250 "
+        "C9:1251 CA:1254 CB:1253 CC:1257",
+    )
 }
 
+#: What pyshp raises, or lets through, for a damaged file.
+_DAMAGE = (
+    shapefile.ShapefileException,
+    struct.error,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AssertionError,
+    OSError,
+)
 _LAST_NUMBER = re.compile(r"\d+$")
 Fetch = Callable[[str], bytes | None]  # the content of the file with a suffix, None if absent
 
@@ -124,32 +116,21 @@ def _table(where: str, name: str, fetch: Fetch, wanted: Wanted) -> Table:
     crs = (prj or b"").decode("utf-8-sig", "replace").strip() or None
     no_crs = "has no .prj" if prj is None else "has an empty .prj"
     deleted = sum(record is None for record in records[: len(properties)])
-    return Table(
-        where,
-        name,
-        crs,
-        shapes.shapes(),
-        properties,
-        fields,
-        told,
-        deleted,
-        no_crs,
-        shapes.faults,
-    )
+    found, faults = shapes.shapes(), shapes.faults
+    return Table(where, name, crs, found, properties, fields, told, deleted, no_crs, faults)
 
 
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
     """Yield the shapes as pyshp returns them."""
-    pyshp = _pyshp()
     content = _whole(content, where)
     room = len(content) // 12  # a record takes at least this many bytes; more records mean a loop
     try:
-        with pyshp.Reader(shp=io.BytesIO(content)) as reader:
+        with shapefile.Reader(shp=io.BytesIO(content)) as reader:
             for number, shape in enumerate(reader.iterShapes()):
                 if number > room:
                     raise ValueError("a record leads back to another")
                 yield shape
-    except _damage(pyshp) as error:
+    except _DAMAGE as error:
         raise MapError(f"{where}: a damaged shapefile: {_line(error)}") from None
 
 
@@ -202,23 +183,21 @@ def _records(
     content = fetch(".dbf")
     if content is None:
         return (), [], (f"{where}: has no .dbf: no labels",)
-    pyshp = _pyshp()
     try:
-        with pyshp.Reader(
+        with shapefile.Reader(
             dbf=io.BytesIO(content),
             encoding=_encoding(fetch(".cpg"), content),
             encodingErrors="replace",
         ) as reader:
             fields = [each[0] for each in reader.fields if each[0] != "DeletionFlag"]
-            return fields, list(_rows(reader, wanted.columns(fields, where))), ()
-    except _damage(pyshp) as error:
+            names = wanted.columns(fields, where)
+            found = (reader.record(number, fields=names) for number in range(len(reader)))
+            rows: list[Mapping[str, Any] | None] = [
+                None if row is None else dict(zip(names, row, strict=True)) for row in found
+            ]
+            return fields, rows, ()
+    except _DAMAGE as error:
         raise MapError(f"{where}: a damaged .dbf: {_line(error)}") from None
-
-
-def _rows(reader: Any, wanted: Sequence[str]) -> Iterator[Mapping[str, Any] | None]:
-    for number in range(len(reader)):
-        record = reader.record(number, fields=list(wanted))
-        yield None if record is None else dict(zip(wanted, record, strict=True))
 
 
 def _encoding(cpg: bytes | None, dbf: bytes) -> str:
@@ -256,28 +235,5 @@ def _known(name: str) -> bool:
         return False
 
 
-def _damage(pyshp: Any) -> tuple[type[Exception], ...]:
-    """Return what pyshp raises, or lets through, for a damaged file."""
-    return (
-        pyshp.ShapefileException,
-        struct.error,
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AssertionError,
-        OSError,
-    )
-
-
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:100] or type(error).__name__
-
-
-def _pyshp() -> Any:
-    try:
-        import shapefile  # noqa: PLC0415  the other formats work without it
-    except ModuleNotFoundError:
-        raise MapError("a Shapefile needs the library pyshp: pip install pyshp") from None
-    return shapefile

@@ -17,8 +17,7 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.maps.condition import Condition
 from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.parameters.parameter_file import load_yaml, nearest
 
 _DEFAULT = LayerStyle()
 _PLAIN = (
@@ -150,49 +149,47 @@ def _scale(value: Any, where: str) -> tuple[float, float]:
     return float(value[0]), float(value[1])
 
 
+def _words(entry: Mapping[str, Any], key: str, where: str, wanted: str) -> str:
+    """Return the text of a key; raise ConfigError for anything else, or a blank one."""
+    value = entry[key]
+    if not isinstance(value, str) or not value.strip():
+        raise ConfigError(f"{where}: {key}: {value!r} is {wanted}")
+    return value
+
+
 def _label(entry: Mapping[str, Any], where: str) -> LabelRule | None:
     if "label" not in entry:
         return None
-    value = entry["label"]
-    if value is False:
+    if entry["label"] is False:
         return LabelRule()
-    if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{where}: label: {value!r} is neither a field nor false")
-    return LabelRule.parsed(value, f"{where}: label")
+    text = _words(entry, "label", where, "neither a field nor false")
+    return LabelRule.parsed(text, f"{where}: label")
 
 
 def _condition(entry: Mapping[str, Any], where: str) -> Condition | None:
     if "where" not in entry:
         return None
-    value = entry["where"]
-    if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{where}: where: {value!r} is no condition, as kind == hydrant is")
-    return Condition.parsed(value, f"{where}: where")
+    text = _words(entry, "where", where, "no condition, as kind == hydrant is")
+    return Condition.parsed(text, f"{where}: where")
 
 
 def _crs(entry: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Path | None]:
     if "crs" not in entry:
         return "", None
-    value = entry["crs"]
-    if isinstance(value, int) and not isinstance(value, bool):
-        value = f"EPSG:{value}"
-    if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{where}: crs: {value!r} is no code, WKT, PROJ text or .prj file")
-    file = folder / value if value.lower().endswith((".prj", ".wkt")) else None
-    text = value if file is None else _text(file, where)
+    if isinstance(entry["crs"], int) and not isinstance(entry["crs"], bool):
+        entry = {"crs": f"EPSG:{entry['crs']}"}
+    text, file = _words(entry, "crs", where, "no code, WKT, PROJ text or .prj file"), None
     try:
+        if text.lower().endswith((".prj", ".wkt")):
+            file = folder / text
+            _check_file(file, str(file))
+            text = read_text(file, ConfigError, damaged="replace")
         checked_system(text, f"{where}: crs")
+    except ConfigError as error:
+        raise ConfigError(f"{where}: crs: {error}") from None
     except MapError as error:
         raise ConfigError(str(error).partition(";")[0]) from None
     return text, file
-
-
-def _text(file: Path, where: str) -> str:
-    _check_file(file, f"{where}: crs: {file}")
-    try:
-        return read_text(file, ConfigError, damaged="replace")
-    except ConfigError as error:
-        raise ConfigError(f"{where}: crs: {error}") from None
 
 
 def _check_file(path: Path, where: str) -> None:

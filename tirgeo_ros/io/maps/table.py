@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
-from tirgeo_ros.io.parameters.suggestions import nearest
+from tirgeo_ros.io.parameters.parameter_file import nearest
 
 #: Limit for a file: beyond it, reading takes more than some seconds and more memory than a map may
 #: use.

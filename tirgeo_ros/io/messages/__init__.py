@@ -9,6 +9,7 @@ from tirgeo_ros.io.messages.decode import (
     body_pose,
     camera_attitude,
     camera_pose,
+    ground_point,
     heading_sample,
     imu_sample,
     joint_sample,
@@ -20,7 +21,6 @@ from tirgeo_ros.io.messages.decode import (
 )
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, diagnostic_level, navigation_status
 from tirgeo_ros.io.messages.encode import Messages
-from tirgeo_ros.io.messages.located import LocatedMessages, ground_point
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensed import (
     SENSED_SAMPLES,
@@ -36,7 +36,6 @@ __all__ = [
     "SENSED_TOPICS",
     "TOPIC_TYPES",
     "DiagnosticItem",
-    "LocatedMessages",
     "Messages",
     "SensedSample",
     "body_pose",

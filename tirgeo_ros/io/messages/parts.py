@@ -1,4 +1,4 @@
-"""Build the parts of messages, for either kind of message class."""
+"""Build the parts that messages have in common, for either kind of message class."""
 
 from __future__ import annotations
 
@@ -10,71 +10,53 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array, Quaternion
-from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.messages.message_axes import covariance_turned_world, positive
+from tirgeo_ros.io.messages.topics import BODY_FRAME, MAP_FRAME
 
 _SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 
-class Parts:
-    """Build the parts of messages of the classes that ``types`` gives.
-
-    ``takes_ndarray`` tells which of the two kinds they are.
-    """
+class MessageParts:
+    """Build parts of messages of the classes that ``types`` gives for their names."""
 
     def __init__(self, types: Callable[[str], type]) -> None:
         self.types = types
         self._known: dict[str, Callable[..., Any]] = {}
-        # Parts of every message: bound once, as a look-up takes as long as making one.
-        self._time = types("builtin_interfaces/msg/Time")
-        self._header = types("std_msgs/msg/Header")
-        self._quaternion = types("geometry_msgs/msg/Quaternion")
-        self._vector = types("geometry_msgs/msg/Vector3")
-        self._point = types("geometry_msgs/msg/Point")
-        self._pose = types("geometry_msgs/msg/Pose")
-        self._pose_covariance = types("geometry_msgs/msg/PoseWithCovariance")
-        self._twist = types("geometry_msgs/msg/Twist")
-        self._twist_covariance = types("geometry_msgs/msg/TwistWithCovariance")
         # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
-        self.takes_ndarray = hasattr(self._header, "__msgtype__")
+        self._takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
 
-    def new(self, typename: str, **fields: Any) -> Any:
-        """Return a message of a type, with these fields."""
+    def _new(self, typename: str, **fields: Any) -> Any:
         kind = self._known.get(typename)
         if kind is None:
             kind = self._known[typename] = self.types(typename)
         return kind(**fields)
 
-    def time(self, stamp_ns: int) -> Any:
-        """Return ``builtin_interfaces/Time``."""
+    def _stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
+        """Return a message with a header."""
+        header = self._new("std_msgs/msg/Header", stamp=self._time(stamp_ns), frame_id=frame_id)
+        return self._new(typename, header=header, **fields)
+
+    def _time(self, stamp_ns: int) -> Any:
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
-        return self._time(sec=seconds, nanosec=nanoseconds)
+        return self._new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
 
-    def header(self, stamp_ns: int, frame_id: str) -> Any:
-        """Return ``std_msgs/Header``."""
-        return self._header(stamp=self.time(stamp_ns), frame_id=frame_id)
-
-    def quaternion(self, q: Quaternion) -> Any:
-        """Return ``geometry_msgs/Quaternion`` of (w, x, y, z)."""
+    def _quaternion(self, q: Quaternion) -> Any:
         w, x, y, z = q
-        return self._quaternion(x=x, y=y, z=z, w=w)
+        return self._new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def vector(self, xyz: tuple[float, float, float]) -> Any:
-        """Return ``geometry_msgs/Vector3`` of (x, y, z)."""
+    def _vector(self, xyz: Sequence[float]) -> Any:
         x, y, z = xyz
-        return self._vector(x=x, y=y, z=z)
+        return self._new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
-    def frd(self, v: Array) -> Any:
-        """Return ``geometry_msgs/Vector3`` in FLU of a (3,) vector in FRD."""
-        x, y, z = v.tolist()
-        return self.vector((x, -y, -z))
-
-    def imu(
+    def _imu(
         self,
         stamp_ns: int,
-        frame_id: str,
         attitude: tuple[Quaternion, Array],
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
@@ -83,75 +65,86 @@ class Parts:
 
         The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
         """
-        return self.new(
+        (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
+        return self._stamped(
             "sensor_msgs/msg/Imu",
-            header=self.header(stamp_ns, frame_id),
-            orientation=self.quaternion(positive(attitude[0])),
+            stamp_ns,
+            BODY_FRAME,
+            orientation=self._quaternion(positive(attitude[0])),
             orientation_covariance=attitude[1],
-            angular_velocity=self.frd(rate[0]),
+            angular_velocity=self._vector((rate_x, -rate_y, -rate_z)),
             angular_velocity_covariance=rate[1],
-            linear_acceleration=self.frd(force[0]),
+            linear_acceleration=self._vector((x, -y, -z)),
             linear_acceleration_covariance=force[1],
         )
 
-    def fix(
+    def _fix(
         self,
-        stamp_ns: int,
+        place: PositionSample | NavSolution | TangentPlane | Located,
+        covariance_n: Array,
         frame_id: str,
-        status: FixStatus,
-        place: tuple[float, float, float],
-        covariance: Array,
+        status: FixStatus = FixStatus.SINGLE,
+        stamp_ns: int | None = None,
     ) -> Any:
-        """Return ``sensor_msgs/NavSatFix`` of a place with its (9,) ENU covariance.
+        """Return ``sensor_msgs/NavSatFix`` of a place with a covariance (3, 3).
 
-        ``place``: latitude, longitude (rad), height (m). A covariance of zeros is marked as
-        unknown.
+        A covariance of zeros is marked as unknown.
         """
+        covariance = covariance_turned_world(covariance_n, 3)
         known = bool(covariance.any())
-        latitude_rad, longitude_rad, height_m = place
-        return self.new(
+        if stamp_ns is None:
+            stamp_ns = place.stamp_ns  # type: ignore[union-attr]  a plane has none
+        status_type = "sensor_msgs/msg/NavSatStatus"
+        return self._stamped(
             "sensor_msgs/msg/NavSatFix",
-            header=self.header(stamp_ns, frame_id),
-            status=self.new(
-                "sensor_msgs/msg/NavSatStatus", status=int(status), service=_SERVICE_GPS
-            ),
-            latitude=math.degrees(latitude_rad),
-            longitude=math.degrees(longitude_rad),
-            altitude=float(height_m),
+            stamp_ns,
+            frame_id,
+            status=self._new(status_type, status=int(status), service=_SERVICE_GPS),
+            latitude=math.degrees(place.latitude_rad),
+            longitude=math.degrees(place.longitude_rad),
+            altitude=float(place.height_m),
             position_covariance=covariance,
             position_covariance_type=COVARIANCE_KNOWN if known else COVARIANCE_UNKNOWN,
         )
 
-    def pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
+    def _map_pose(
+        self, stamp_ns: int, position_n: Array, turned: Quaternion, covariance: Array
+    ) -> Any:
+        typename = "geometry_msgs/msg/PoseWithCovarianceStamped"
+        pose = self._pose(position_n, turned, covariance)
+        return self._stamped(typename, stamp_ns, MAP_FRAME, pose=pose)
+
+    def _pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
         """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED.
 
         ``turned`` is the attitude in ENU.
         """
         north, east, down = position_n.tolist()
-        pose = self._pose(
-            position=self._point(x=east, y=north, z=-down), orientation=self.quaternion(turned)
+        pose = self._new(
+            "geometry_msgs/msg/Pose",
+            position=self._new("geometry_msgs/msg/Point", x=east, y=north, z=-down),
+            orientation=self._quaternion(turned),
         )
-        return self._pose_covariance(pose=pose, covariance=covariance_turned_world(covariance, 6))
+        flat = covariance_turned_world(covariance, 6)
+        return self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=flat)
 
-    def twist(
-        self,
-        linear: tuple[float, float, float],
-        angular: tuple[float, float, float],
-        covariance: Array,
-    ) -> Any:
+    def _twist(self, linear: Sequence[float], angular: Sequence[float], covariance: Array) -> Any:
         """Return ``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
-        twist = self._twist(linear=self.vector(linear), angular=self.vector(angular))
-        return self._twist_covariance(twist=twist, covariance=covariance)
+        twist = self._new(
+            "geometry_msgs/msg/Twist", linear=self._vector(linear), angular=self._vector(angular)
+        )
+        typename = "geometry_msgs/msg/TwistWithCovariance"
+        return self._new(typename, twist=twist, covariance=covariance)
 
-    def octets(self, data: npt.NDArray[Any]) -> Any:
+    def _octets(self, data: npt.NDArray[Any]) -> Any:
         """Return a contiguous array's bytes in the type that a field ``uint8[]`` takes fastest."""
         flat = data.reshape(-1).view(np.uint8)
-        if self.takes_ndarray:
+        if self._takes_ndarray:
             return flat
         out = array.array("B")
         out.frombytes(flat.data)
         return out
 
-    def doubles(self, values: Sequence[float]) -> Any:
+    def _doubles(self, values: Sequence[float]) -> Any:
         """Return the values in the type of a field ``float64[]``."""
-        return np.array(values, float) if self.takes_ndarray else array.array("d", values)
+        return np.array(values, float) if self._takes_ndarray else array.array("d", values)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import yaml
@@ -36,7 +36,7 @@ _SHOWN = 60  # characters of a refused value that a message shows
 Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
 
 
-def load_yaml(path: str | os.PathLike[str]) -> Any:
+def load_yaml(path: PathLike) -> Any:
     """Load a YAML file, plain values as rcl reads them. Raises ConfigError if it is not YAML."""
     try:
         # The loader is a safe one: it creates plain values only.
@@ -88,6 +88,14 @@ class ParameterFile:
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
+def nearest(name: str, known: Collection[str]) -> str:
+    """Return the end of a message: the nearest known name, else all of them, if any."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    if near:
+        return f" (did you mean {near[0]}?)"
+    return f" (known: {', '.join(sorted(known))})" if known else ""
+
+
 def paths_of(files: Files) -> list[PathLike]:
     """Return the files as a list."""
     if files is None:
@@ -117,7 +125,7 @@ def _of_every_node(name: str) -> bool:
     return name in _EVERY_NODE or name.startswith(_EVERY_NODE_PREFIX)
 
 
-def _check(path: str | os.PathLike[str], pattern: str, values: Mapping[str, object]) -> None:
+def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
     """Raise ConfigError for values that no node that matches the pattern accepts."""
     name = pattern.rpartition("/")[2]
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
@@ -140,16 +148,14 @@ def _fits(pattern: str, full_name: str) -> bool:
     return re.fullmatch(expression, full_name) is not None
 
 
-def _sections(path: str | os.PathLike[str]) -> Iterator[Section]:
+def _sections(path: PathLike) -> Iterator[Section]:
     tree = load_yaml(path)
     if not isinstance(tree, Mapping):
         raise ConfigError(f"{path}: no parameter file: it needs NODE: {_MARK}: NAME: VALUE")
     yield from _nested_sections(path, "", tree)
 
 
-def _nested_sections(
-    path: str | os.PathLike[str], above: str, tree: Mapping[Any, Any]
-) -> Iterator[Section]:
+def _nested_sections(path: PathLike, above: str, tree: Mapping[Any, Any]) -> Iterator[Section]:
     for key, value in tree.items():
         name = f"{above}/{str(key).strip('/')}"
         if key == _MARK:
@@ -161,7 +167,7 @@ def _nested_sections(
             raise ConfigError(f"{path}: {name.strip('/')} holds no {_MARK}")
 
 
-def _check_node(path: str | os.PathLike[str], pattern: str) -> None:
+def _check_node(path: PathLike, pattern: str) -> None:
     name = pattern.rpartition("/")[2]
     if "*" not in name and name not in NODE_CONFIGS:
         raise ConfigError(
@@ -169,7 +175,7 @@ def _check_node(path: str | os.PathLike[str], pattern: str) -> None:
         )
 
 
-def _flat(path: str | os.PathLike[str], above: str, tree: Any) -> Iterator[tuple[str, object]]:
+def _flat(path: PathLike, above: str, tree: Any) -> Iterator[tuple[str, object]]:
     """Yield nested parameters with their dotted names."""
     if not isinstance(tree, Mapping):
         raise ConfigError(f"{path}: {above or _MARK} holds no parameters")

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.types.errors import TirgeoError, shown
-from tirgeo_ros.io.files.stop_signals import stop_signals
+from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import UsageError, complete

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from tirgeo_ros.dji.protocol.plausibility import doubtful
 from tirgeo_ros.dji.protocol.printed_fields import broadcast_fields, push_fields
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.protocol.subscription_topics import BY_UID
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 Record = dict[str, Any]
@@ -49,9 +49,7 @@ class CaptureDump:
         The file of packages cannot be read or is not YAML.
     """
 
-    def __init__(
-        self, path: Path, packages: str | os.PathLike[str] | None = None, key: str = ""
-    ) -> None:
+    def __init__(self, path: Path, packages: PathLike | None = None, key: str = "") -> None:
         self._path = path
         table = package_table(load_yaml(packages), str(packages)) if packages else PackageTable()
         self._packages = table

@@ -37,6 +37,14 @@ _BROADCAST, _SUBSCRIPTION = 0x00, 0x05
 _SECONDS = 60
 
 
+#: Counts of the telemetry that are reported.
+_UNUSED = {
+    "unknown_layout": "broadcasts are of a layout that is not known",
+    "unknown_package": "pushes are of packages that are not known: give --packages",
+    "untimed": "broadcasts have no time: stamped as the message before",
+}
+
+
 class CaptureOptions(NamedTuple):
     """Hold how to read a capture; for empty values dji_node's parameters are used."""
 
@@ -145,17 +153,15 @@ def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
 
 
 def _receiver_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
-    """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them."""
+    """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them.
+
+    The ticks are of 2.5 ms if most of the seconds, at least two, show that.
+    """
     seconds = _seconds(path, packages, key, MILLISECOND_NS)
-    if not _are_long(seconds):
+    are_long = [is_long(*pair) for pair in seconds.seconds_ns]
+    if len(are_long) < 2 or 2 * sum(are_long) <= len(are_long):
         return seconds, MILLISECOND_NS
     return _seconds(path, packages, key, LONG_TICK_NS), LONG_TICK_NS
-
-
-def _are_long(seconds: WholeSeconds) -> bool:
-    """Return whether most of the receivers' seconds, at least two, show ticks of 2.5 ms."""
-    are_long = [is_long(*pair) for pair in seconds.seconds_ns]
-    return len(are_long) > 1 and sum(are_long) > len(are_long) / 2
 
 
 def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
@@ -207,15 +213,9 @@ def _complaints(
         yield (
             f"{frames['skipped_bytes']} bytes are in no frame, {damaged} frames are damaged or cut"
         )
-    if telemetry.get("unknown_layout"):
-        yield f"{telemetry['unknown_layout']} broadcasts are of a layout that is not known"
-    if telemetry.get("unknown_package"):
-        yield (
-            f"{telemetry['unknown_package']} pushes are of packages that are not known: give "
-            "--packages"
-        )
-    if telemetry.get("untimed"):
-        yield f"{telemetry['untimed']} broadcasts have no time: stamped as the message before"
+    for name, what in _UNUSED.items():
+        if telemetry.get(name):
+            yield f"{telemetry[name]} {what}"
     if timeline.restarts:
         yield (
             f"the aircraft's clock started again {timeline.restarts} times: what follows is "

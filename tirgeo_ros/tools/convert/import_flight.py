@@ -94,13 +94,9 @@ def _is_ros1(path: Path) -> bool:
     for mark, kind in _OTHERS.items():
         if head.startswith(mark):
             raise BagError(f"{path}: {kind}")
-    if _is_text(head):
+    if _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head):
         raise BagError(f"{path}: text; give a ROS 1 bag or a capture of the serial port")
     return False
-
-
-def _is_text(head: bytes) -> bool:
-    return _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
 
 
 def _check_options(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -41,102 +40,60 @@ class Pictures(NamedTuple):
 
 
 @dataclass
-class TopicIn:
+class _Topic:
     """Count a topic's messages of one type."""
 
     topic: str
     typename: str
-    expected: tuple[str, ...]
-    feeds: tuple[str, ...]
+    expected: tuple[str, ...]  # types
+    feeds: tuple[str, ...]  # topics of the contract
     messages: int = 0
     refused: int = 0
     reason: str = ""  # of the first refused message
-
-    def refuse(self, reason: str) -> None:
-        """Count a message that cannot be used."""
-        self.refused += 1
-        self.reason = self.reason or reason
-
-    @property
-    def has_wrong_type(self) -> bool:
-        """Return whether the wrapper never publishes this topic with this type."""
-        return self.typename not in self.expected
 
     @property
     def complaint(self) -> str | None:
         """Return what is wrong with the topic, in words, or None."""
         if not self.refused:
             return None
-        if self.has_wrong_type:
+        if self.typename not in self.expected:  # the wrapper never publishes it so
             wanted = " or ".join(self.expected)
             return f"{self.topic}: {self.refused} of type {self.typename}, not {wanted}"
         return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
 
+    def result(self) -> dict[str, object]:
+        """Return the row of the summary."""
+        return {
+            "topic": self.topic,
+            "type": self.typename,
+            "expected": " or ".join(self.expected),
+            "messages": self.messages,
+            "refused": self.refused,
+            "because": self.complaint,
+            "to": list(self.feeds),
+        }
 
-@dataclass
-class Ros1Import:
+
+class _Import:
     """Convert a bag's messages to readings and pass them to a sink.
 
     Raise BagError if the bag has no topic of the wrapper (in this namespace), several aircraft, or
     not the pictures that are asked for.
     """
 
-    bag: Ros1Bag
-    namespace: str
-    pictures: Pictures
-    names: dict[str, str] = field(init=False)  # topic -> its name in the wrapper
-    rows: dict[tuple[str, str], TopicIn] = field(init=False, default_factory=dict)
-    road: Ros1Decoder = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Find the topics, and inspect the first messages."""
+    def __init__(self, bag: Ros1Bag, namespace: str, pictures: Pictures) -> None:
+        self.bag = bag
+        self.topics: dict[tuple[str, str], _Topic] = {}
         self._cdr = Cdr()
-        self._passed = _passed(self.bag, self.pictures)
-        self.names = _wrapper_topics(self.bag, self.namespace)
-        read = used(self.names.values())
-        self.names = {topic: name for topic, name in self.names.items() if name in read}
-        self.road = Ros1Decoder(self._surveyed())
-
-    def run(self, sink: ImportSink, progress: Report) -> None:
-        """Read the whole bag."""
-        begun_ns, ended_ns = self.bag.span_ns
-        total_s = (ended_ns - begun_ns) * 1e-9
-        for message in self.bag.messages({*self.names, *self._passed}):
-            progress((message.record_ns - begun_ns) * 1e-9, total_s)
-            row = self._row(message)
-            row.messages += 1
-            try:
-                self._take(message, sink)
-            except MessageError as error:
-                row.refuse(str(error).removeprefix(f"{message.topic}: "))
-        for arrived in self.road.flush():
-            sink.take(*arrived)
-
-    def _take(self, message: Ros1Message, sink: ImportSink) -> None:
-        """Convert a message. Raise MessageError if it cannot be used."""
-        contract = self._passed.get(message.topic)
-        if contract is not None:
-            data = self._cdr.from_ros1(message.data, TOPIC_TYPES[contract], message.topic)
-            sink.pass_on(self.road.arrival_ns(message.record_ns), contract, data)
-            return
-        name = self.names[message.topic]
-        if message.typename not in types_of(name):
-            raise MessageError("of another type")
-        decoded = self.bag.decoded(message)
-        for arrived in self.road.take(name, message.typename, decoded, message.record_ns):
-            sink.take(*arrived)
-
-    def _row(self, message: Ros1Message) -> TopicIn:
-        key = message.topic, message.typename
-        if key not in self.rows:
-            name = self.names.get(message.topic, "")
-            contract = self._passed.get(message.topic)
-            expected = types_of(name) if contract is None else (TOPIC_TYPES[contract],)
-            feeds = FEEDS[name] if contract is None else (contract,)
-            self.rows[key] = TopicIn(*key, expected, feeds)
-        return self.rows[key]
+        self.passed = _passed(bag, pictures)
+        names = _wrapper_topics(bag, namespace)
+        read = used(names.values())
+        #: Topic -> its name in the wrapper.
+        self.names = {topic: name for topic, name in names.items() if name in read}
+        self.decoder = Ros1Decoder(self._surveyed())
 
     def _surveyed(self) -> Ros1Setup:
+        """Inspect the first messages."""
         survey = Ros1Survey()
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
@@ -147,32 +104,64 @@ class Ros1Import:
                     continue  # counted when it is read again
         return survey.setup
 
-    @property
+    def run(self, sink: ImportSink, progress: Report) -> None:
+        """Read the whole bag."""
+        begun_ns, ended_ns = self.bag.span_ns
+        for message in self.bag.messages({*self.names, *self.passed}):
+            progress((message.record_ns - begun_ns) * 1e-9, (ended_ns - begun_ns) * 1e-9)
+            topic = self._topic(message)
+            topic.messages += 1
+            try:
+                self._take(message, sink)
+            except MessageError as error:
+                topic.refused += 1
+                topic.reason = topic.reason or str(error).removeprefix(f"{message.topic}: ")
+        for arrived in self.decoder.flush():
+            sink.take(*arrived)
+
+    def _take(self, message: Ros1Message, sink: ImportSink) -> None:
+        """Convert a message. Raise MessageError if it cannot be used."""
+        contract = self.passed.get(message.topic)
+        if contract is not None:
+            data = self._cdr.from_ros1(message.data, TOPIC_TYPES[contract], message.topic)
+            sink.pass_on(self.decoder.arrival_ns(message.record_ns), contract, data)
+            return
+        name = self.names[message.topic]
+        if message.typename not in types_of(name):
+            raise MessageError("of another type")
+        decoded = self.bag.decoded(message)
+        for arrived in self.decoder.take(name, message.typename, decoded, message.record_ns):
+            sink.take(*arrived)
+
+    def _topic(self, message: Ros1Message) -> _Topic:
+        key = message.topic, message.typename
+        if key not in self.topics:
+            contract = self.passed.get(message.topic)
+            if contract is None:
+                name = self.names[message.topic]
+                self.topics[key] = _Topic(*key, types_of(name), FEEDS[name])
+            else:
+                self.topics[key] = _Topic(*key, (TOPIC_TYPES[contract],), (contract,))
+        return self.topics[key]
+
     def warnings(self) -> list[str]:
         """Return what is missing, refused or doubtful."""
-        good = {self.names.get(r.topic) for r in self.rows.values() if r.messages > r.refused}
+        found = self.topics.values()
+        good = {self.names.get(one.topic) for one in found if one.messages > one.refused}
         absent = [" or ".join(names) for names in NEEDED if not good.intersection(names)]
         missing = [f"no usable messages of {', of '.join(absent)}"] if absent else []
-        complaints = [row.complaint for row in self.rows.values() if row.complaint]
-        return missing + complaints + self.road.warnings
-
-    @property
-    def not_read(self) -> dict[str, str]:
-        """Return the bag's other topics with their types."""
-        taken = {*self.names, *self._passed}
-        return {
-            topic: ", ".join(types)
-            for topic, types in self.bag.topics().items()
-            if topic not in taken
-        }
+        return missing + [one.complaint for one in found if one.complaint] + self.decoder.warnings
 
 
 def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
     """Return topic -> name in the wrapper, for the one aircraft that is asked for."""
     aircraft: dict[str, dict[str, str]] = {}
-    for topic, place, name in _candidates(bag):
-        if not namespace or place.rpartition("/")[0] == namespace.strip("/"):
-            aircraft.setdefault(place, {})[topic] = name
+    for topic in bag.topics():
+        node, _, name = topic.strip("/").rpartition("/")
+        above, _, wrapper = node.rpartition("/")
+        asked = not namespace or above == namespace.strip("/")
+        if wrapper in WRAPPERS and types_of(name) and asked:
+            aircraft.setdefault(node, {})[topic] = name
     if not aircraft:
         where = f" in namespace {namespace}" if namespace else ""
         raise BagError(
@@ -185,14 +174,6 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
             "choose with --namespace"
         )
     return next(iter(aircraft.values()))
-
-
-def _candidates(bag: Ros1Bag) -> Iterator[tuple[str, str, str]]:
-    """Yield topic, the node's full name without its first slash, the topic's name in the node."""
-    for topic in bag.topics():
-        place, _, name = topic.strip("/").rpartition("/")
-        if place.rpartition("/")[2] in WRAPPERS and types_of(name):
-            yield topic, place, name
 
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
@@ -226,24 +207,16 @@ def import_ros1(
 ) -> dict[str, object]:
     """Import a bag; return what to report of it."""
     bag = Ros1Bag(path)
-    run = Ros1Import(bag, namespace, pictures)
+    run = _Import(bag, namespace, pictures)
     run.run(sink, progress)
+    taken = {*run.names, *run.passed}
     return {
         "kind": "ros1",
-        "topics": [
-            {
-                "topic": row.topic,
-                "type": row.typename,
-                "expected": " or ".join(row.expected),
-                "messages": row.messages,
-                "refused": row.refused,
-                "because": row.complaint,
-                "to": list(row.feeds),
-            }
-            for row in sorted(run.rows.values(), key=lambda row: (row.topic, row.typename))
-        ],
-        "not_read": run.not_read,
+        "topics": [topic.result() for _, topic in sorted(run.topics.items())],
+        "not_read": {
+            topic: ", ".join(types) for topic, types in bag.topics().items() if topic not in taken
+        },
         "notes": [note for name in sorted(set(run.names.values())) for note in notes_of(name)],
-        "warnings": run.warnings,
+        "warnings": run.warnings(),
         "damage": bag.damage,
     }

@@ -16,6 +16,7 @@ import pyproj
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
+from tirgeo_ros.io.coordinates.projected_planes import utm_zone
 
 #: Above this latitude zones are too narrow to be useful.
 _MOST_LATITUDE_DEG = 84.0
@@ -76,10 +77,9 @@ def _gauss_krueger(_latitude_deg: float, longitude_deg: float) -> Projection:
 
 
 def _utm(latitude_deg: float, longitude_deg: float) -> Projection:
-    zone = math.floor((longitude_deg + 180) / 6) % 60 + 1
+    zone, code = utm_zone(latitude_deg, longitude_deg)
     south = latitude_deg < 0
     definition = f"+proj=utm +zone={zone}{' +south' if south else ''} +ellps=WGS84 +units=m"
-    code = (32700 if south else 32600) + zone
     name = f"UTM zone {zone}{'S' if south else 'N'}, WGS84 (EPSG:{code})"
     return Projection(name, definition, 6.0 * zone - 183.0, 0.9996)
 

@@ -21,8 +21,13 @@ from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
-from tirgeo_ros.tools.replay.found_targets import found_targets
-from tirgeo_ros.tools.replay.graph_outputs import OVERLAY, Outputs, read_outputs, read_pictures
+from tirgeo_ros.tools.replay.graph_outputs import (
+    OVERLAY,
+    Outputs,
+    found_targets,
+    read_outputs,
+    read_pictures,
+)
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
 

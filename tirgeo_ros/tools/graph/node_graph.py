@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.stop_signals import stop_signals
+from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.tools.graph.localhost import localhost_environment
 from tirgeo_ros.tools.graph.node_process import NodeProcess

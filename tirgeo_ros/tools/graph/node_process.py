@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import python_command
-from tirgeo_ros.io.files.stop_signals import stop_signals
+from tirgeo_ros.io.files.child_python import python_command, stop_signals
 
 _POLL_S = 0.02
 _RUN = "from {package}.__main__ import main; main()"

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tirgeo_ros.core.checks.recording_checks import damage_findings, no_pose_findings
 from tirgeo_ros.core.config import OverlayConfig
@@ -14,24 +14,20 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
-from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay import CheckSetting, FlightChecks, finding_items, setting_of
-from tirgeo_ros.tools.replay.check_setting import CAMERA_INFO, INPUTS
 from tirgeo_ros.tools.replay.finding_lines import tally_line
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
+from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import SAMPLES, Registration
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registration, Sample
 
 T = TypeVar("T")
 
@@ -110,50 +106,36 @@ class _Files:
 
 
 class _Flight:
-    """Make one pass through a bag: no overlay is drawn, nothing is written."""
+    """Make one pass through a bag: no overlay is drawn, nothing is written; a Taker."""
+
+    topics = tuple(SAMPLES)
 
     def __init__(self, reader: BagReader, setting: CheckSetting, namespace: str) -> None:
         self._reader = reader
         self._checks = FlightChecks(setting)
+        self._recorded = RecordedFlight(
+            reader,
+            namespace,
+            pictures=True,
+            camera=setting.camera,
+            checks=self._checks,
+            needs_camera=False,
+            all_pixels=True,
+        )
+        self._recorded.add(self)
         self._layers, self._ground = setting.layers, setting.ground
         self._plane: TangentPlane | None = None
         self._no_heights = ""  # why the map cannot be placed in the plane
-        self._cdr = Cdr()
-        self._arrivals = Arrivals()
         self._registration = Registration(setting.ekf, setting.gimbal)
         self._heights_m = (math.inf, -math.inf)  # lowest and highest, ellipsoidal
-        present = reader.topics()
-        names = {resolved(topic, namespace): topic for topic in INPUTS}
-        self._topics = {
-            name: topic for name, topic in names.items() if present.get(name) == TOPIC_TYPES[topic]
-        }
 
     def read(self, progress: Report) -> None:
         """Process every message; call ``progress`` with seconds of the flight."""
-        first_ns, last_ns = self._reader.span_ns
-        for message in self._reader.messages(self._topics):
-            progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
-            topic = self._topics[message.topic]
-            try:
-                self._take(topic, message)
-            except TirgeoError as error:
-                self._checks.refused(topic, str(error))
+        self._recorded.read_all(progress)
 
-    def _take(self, topic: str, message: BagMessage) -> None:
-        decoded = self._cdr.deserialize(message.data, message.typename, topic)
-        arrival_ns = message.log_time_ns
-        if topic == CAMERA_INFO:
-            self._checks.camera(convert.camera(decoded), arrival_ns)
-        elif topic in PICTURES:
-            pixels = convert.pixels(topic, decoded)
-            self._checks.frame(topic, convert.stamp_ns(decoded), pixels, arrival_ns)
-        else:
-            self._sample(topic, decoded, arrival_ns)
-
-    def _sample(self, topic: str, decoded: Any, arrival_ns: int) -> None:
-        sample = SAMPLES[topic](decoded)
-        self._checks.sample(topic, sample, arrival_ns)
-        found = self._registration.take(self._arrivals.stamped(topic, sample, arrival_ns))
+    def take(self, sample: Sample) -> None:
+        """Process a sample in filter and gimbal; lay the map in a new plane."""
+        found = self._registration.take(sample)
         plane = self._registration.navigation.plane
         self._checks.registered(found, plane)
         if plane is not None and plane is not self._plane:

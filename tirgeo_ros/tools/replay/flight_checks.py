@@ -6,6 +6,7 @@ The checks change nothing of that data: they only return findings.
 from __future__ import annotations
 
 import functools
+import math
 import traceback
 from collections import Counter
 from collections.abc import Callable
@@ -13,15 +14,17 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
+from tirgeo_ros.core.checks.map_checks import MapChecks
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.recording_checks import unreadable_findings
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.tools.replay.check_groups import groups_of
 from tirgeo_ros.tools.replay.check_setting import CheckSetting
-from tirgeo_ros.tools.replay.checked_samples import CheckedSamples
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -44,14 +47,53 @@ def _later(method: F) -> F:
     return cast("F", call)
 
 
+class CheckedSamples:
+    """Count messages by topic, with their time span and the longest gap between two of them."""
+
+    def __init__(self) -> None:
+        self.size: tuple[int, int] | None = None  # of the newest picture: width, height
+        self._topics: dict[str, list[int]] = {}  # number, first, newest, longest gap (ns)
+
+    def message(self, topic: str, arrival_ns: int) -> None:
+        """Count a message by its arrival (ns)."""
+        entry = self._topics.get(topic)
+        if entry is None:
+            self._topics[topic] = [1, arrival_ns, arrival_ns, 0]
+            return
+        entry[0] += 1
+        entry[3] = max(entry[3], arrival_ns - entry[2])
+        entry[2] = arrival_ns
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return the number of messages by topic."""
+        return {topic: entry[0] for topic, entry in self._topics.items()}
+
+    @property
+    def topics(self) -> dict[str, dict[str, float | None]]:
+        """Return number, rate (Hz) and longest gap (s) of each topic."""
+        return {
+            topic: {
+                "messages": number,
+                "rate_hz": (number - 1) / ((last - first) * 1e-9) if last > first else None,
+                "longest_gap_s": gap * 1e-9,
+            }
+            for topic, (number, first, last, gap) in sorted(self._topics.items())
+        }
+
+
 class FlightChecks:
     """Feed all groups of checks. For each sample call ``sample``, then ``registered``."""
 
     def __init__(self, setting: CheckSetting) -> None:
         self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         self._seen = CheckedSamples()
-        self._setting = setting
-        self._groups = groups_of(setting)
+        self._found = setting.found
+        ground, given = setting.ground, setting.given
+        self._navigation = NavigationChecks(setting.ekf, given)
+        self._gimbal = GimbalChecks(setting.gimbal, given)
+        self._pictures = PictureChecks(setting.overlay, ground, given)
+        self._map = MapChecks(math.nan if ground is None else ground)
         self._arrivals = Arrivals()
         self._camera: Camera | None = None
         self._plane: TangentPlane | None = None
@@ -85,37 +127,37 @@ class FlightChecks:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self._seen.message(topic, arrival_ns)
         if not isinstance(sample, JointSample | CameraAttitudeSample):
-            self._groups.navigation.take(topic, sample, arrival_ns)
-        self._gimbal(self._arrivals.stamped(topic, sample, arrival_ns))
+            self._navigation.take(topic, sample, arrival_ns)
+        self._gimbal_sample(self._arrivals.stamped(topic, sample, arrival_ns))
 
-    def _gimbal(self, sample: Sample) -> None:
+    def _gimbal_sample(self, sample: Sample) -> None:
         if isinstance(sample, ImuSample):
             if sample.autopilot_q_nb is not None:
-                self._groups.gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+                self._gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
         elif isinstance(sample, JointSample):
-            self._groups.gimbal.joints(sample)
+            self._gimbal.joints(sample)
         elif isinstance(sample, CameraAttitudeSample):
-            self._groups.gimbal.reported(sample)
+            self._gimbal.reported(sample)
 
     @_later
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
         """Take what filter and gimbal computed from a sample, and the poses' tangent plane."""
         if found.solution is not None:
-            self._groups.navigation.solution(found.solution)
+            self._navigation.solution(found.solution)
         if plane is not None and plane is not self._plane:
             self._plane = plane
-            self._groups.pictures.plane(plane)
-            self._groups.map.plane(plane)
+            self._pictures.plane(plane)
+            self._map.plane(plane)
         if found.body is not None:
-            self._groups.gimbal.body(found.body)
-            self._groups.pictures.body(found.body)
+            self._gimbal.body(found.body)
+            self._pictures.body(found.body)
         for pose in found.cameras:
-            self._groups.pictures.pose(pose)
+            self._pictures.pose(pose)
 
     @_later
     def map(self, laid: DrapedMap) -> None:
         """Take the map as placed in the plane that was given before."""
-        self._groups.map.map(laid)
+        self._map.map(laid)
 
     @_later
     def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
@@ -124,7 +166,7 @@ class FlightChecks:
             self._seen.message("thermal/camera_info", arrival_ns)
         if camera != self._camera:
             self._camera = camera
-            self._groups.pictures.camera(camera)
+            self._pictures.camera(camera)
 
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture with the stamp of its message.
@@ -136,19 +178,19 @@ class FlightChecks:
 
     def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Return whether a picture is to be decoded; give the others to ``passed``."""
-        return self._groups.pictures.wants_pixels(stamp_ns, arrival_ns)
+        return self._pictures.wants_pixels(stamp_ns, arrival_ns)
 
     @_later
     def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         """Take the stamp and arrival (ns) of a picture that was not decoded."""
         self._seen.message(topic, arrival_ns)
-        self._groups.pictures.passed(stamp_ns, arrival_ns)
+        self._pictures.passed(stamp_ns, arrival_ns)
 
     @_later
     def _frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         self._seen.message(topic, arrival_ns)
         self._seen.size = (pixels.shape[1], pixels.shape[0])
-        self._groups.pictures.frame(stamp_ns, pixels, arrival_ns)
+        self._pictures.frame(stamp_ns, pixels, arrival_ns)
 
     def refused(self, topic: str, reason: str) -> None:
         """Count a message of a topic that could not be used, with the reason."""
@@ -158,10 +200,11 @@ class FlightChecks:
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
         self.catch_up()
-        found = [*self._setting.found]
+        found = [*self._found]
         found += unreadable_findings(self._seen.counts, self._refused, self._reasons)
         try:
-            found += self._groups.findings()
+            for group in (self._navigation, self._gimbal, self._pictures, self._map):
+                found += group.findings()
         except Exception as error:  # noqa: BLE001 as above
             self.failed(error)
         return sorted_findings([*found, *self._failures()])

@@ -6,15 +6,17 @@ from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Protocol
+from itertools import islice
+from typing import Any, Protocol
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.checks.parameter_checks import size_fault
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.types.errors import BagError, CameraError, TirgeoError
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import Verdict
@@ -25,11 +27,11 @@ from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, inputs_of, resolved
-from tirgeo_ros.tools.replay.picture_size import check_size, picture_size
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
 
 _CAMERA_INFO = "thermal/camera_info"
-_WHOLE_FLIGHT_S = 1e9
+_TRIED = 10  # pictures to try for their size, as the first ones may be damaged
+WHOLE_FLIGHT_S = 1e9
 #: Poses this near an instant are kept: more than the longest gap that is interpolated across.
 _NEAR_NS = 1_000_000_000
 #: The camera's motion is measured from this much before an instant to this much after it.
@@ -62,7 +64,8 @@ class RecordedFlight:
 
     ``read`` counts the messages that were decoded, ``refused`` those that could not be used. With
     ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given ``camera``
-    overrides the bag's. ``checks`` also get the samples.
+    overrides the bag's; ``needs_camera``: one of them must be there. ``checks`` also get the
+    samples, the camera and the pictures that they want, or ``all_pixels``.
     """
 
     def __init__(
@@ -73,8 +76,12 @@ class RecordedFlight:
         pictures: bool = False,
         camera: Camera | None = None,
         checks: FlightChecks | None = None,
+        needs_camera: bool = True,
+        all_pixels: bool = False,
     ) -> None:
         self._checks = checks
+        self._needs_camera = needs_camera
+        self._all_pixels = all_pixels
         self._given_camera = self._camera = camera
         self.read = self.refused = 0
         self.picture_stamps_ns: list[int] = []
@@ -94,9 +101,29 @@ class RecordedFlight:
         """
         if self._camera is None:
             raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
-        size = picture_size(self._reader, self._namespace)
-        check_size(self._camera, size, str(self._reader.path))
+        size = self._picture_size()
+        fault = size_fault(self._camera, *size) if size else ""
+        if fault:
+            raise CameraError(
+                f"{self._reader.path}: {fault}: give the calibration of these pictures (--camera, "
+                "or thermal/camera_info)"
+            )
         return self._camera
+
+    def _picture_size(self) -> tuple[int, int] | None:
+        """Return (width, height) of the first picture that can be read, or None without one."""
+        for topic in filter(self.has, PICTURES):
+            name = resolved(topic, self._namespace)
+            for message in islice(self._reader.messages([name]), _TRIED):
+                try:
+                    pixels = convert.pixels(topic, self._decoded(message))
+                except TirgeoError:
+                    continue
+                return pixels.shape[1], pixels.shape[0]
+        return None
+
+    def _decoded(self, message: BagMessage) -> Any:
+        return self._cdr.deserialize(message.data, message.typename, message.topic)
 
     def registered(
         self,
@@ -141,12 +168,14 @@ class RecordedFlight:
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
             try:
                 self._take(topics[message.topic], message)
-            except TirgeoError:
+            except TirgeoError as error:
                 self.refused += 1
+                if self._checks is not None:
+                    self._checks.refused(topics[message.topic], str(error))
 
     def _topics(self) -> dict[str, str]:
         """Return the topics that are read: resolved name -> contract topic."""
-        if self._given_camera is None and not self.has(_CAMERA_INFO):
+        if self._needs_camera and self._given_camera is None and not self.has(_CAMERA_INFO):
             hint = "" if self._namespace else "; is there a --namespace?"
             name = resolved(_CAMERA_INFO, self._namespace)
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
@@ -159,7 +188,7 @@ class RecordedFlight:
             self.picture_stamps_ns.append(stamp_ns)
             self._look_at_picture(topic, stamp_ns, message)
             return
-        decoded = self._cdr.deserialize(message.data, message.typename)
+        decoded = self._decoded(message)
         self.read += 1
         if topic == _CAMERA_INFO:
             self._camera = self._given_camera or convert.camera(decoded)
@@ -177,11 +206,10 @@ class RecordedFlight:
         """Pass a picture to the checks; decode it only if they want its pixels."""
         if self._checks is None:
             return
-        if not self._checks.wants_pixels(stamp_ns, message.log_time_ns):
+        if not (self._all_pixels or self._checks.wants_pixels(stamp_ns, message.log_time_ns)):
             self._checks.passed(topic, stamp_ns, message.log_time_ns)
             return
-        decoded = self._cdr.deserialize(message.data, message.typename)
-        pixels = convert.pixels(topic, decoded)
+        pixels = convert.pixels(topic, self._decoded(message))
         self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
 
 
@@ -201,7 +229,7 @@ class FlightPoses:
         self.checks: FlightChecks | None = None
         self._baseline_step_rad = baseline_step_rad
         self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
-        self.cameras: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
+        self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
         self._watcher = watcher
         self._instants_ns = sorted(instants_ns)
 

@@ -1,17 +1,25 @@
-"""Read the bag of a run of the node graph: poses, pictures, located points, diagnostics."""
+"""Read the bag of a run of the node graph: poses, pictures, located points, diagnostics.
+
+The located points are compared with the targets of the flight.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.ground_point import ellipse_of
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.surveys.survey import SurveyPoint
+from tirgeo_ros.tools.replay.flight_topics import prefix
 
 OVERLAY = "tirgeo/overlay/image/compressed"
 
@@ -51,7 +59,7 @@ class Outputs:
 
 def read_outputs(path: Path, namespace: str = "") -> Outputs:
     """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raise BagError."""
-    lead = f"/{namespace.strip('/')}/".replace("//", "/")
+    lead = prefix(namespace)
     cdr, found = Cdr(), Outputs()
     for item in BagReader(path).messages():
         message = cdr.deserialize(item.data, item.typename)
@@ -70,7 +78,7 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
 
 def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
     """Yield stamp (ns) and overlay picture (h, w, 3) BGR of such a bag, in order."""
-    lead = f"/{namespace.strip('/')}/".replace("//", "/")
+    lead = prefix(namespace)
     cdr = Cdr()
     for item in BagReader(path).messages([lead + OVERLAY]):
         message = cdr.deserialize(item.data, item.typename)
@@ -82,3 +90,33 @@ def _note(found: Outputs, message: object, lead: str) -> None:
         item = found.diagnostics.setdefault(status.name.removeprefix(lead), {})
         for pair in status.values:
             item.setdefault(pair.key, []).append(pair.value)
+
+
+@dataclass(frozen=True)
+class FoundTarget:
+    """Hold a located point and its nearest target."""
+
+    target: str
+    latitude_deg: float
+    longitude_deg: float
+    off_m: float  # horizontal distance from the target
+    ellipse_95_m: float  # major semi-axis
+
+
+def found_targets(outputs: Outputs, targets: Sequence[SurveyPoint]) -> list[FoundTarget]:
+    """Return one item for each located point, in order; none without a plane or targets."""
+    plane = outputs.plane
+    if plane is None or not targets:
+        return []
+    places_n = np.array(
+        [plane.ned_from_geodetic(t.latitude_rad, t.longitude_rad, t.height_m) for t in targets]
+    )
+    found = []
+    for point_n, covariance_n in outputs.located_n:
+        off_m = np.hypot(*(places_n - point_n).T[:2])
+        nearest = int(np.argmin(off_m))
+        latitude, longitude, _ = map(float, plane.geodetic_from_ned(point_n))
+        where = math.degrees(latitude), math.degrees(longitude)
+        major_m = ellipse_of(covariance_n).major_m
+        found.append(FoundTarget(targets[nearest].id, *where, float(off_m[nearest]), major_m))
+    return found

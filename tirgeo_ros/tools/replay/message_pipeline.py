@@ -11,7 +11,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -29,7 +29,7 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.messages import DiagnosticItem, LocatedMessages, Messages
+from tirgeo_ros.io.messages import DiagnosticItem, Messages
 from tirgeo_ros.tools.replay import FlightChecks
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
@@ -53,16 +53,6 @@ class Settings:
     raw_images: bool = False
 
 
-class Sink(Protocol):
-    """Define an object that takes the outputs of the pipeline."""
-
-    def message(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Take a message of a contract topic."""
-
-    def frame(self, stamp_ns: int, pixels: npt.NDArray[np.uint8]) -> None:
-        """Take an overlay picture (h, w, 3) BGR."""
-
-
 class Pipeline:
     """Run the chain from sensor messages to overlay, and count messages that cannot be read."""
 
@@ -70,15 +60,18 @@ class Pipeline:
         self,
         settings: Settings,
         types: Callable[[str], type],
-        sink: Sink,
+        write: Callable[[str, object, int], None],
+        film: Callable[[int, npt.NDArray[np.uint8]], None] | None,
         names: str,
         checks: FlightChecks,
     ) -> None:
         """Set up the chain.
 
-        ``types`` returns the class of a message type, as for ``Messages``. ``names`` is the prefix
-        of names in diagnostics: the namespace with a slash at both ends. ``checks`` get all inputs
-        and outputs, and change nothing of them.
+        ``types`` returns the class of a message type, as for ``Messages``. ``write`` takes an
+        output's topic of the contract, message and log time (ns), ``film`` the stamp (ns) and the
+        pixels (h, w, 3) BGR of an overlay picture. ``names`` is the prefix of names in
+        diagnostics: the namespace with a slash at both ends. ``checks`` get all inputs and
+        outputs, and change nothing of them.
         """
         self.registration = Registration(settings.ekf, settings.gimbal)
         self.overlay: Overlay | None = None
@@ -95,8 +88,7 @@ class Pipeline:
         self._settings = settings
         self._checks = checks
         self._messages = Messages(types)
-        self._located = LocatedMessages(types)
-        self._sink = sink
+        self._write, self._film = write, film
         self._names = names
         self._plane: TangentPlane | None = None
         self._unsent: list[tuple[Registered, int]] = []  # with log times
@@ -152,8 +144,8 @@ class Pipeline:
         stamp_ns, u, v = convert.pixel(message)
         answer = self.overlay.clicks.locate((u, v), stamp_ns)
         if isinstance(answer, Located):
-            self._send("tirgeo/locate/fix", self._located.fix(answer), log_time_ns)
-            self._send("tirgeo/locate/point", self._located.point(answer), log_time_ns)
+            self._send("tirgeo/locate/fix", self._messages.located_fix(answer), log_time_ns)
+            self._send("tirgeo/locate/point", self._messages.located_point(answer), log_time_ns)
 
     def _publish(self, found: Registered, log_time_ns: int) -> None:
         if found.body is not None:
@@ -175,7 +167,7 @@ class Pipeline:
             for topic, message in self._pose_messages(found)
         ]
         for topic, message, log_time_ns in made:
-            self._sink.message(topic, message, log_time_ns)
+            self._write(topic, message, log_time_ns)
 
     def _pose_messages(self, found: Registered) -> Iterator[tuple[str, Any]]:
         if found.solution is not None and found.body is not None:
@@ -188,7 +180,7 @@ class Pipeline:
     def _send(self, topic: str, message: object, log_time_ns: int) -> None:
         """Output a message after all queued poses, which are older."""
         self._send_poses()
-        self._sink.message(topic, message, log_time_ns)
+        self._write(topic, message, log_time_ns)
 
     def _new_plane(self, stamp_ns: int, log_time_ns: int) -> None:
         plane = self.registration.navigation.plane
@@ -223,7 +215,8 @@ class Pipeline:
             self._give_out(result, log_time_ns)
 
     def _give_out(self, result: OverlayResult, log_time_ns: int) -> None:
-        self._sink.frame(result.stamp_ns, result.image)
+        if self._film is not None:
+            self._film(result.stamp_ns, result.image)
         quality = [cv2.IMWRITE_JPEG_QUALITY, self._settings.overlay.jpeg_quality]
         jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
         compressed = self._messages.compressed(result.stamp_ns, jpeg)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.file_list import named_files
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile

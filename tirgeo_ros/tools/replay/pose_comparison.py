@@ -62,9 +62,7 @@ def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) ->
     return PoseDifferences(
         [pose.stamp_ns for pose, _ in pairs],
         np.array([pose.position_n - other.position_n for pose, other in pairs]).reshape(-1, 3),
-        np.array([_rotation(pose.q_nc, other.q_nc) for pose, other in pairs]).reshape(-1, 3),
+        np.array(
+            [rotvec_from_quat(quat_multiply(p.q_nc, quat_conjugate(r.q_nc))) for p, r in pairs]
+        ).reshape(-1, 3),
     )
-
-
-def _rotation(q: Array, reference: Array) -> Array:
-    return rotvec_from_quat(quat_multiply(q, quat_conjugate(reference)))

@@ -15,9 +15,6 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 
-import numpy as np
-import numpy.typing as npt
-
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
@@ -107,10 +104,11 @@ def process(
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        run = _Run(reader, settings, _Sink(writer, film, namespace), namespace, checks)
+        run = _Run(reader, settings, writer, film, namespace, checks)
         run.through(topics, progress)
         if not run.read:
-            raise BagError(f"{bag_in}: no message could be read{_because(reader)}")
+            because = f": {reader.damage}" if reader.damage else ""
+            raise BagError(f"{bag_in}: no message could be read{because}")
     elapsed_s = time.perf_counter() - begun_s
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
@@ -120,32 +118,9 @@ def process(
     return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
 
 
-def _because(reader: BagReader) -> str:
-    return f": {reader.damage}" if reader.damage else ""
-
-
 def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: str) -> str | None:
     absent = [resolved(name, namespace) for name in done_without(topics.values(), method)]
     return f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
-
-
-class _Sink:
-    """Write the pipeline's outputs, under resolved names."""
-
-    def __init__(self, writer: BagWriter, film: VideoFile | None, namespace: str) -> None:
-        self.written: Counter[str] = Counter()
-        self.film = film
-        self._writer = writer
-        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
-
-    def message(self, topic: str, message: object, log_time_ns: int) -> None:
-        name = self._names[topic]
-        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
-        self.written[name] += 1
-
-    def frame(self, stamp_ns: int, pixels: npt.NDArray[np.uint8]) -> None:
-        if self.film is not None:
-            self.film.add(stamp_ns, pixels)
 
 
 class _Run:
@@ -155,19 +130,35 @@ class _Run:
         self,
         reader: BagReader,
         settings: Settings,
-        sink: _Sink,
+        writer: BagWriter,
+        film: VideoFile | None,
         namespace: str,
         checks: FlightChecks,
     ) -> None:
         self.read: Counter[str] = Counter()
+        self._written: Counter[str] = Counter()
+        self._writer, self._film = writer, film
+        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._reader = reader
         self._settings = settings
-        self._sink = sink
         self._cdr = Cdr()
         self._undecoded: Counter[str] = Counter()
         self._span_ns = (0, 0)
         self._unwanted = 0
-        self.pipeline = Pipeline(settings, self._cdr.types, sink, prefix(namespace), checks)
+        self.pipeline = Pipeline(
+            settings,
+            self._cdr.types,
+            self._write,
+            None if film is None else film.add,
+            prefix(namespace),
+            checks,
+        )
+
+    def _write(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Write an output under its resolved name."""
+        name = self._names[topic]
+        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
+        self._written[name] += 1
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
         """Process every message of the topics (resolved name -> contract topic)."""
@@ -227,7 +218,7 @@ class _Run:
         duration_s = _seconds(self._span_ns) or 0.0
         navigation = self.pipeline.registration.navigation.status()
         composer = self.pipeline.registration.composer
-        overlay, film = self.pipeline.overlay, self._sink.film
+        overlay, film = self.pipeline.overlay, self._film
         return {
             "method": navigation.method,
             "composition": composer.composition,
@@ -239,7 +230,7 @@ class _Run:
             "unreadable": dict(self.pipeline.unreadable),
             "unreadable_because": dict(self.pipeline.unreadable_because),
             "stamped_at_arrival": self.pipeline.arrivals.counts,
-            "written": dict(self._sink.written),
+            "written": dict(self._written),
             "state": navigation.state.value,
             "reason": navigation.reason,
             "states_s": dict(self.pipeline.states_s),
@@ -263,7 +254,7 @@ class _Run:
         """Return what makes the run a failure although there is an output, or None."""
         if self._reader.damage is not None:
             return f"{self._reader.path}: {self._reader.damage}; the output is made from these"
-        if not any(name.endswith("tirgeo/odometry") for name in self._sink.written):
+        if not any(name.endswith("tirgeo/odometry") for name in self._written):
             return f"{self._reader.path}: no pose could be made: {reason or 'see verdicts'}"
         return None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,8 +36,7 @@ class SummaryLine(NamedTuple):
 
 def six_lines(result: Mapping[str, Any]) -> str:
     """Return six lines: read, state, poses, frames, refused, output."""
-    lines = [_read(result), _state(result), _poses(result), _frames(result), _refused(result)]
-    lines.append(_output(result))
+    lines = [make(result) for make in (_read, _state, _poses, _frames, _refused, _output)]
     lines.sort(key=lambda line: not line.is_wrong)  # stable
     return "\n".join(
         f"{'!' if line.is_wrong else ' '} {line.name:<9}{line.text}" for line in lines
@@ -117,10 +116,7 @@ def _output(result: Mapping[str, Any]) -> SummaryLine:
     size = f"{three(Path(result['output']).stat().st_size / 1e6)} MB"
     film = result["video"]
     video = f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz" if film else ""
-    return SummaryLine("output", f"{result['output']}, {size}{video}{_noted(result['notes'])}")
-
-
-def _noted(notes: Sequence[str]) -> str:
-    """Return the first note, and the number of further notes."""
+    notes = result["notes"]
     more = f" (and {len(notes) - 1} more, with -v)" if len(notes) > 1 else ""
-    return f"; {notes[0]}{more}" if notes else ""
+    noted = f"; {notes[0]}{more}" if notes else ""
+    return SummaryLine("output", f"{result['output']}, {size}{video}{noted}")

@@ -15,7 +15,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.poses import CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, LocatedMessages, Messages, sensed
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import Observation
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight
@@ -137,7 +137,7 @@ def _pictures(
 def _clicks(
     flight: SimulatedFlight, window: TimeWindow, clicks: Sequence[Observation]
 ) -> Iterator[Outgoing]:
-    messages = LocatedMessages(Cdr().types)
+    messages = Messages(Cdr().types)
     wait_ns = round(flight.scenario.scene.click_after_s * 1e9)
     for click in clicks:
         if click.stamp_ns in window and click.stamp_ns + wait_ns in window:

@@ -1,0 +1,177 @@
+"""Poses, located points and diagnostics to messages and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import message_samples as given
+import numpy as np
+import pytest
+from message_round_trips import assert_same_rotation, made, through_cdr
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tirgeo_ros.core.frames import axes as frames
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+)
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    Source,
+)
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io import messages
+
+
+def test_odometry_frames_and_pose():
+    message = through_cdr(made.odometry(given.SOLUTION, given.BODY))
+    assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
+    pose = messages.body_pose(message)
+    assert_array_equal(pose.position_n, given.BODY.position_n)
+    assert_same_rotation(pose.q_nb, given.BODY.q_nb)
+    assert_array_equal(pose.covariance, given.BODY.covariance)
+
+
+def test_twist_is_in_the_body():
+    message = made.odometry(given.SOLUTION, given.BODY)
+    forward_right_down = matrix_from_quat(given.SOLUTION.q_nb).T @ given.SOLUTION.velocity_n
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    wanted = forward_right_down * [1, -1, -1]
+    assert_allclose([linear.x, linear.y, linear.z], wanted, rtol=1e-13)
+    assert_array_equal(
+        [angular.x, angular.y, angular.z], given.SOLUTION.angular_rate_b * [1, -1, -1]
+    )
+
+
+def body_velocity_flu(error, solution=given.SOLUTION):
+    """Body velocity of a state that is off by (attitude phi_n, velocity) of (6,)."""
+    rotation = matrix_from_rotvec(error[:3]) @ matrix_from_quat(solution.q_nb)
+    return frames.FLU_FRD @ rotation.T @ (solution.velocity_n + error[3:])
+
+
+def test_twist_covariance_is_that_of_the_solution_in_the_body():
+    step = 1e-6
+    partials = np.column_stack(
+        [
+            (body_velocity_flu(step * axis) - body_velocity_flu(-step * axis)) / (2 * step)
+            for axis in np.eye(6)
+        ]
+    )
+    wanted = partials @ given.SOLUTION.covariance[3:, 3:] @ partials.T
+    message = made.odometry(given.SOLUTION, given.BODY)
+    covariance = message.twist.covariance.reshape(6, 6)
+    # Central differences with steps of 1e-6: rounding 1e-16 / 1e-6 times entries of order 10.
+    assert_allclose(covariance[:3, :3], wanted, rtol=1e-8, atol=1e-8)
+    assert_array_equal(covariance[3:, 3:], np.diag(given.SOLUTION.rate_variance_b))
+    assert not covariance[:3, 3:].any()
+
+
+def test_camera_pose_round_trip():
+    message = through_cdr(made.camera_pose(given.CAMERA_POSE))
+    assert message.header.frame_id == "map"
+    pose = messages.camera_pose(message)
+    assert_array_equal(pose.position_n, given.CAMERA_POSE.position_n)
+    assert_same_rotation(pose.q_nc, given.CAMERA_POSE.q_nc)
+    assert_array_equal(pose.covariance, given.CAMERA_POSE.covariance)
+
+
+def test_origin_round_trip():
+    plane = messages.tangent_plane(through_cdr(made.origin(given.PLANE, 7)))
+    assert plane.latitude_rad == pytest.approx(given.PLANE.latitude_rad, rel=1e-15)
+    assert plane.longitude_rad == pytest.approx(given.PLANE.longitude_rad, rel=1e-15)
+    assert plane.height_m == given.PLANE.height_m
+
+
+@pytest.mark.parametrize("height_m", [math.inf, math.nan, 1e200])
+def test_an_origin_that_is_no_place_is_refused(height_m):
+    message = made.origin(dataclasses.replace(given.PLANE, height_m=height_m), 7)
+    with pytest.raises(MessageError, match=r"^tirgeo/origin: .*(not finite|out of range)"):
+        messages.tangent_plane(message)
+
+
+def test_fix_of_the_solution():
+    sample = messages.position_sample(made.fix(given.SOLUTION), Source.RTK_POSITION)
+    assert_array_equal(sample.covariance_n, given.SOLUTION.covariance[:3, :3])
+    assert sample.height_m == given.SOLUTION.height_m
+
+
+def test_navigation_status_round_trip():
+    item = made.navigation_diagnostic("ekf_node: state", given.STATUS)
+    (message,) = through_cdr(made.diagnostics(0, [item])).status
+    status = messages.navigation_status(message)
+    assert status.heading_sigma_rad == pytest.approx(given.STATUS.heading_sigma_rad, rel=1e-15)
+    given_sigma = dataclasses.replace(status, heading_sigma_rad=given.STATUS.heading_sigma_rad)
+    assert given_sigma == given.STATUS
+    assert (message.level, message.message) == (1, "aligning: too slow")
+
+
+def test_running_is_ok_and_an_unknown_sigma_survives():
+    status = NavigationStatus("raw", FilterState.RUNNING, "", FixStatus.NONE, math.nan, {}, {})
+    item = made.navigation_diagnostic("n", status)
+    assert (item.level, item.message) == (0, "running")
+    (message,) = made.diagnostics(0, [item]).status
+    assert math.isnan(messages.navigation_status(message).heading_sigma_rad)
+
+
+def test_a_warning_while_running_is_the_message():
+    status = dataclasses.replace(given.STATUS, state=FilterState.RUNNING, reason="")
+    item = made.navigation_diagnostic("n", status)
+    assert item.level == 1
+    assert item.message == "running: imu/data: accelerometer x clipped; another"
+    assert item.values["clipped.accelerometer x"] == "12"
+    lost = dataclasses.replace(status, state=FilterState.LOST, reason="far off")
+    assert made.navigation_diagnostic("n", lost).level == 2
+    assert made.navigation_diagnostic("n", lost).message == "lost: far off"
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [
+        (FilterState.RUNNING, 0),
+        (FilterState.WAITING, 1),
+        (FilterState.ALIGNING, 1),
+        (FilterState.DEGRADED, 1),
+        (FilterState.DEAD_RECKONING, 1),
+        (FilterState.LOST, 2),
+    ],
+)
+def test_every_state_has_its_level_and_comes_back(state, level):
+    given_status = dataclasses.replace(given.STATUS, state=state, reason="", warnings=())
+    item = made.navigation_diagnostic("n", given_status)
+    assert (item.level, item.message) == (level, state.value)
+    (message,) = through_cdr(made.diagnostics(0, [item])).status
+    assert messages.navigation_status(message).state is state
+
+
+def test_a_recording_without_time_and_resets_is_read():
+    item = made.navigation_diagnostic("n", given.STATUS)
+    new = {"state_time_s", "last_reset", "reset.rtk_position", "reset.rtk_heading"}
+    new |= {"clipped.accelerometer x", "warnings"}
+    assert new <= item.values.keys()
+    old = {key: value for key, value in item.values.items() if key not in new}
+    (message,) = made.diagnostics(0, [messages.DiagnosticItem("n", 1, "", old)]).status
+    status = messages.navigation_status(message)
+    assert (status.state_s, status.resets, status.last_reset) == (0.0, {}, "")
+    assert (status.clipped, status.warnings) == ({}, ())
+    assert status.counts == given.STATUS.counts
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("state", "dreaming"),
+        ("heading_sigma_deg", "wide"),
+        ("method", None),
+        ("state_time_s", "long"),
+    ],
+)
+def test_other_diagnostics_are_no_navigation_status(key, value):
+    item = made.navigation_diagnostic("other", given.STATUS)
+    values = {k: (value if k == key else v) for k, v in item.values.items()}
+    values = {k: v for k, v in values.items() if v is not None}
+    changed = messages.DiagnosticItem("other", 0, "", values)
+    (message,) = made.diagnostics(0, [changed]).status
+    with pytest.raises(MessageError, match="'other' is no navigation status"):
+        messages.navigation_status(message)
