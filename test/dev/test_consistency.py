@@ -15,7 +15,6 @@ from dev.consistency import (
     ASKED_RATIO,
     ASKED_RPY_DEG,
     groups,
-    main,
     report,
 )
 from dev.flight_errors import STATE_NAMES
@@ -94,18 +93,6 @@ def test_a_filter_that_is_wrong_about_its_noise_is_found_out(one, values, source
     assert nis.ratio < low if wanted == "small" else nis.ratio > high
 
 
-def test_no_two_flights_share_their_random_numbers():
-    wanted = cases(10, [100.0, 400.0], 60.0)
-    assert len({case.seed for case in wanted}) == len(wanted) == 60
-
-
-def test_flights_are_the_same_in_other_processes(one):
-    again = fly_all([one.case, one.case], workers=2)
-    for each in again:
-        assert each.nees == one.nees
-        assert np.array_equal(each.ratio_ms, one.ratio_ms)
-
-
 def test_report_marks_what_is_missed(one):
     lines, missed = report([one])
     assert missed == sum(line.count("!") for line in lines)
@@ -125,10 +112,3 @@ def test_bounds_are_those_of_the_tables():
     for degrees, low, high in ((30, 11.588, 59.703), (100, 61.918, 149.449)):
         found = chi_square_bounds(degrees, sigma=3.0902)
         assert found == pytest.approx((low / degrees, high / degrees), rel=0.01)
-
-
-def test_impossible_wishes_are_refused(capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main(["--duration", "10"])
-    assert stopped.value.code == 2
-    assert "more than 20 s" in capsys.readouterr().err

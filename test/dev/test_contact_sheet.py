@@ -1,6 +1,5 @@
 """The sheet of thermal pictures: one for each palette, all with the map on them."""
 
-import re
 from pathlib import Path
 
 import cv2
@@ -49,28 +48,6 @@ def test_the_map_is_drawn_and_no_notice(tmp_path):
     colours = image.max(axis=2) - image.min(axis=2)
     assert np.count_nonzero(colours > 150) > 2000
     assert cv2.imread(str(tmp_path / "out" / "s.png")) is not None
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ([], "no pictures"),
-        (["--depression", "-30"], "looks at no ground .*point it lower"),
-    ],
-)
-def test_what_cannot_be_drawn_is_said(tmp_path, capsys, arguments, reason):
-    if arguments:
-        written(tmp_path, "a.png", ground())
-    assert main([str(tmp_path), "-o", str(tmp_path / "s.png"), *arguments]) == 1
-    capture = capsys.readouterr().err
-    assert capture.startswith("contact_sheet: ")
-    assert re.search(reason, capture)
-
-
-def test_a_broken_picture_is_named(tmp_path, capsys):
-    (tmp_path / "a.jpg").write_bytes(b"nothing")
-    assert main([str(tmp_path), "-o", str(tmp_path / "s.png")]) == 1
-    assert "a.jpg: not a picture that can be read" in capsys.readouterr().err
 
 
 def test_real_frames(tmp_path):

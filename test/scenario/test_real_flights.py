@@ -58,10 +58,6 @@ def cuts_of_group(bags):
     return [cut for each in bags for cut in each.cuts]
 
 
-def test_the_folder_holds_the_bags_that_are_judged(found):
-    assert sorted(found) == sorted(BAGS)
-
-
 @pytest.mark.parametrize("name", BAGS)
 def test_a_flight_is_held(found, name):
     """Fixes used >= 94 % in each bag, never lost, no reset, a pose for >= 95 % of the time."""

@@ -122,13 +122,6 @@ def test_latency_left_out_shows_as_distance_flown():
         np.testing.assert_allclose(one.error_en, expected, atol=CURVATURE_M)
 
 
-def test_ground_height_moves_points_along_their_rays():
-    survey, seen = flown(*some_points())
-    raised, _ = located(survey, seen, ground_m=GROUND_M + 1.0)
-    assert all(one.error_en[1] < -1.0 for one in raised)  # rays flatter than 45 deg
-    assert all(one.height_m == pytest.approx(GROUND_M + 1, abs=1e-6) for one in raised)
-
-
 def test_the_predicted_error_is_along_the_line_of_sight():
     """Looking north, height and pitch move a point north: the ellipse's major axis is there."""
     survey, seen = flown(*some_points())
@@ -156,18 +149,13 @@ def test_what_cannot_be_located_is_told_and_the_unsurveyed_left_out():
 def test_a_survey_of_other_points_is_told(tmp_path):
     survey, seen = flown(*some_points(2))
     save_survey(tmp_path / "survey.csv", survey)
+    save_observations(tmp_path / "none.csv", [])
+    with pytest.raises(SurveyError, match=r"none\.csv: has no observations$"):
+        load_experiment(tmp_path / "survey.csv", tmp_path / "none.csv", "utm")
     renamed = [Observation(f"X{one.id}", one.stamp_ns, one.u, one.v) for one in seen]
     save_observations(tmp_path / "seen.csv", renamed)
     said = r"seen\.csv: none of its 2 observations is of a point of .*survey\.csv"
     with pytest.raises(SurveyError, match=said):
-        load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
-
-
-def test_a_list_without_observations_is_told(tmp_path):
-    survey, _ = flown(*some_points(2))
-    save_survey(tmp_path / "survey.csv", survey)
-    save_observations(tmp_path / "seen.csv", [])
-    with pytest.raises(SurveyError, match=r"seen\.csv: has no observations$"):
         load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")
 
 

@@ -33,14 +33,6 @@ def made(stream, unit="s"):
     return Progress("reading", unit, stream=stream, clock=clock), clock
 
 
-def test_the_first_message_draws():
-    stream = Terminal()
-    bar, _ = made(stream)
-    with bar:
-        bar(0.04, 80)
-        assert stream.getvalue() == "\r\x1b[Kreading [....................] 0.05 %  0.04 of 80.0 s"
-
-
 def test_nothing_is_drawn_where_there_is_no_terminal():
     stream = io.StringIO()
     bar, clock = made(stream)
@@ -67,22 +59,6 @@ def test_unknown_total_shows_count_and_rate(total):
     clock.now_s += 4
     bar(20, total)
     assert stream.getvalue() == "\r\x1b[Kreading  20.0 s  5.00x real time"
-
-
-def test_nothing_done_yet_has_no_time_left():
-    stream = Terminal()
-    bar, clock = made(stream)
-    clock.now_s += 4
-    bar(0, 80)
-    assert stream.getvalue().endswith("] 0.00 %  0.00 of 80.0 s")
-
-
-def test_what_is_not_time_goes_by_the_second():
-    stream = Terminal()
-    bar, clock = made(stream, "MB")
-    clock.now_s += 4
-    bar(1600, 4800)
-    assert stream.getvalue().endswith("33.3 %  1600 of 4800 MB  400 MB/s  0:08 left")
 
 
 @pytest.mark.parametrize(

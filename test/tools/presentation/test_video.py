@@ -45,13 +45,6 @@ def test_frames_come_back_at_their_times(tmp_path, count, name):
     np.testing.assert_allclose(found, levels, atol=6)
 
 
-def test_a_frame_stays_until_the_next_one_comes(tmp_path):
-    stamps = [k * STEP_NS for k in range(12) if k != 4]
-    write(tmp_path / "out.mp4", stamps)
-    times, _ = frames_of(tmp_path / "out.mp4")
-    np.testing.assert_allclose(times, np.array(stamps) * 1e-9, atol=TICK_S)
-
-
 @pytest.mark.parametrize(
     ("stamps", "steps_s"),
     [
@@ -110,12 +103,6 @@ def test_nothing_is_left_after_an_error(tmp_path):
         write_and_fail(path)
     assert path.read_bytes() == b"what was there"
     assert [entry.name for entry in tmp_path.iterdir()] == ["out.mp4"]
-
-
-def test_no_frame_no_file(tmp_path):
-    with VideoFile(tmp_path / "out.mp4"):
-        pass
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_other_size_is_refused(tmp_path):

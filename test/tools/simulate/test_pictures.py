@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
 from tirgeo_ros.tools.simulate.ground import Ground, paint
 from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.park import Hydrant, Park, Spot, lay_out
+from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario_ground import (
     ParkScenario,
@@ -63,14 +63,6 @@ def test_a_spot_on_the_ground_is_seen_where_the_camera_projects_it(pose):
         np.testing.assert_allclose(found, [u, v], atol=0.15, err_msg=str(place))
 
 
-def test_sky_and_ground_beyond_the_painting_are_drawn_too():
-    ground = Ground([np.full((8, 8), 100, np.uint8)], 4.0, -4.0, 1.0)
-    still = VideoScenario(noise_grey=0.0, vignetting=0.0, blur_px=0.0)
-    picture = Renderer(XT2, ground, still).frame(*looking(0.0), np.random.default_rng(0))
-    assert (picture[:200] == 20).all()
-    assert (picture[300:] == 100).all()
-
-
 def test_noise_and_vignetting_are_as_asked():
     ground = Ground([np.full((64, 64), 120, np.uint8)], 32.0, -32.0, 1.0)
     renderer = Renderer(XT2, ground, VideoScenario(noise_grey=2.0, vignetting=0.25, blur_px=0.0))
@@ -116,20 +108,6 @@ def test_the_painting_shows_beds_on_grass_with_a_kerb_at_the_outline():
     assert abs(greys[-0.1] - greys[0.5]) > 10
 
 
-def test_levels_are_coarser_copies():
-    ground = paint(lay_out(SMALL, 3), SMALL, 3)
-    means = [level.mean() for level in ground.levels]
-    np.testing.assert_allclose(means, means[0], atol=0.5)  # whole grey levels
-    for finer, coarser in zip(ground.levels[:-1], ground.levels[1:], strict=True):
-        assert coarser.shape == (finer.shape[0] // 2, finer.shape[1] // 2)
-
-
-def test_the_same_seed_paints_the_same_park():
-    first, second, third = (paint(lay_out(SMALL, s), SMALL, s).levels[2] for s in (5, 5, 6))
-    np.testing.assert_array_equal(first, second)
-    assert (first != third).mean() > 0.5
-
-
 def test_the_map_is_the_park_in_rfc_7946():
     plane = SiteScenario().plane
     park = lay_out(SMALL, 3)
@@ -154,9 +132,3 @@ def test_the_map_is_the_park_in_rfc_7946():
         true = np.column_stack([bed.outline, np.zeros(len(bed.outline))])
         apart = np.linalg.norm(placed[:, None] - true[None], axis=-1).min(axis=1)
         assert apart.max() < 2e-4  # nine decimals of a degree, four of a metre
-
-
-def test_an_empty_park_is_grass():
-    nothing = Park([], [], [Hydrant("one", np.zeros(2))], [], [], [Spot(np.ones(2), 0.3, 1.0)])
-    grass = paint(nothing, SMALL, 1).levels[0]
-    assert abs(np.median(grass) - 92.0) < 8.0  # weather of several metres: sigma 5 and 5

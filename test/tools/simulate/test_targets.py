@@ -89,28 +89,6 @@ def test_a_person_is_as_warm_as_asked_and_a_fire_saturates():
     assert pixels < (picture == 255).sum() - 100 < 1.35 * pixels
 
 
-def test_a_vehicle_has_its_warm_bonnet_ahead():
-    heading = np.radians(60.0)
-    car = Target("vehicle 1", "vehicle", np.array([32.0, 0.0]), 4.0, 4.5, heading)
-    picture = picture_of(car.patches(), looking())
-    ahead = np.array([np.cos(heading), np.sin(heading)])
-    for along, warmer_k in ((1.9, 12.0), (-1.9, 4.0), (0.0, 4.0)):
-        u, v = np.round(projected(car.center + along * ahead, looking())).astype(int)
-        assert picture[v, u] == pytest.approx(GRASS + warmer_k * GREY_PER_K, abs=2.0)
-    for along in (2.6, -2.6):
-        u, v = np.round(projected(car.center + along * ahead, looking())).astype(int)
-        assert picture[v, u] == GREY
-
-
-def test_a_picture_without_targets_is_as_it_was():
-    video = VideoScenario()
-    plain, empty = (
-        Renderer(XT2, GRASS_ALONE, video, *more).frame(PLACE, looking(), np.random.default_rng(3))
-        for more in ((), ([],))
-    )
-    np.testing.assert_array_equal(plain, empty)
-
-
 def test_one_more_target_leaves_the_others_where_they_are():
     few, many = (
         targets_of(scenario_from({"scene.people": n, "scene.fires": 2, "scene.people_at": []}), 7)
