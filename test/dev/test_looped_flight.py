@@ -7,12 +7,11 @@ import itertools
 import sys
 from types import FunctionType, ModuleType
 
-import numpy as np
 import pytest
 
 from dev.looped_flight import LoopedFlight
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.core.types.verdicts import Outcome
 
 RATE_HZ = 50.0
@@ -25,21 +24,6 @@ def looped():
 
 def first_minutes(looped, count):
     return list(itertools.islice(looped.minutes(), count))
-
-
-def of_rtk(samples):
-    return [s for s in samples if getattr(s, "source", None) is Source.RTK_POSITION]
-
-
-def test_stamps_run_on_over_the_seam(looped):
-    minutes = first_minutes(looped, 3)
-    assert len({len(minute) for minute in minutes}) == 1
-    samples = list(itertools.chain(*minutes))
-    imu = [s.stamp_ns for s in samples if isinstance(s, ImuSample)]
-    assert len(imu) == 3 * looped.imu_samples
-    assert set(np.diff(imu)) == {round(1e9 / RATE_HZ)}
-    fixes = [s.stamp_ns for s in of_rtk(samples)]
-    assert set(np.diff(fixes)) == {200_000_000}
 
 
 @pytest.mark.slow

@@ -11,9 +11,8 @@ from overlays import PLANE, pose_at
 
 from dev.planted_faults.faults import Fault
 from dev.planted_faults.ground_errors import Eye, times_of_ellipse
-from dev.planted_faults.live import CLEAN, Outcome
+from dev.planted_faults.live import Outcome
 from dev.planted_faults.live_reading import Picture, Report, seen
-from dev.planted_faults.live_table import live_table
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -58,20 +57,6 @@ def test_a_fault_is_in_time_from_when_the_data_show_it():
     assert not Outcome(FAULT, 0.0).in_time
     assert Outcome(FAULT, refused="parameter rtk.delay_s: is not a number").in_time
     assert not Outcome(FAULT, refused="ekf_node ended").in_time
-
-
-def test_the_table_counts_what_is_named_and_what_was_green_and_wrong():
-    lying = Outcome(FAULT, 0.0, NAMED, ("other",), 8.1, 12, 4.0, 21.3)
-    dead = Outcome(dataclasses.replace(FAULT, name="dead"), refused="ekf_node ended: no bag")
-    told = live_table([Outcome(CLEAN, 0.0, green=180, times=0.8), lying, dead])
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()]
-    assert rows[2] == ["(none)", "0.0 s", "", "", "", "180", "0.8", ""]
-    words = f"{NAMED.text} (also other)"
-    assert rows[3] == ["late", "0.0 s", "8.0 s", "ekf_node", "8.1 s", "12", "4.0 to 21.3 s", words]
-    assert rows[4][2] == "NO"
-    assert len({len(row) for row in rows[:5]}) == 1
-    assert "1 of 2 named within 10 s" in told
-    assert told.endswith("ellipses: late\n")
 
 
 def eye(shift_n: np.ndarray) -> Eye:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -11,19 +10,15 @@ import pytest
 
 from dev.soak.balance import Balance
 from dev.soak.judge import (
-    Figure,
     Truth,
     frame_figures,
-    leftover_figures,
     memory_figures,
-    picture_figures,
     pose_figures,
 )
 from dev.soak.lives import Life
 from dev.soak.memory import growth
 from dev.soak.records import (
     Ledger,
-    Picture,
     Record,
     poses_of,
     read_ledger,
@@ -86,11 +81,6 @@ def test_memory_that_grows_is_missed_and_so_is_memory_that_nobody_could_judge():
     assert missed(memory_figures([life(last_s=30), grows], short=True))
 
 
-def test_anything_that_is_left_is_missed():
-    assert not missed(leftover_figures([], [], []))
-    assert len(missed(leftover_figures(["fastrtps_0123456789abcdef"], [17], ["it fell"]))) == 3
-
-
 def test_frames_without_account_are_missed():
     good = Balance(10)
     good.fates["drawn"] = 10
@@ -103,12 +93,6 @@ def test_frames_without_account_are_missed():
     odd = Balance(10, contradictions=["1 of 100"])
     odd.fates["drawn"] = 10
     assert missed(frame_figures(odd)) == ["reports that contradict themselves"]
-
-
-def test_no_number_is_missed_where_something_is_asked():
-    assert Figure("x", math.nan, "", 1.0).missed
-    assert Figure("x", math.inf, "s", 30.0).missed
-    assert not Figure("x", math.nan).missed
 
 
 def test_a_schedule_is_the_same_for_a_seed_and_touches_everything():
@@ -169,13 +153,3 @@ def test_a_pose_beyond_four_sigma_and_a_long_silence_are_missed():
     assert figures(0.0, 61.0) == ["longest time without a pose"]
     nothing = Record(poses_of([]), [], [])
     assert len(missed(pose_figures(nothing, Ledger({0: 0}), truth))) == 3
-
-
-def test_lines_without_a_pose_are_missed():
-    pictures = [Picture(k, k * 1_000_000_000 + 50_000_000, 1000) for k in range(3)]
-    numbers = [*[0.0] * 3, 1.0, *[0.0] * 3, *[1.0] * 6]
-    poses = poses_of([(k - 0.5, k * 1_000_000_000, numbers) for k in range(3)])
-    assert missed(picture_figures(Record(poses, pictures, []), [])) == []
-    without = poses_of([(k - 0.5, k * 1_000_000_000, numbers) for k in range(2)])
-    found = missed(picture_figures(Record(without, pictures, []), []))
-    assert found == ["  where there is no pose"]

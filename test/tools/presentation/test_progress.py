@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from tirgeo_ros.tools.presentation.progress import Progress, three
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 class Terminal(io.StringIO):
@@ -50,30 +50,6 @@ def test_part_rate_and_time_left():
     assert stream.getvalue() == (
         "\r\x1b[Kreading [#####...............] 25.0 %  20.0 of 80.0 s  5.00x real time  0:12 left"
     )
-
-
-@pytest.mark.parametrize("total", [None, 0])
-def test_unknown_total_shows_count_and_rate(total):
-    stream = Terminal()
-    bar, clock = made(stream)
-    clock.now_s += 4
-    bar(20, total)
-    assert stream.getvalue() == "\r\x1b[Kreading  20.0 s  5.00x real time"
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0, "0.00"),
-        (9.994, "9.99"),
-        (9.996, "10.0"),
-        (99.96, "100"),
-        (41.03, "41.0"),
-        (1235, "1235"),
-    ],
-)
-def test_three_digits(value, text):
-    assert three(value) == text
 
 
 def test_the_line_is_redrawn_ten_times_a_second_at_most():

@@ -110,13 +110,3 @@ def test_other_size_is_refused(tmp_path):
         video.add(0, frame(0))
         with pytest.raises(VideoError, match=r"out\.mp4: a frame of 32x24 .* follows .* 64x48"):
             video.add(STEP_NS, frame(0, (24, 32, 3)))
-
-
-def test_place_is_checked_at_once(tmp_path):
-    with pytest.raises(VideoError, match=r"no such folder .*absent"):
-        VideoFile(tmp_path / "absent" / "out.mp4")
-    with pytest.raises(VideoError, match=r"out\.avi: .* must end with \.mp4 or \.webm"):
-        VideoFile(tmp_path / "out.avi")
-    (tmp_path / "folder.mp4").mkdir()
-    with pytest.raises(VideoError, match=r"folder\.mp4: not a file; give the output another name"):
-        VideoFile(tmp_path / "folder.mp4")

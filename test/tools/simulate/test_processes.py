@@ -11,8 +11,6 @@ from tirgeo_ros.tools.simulate.processes import (
     DEGREE,
     Spline,
     gauss_markov,
-    generator,
-    scaled_noise,
 )
 
 
@@ -44,18 +42,3 @@ def test_gauss_markov_has_its_size_and_correlation_time():
     np.testing.assert_allclose(x.std(axis=0), std, rtol=4 * 0.012)
     lagged = (x[4:] * x[:-4]).mean(axis=0) / x.var(axis=0)
     np.testing.assert_allclose(lagged, np.exp(-4 * step / tau), atol=0.05)
-
-
-def test_gauss_markov_is_stationary_from_its_first_sample():
-    rng = np.random.default_rng(2)
-    first = [gauss_markov(rng, 2, 0.01, np.array([100.0]), np.array([2.0]))[0, 0]
-             for _ in range(4000)]  # fmt: skip
-    assert np.std(first) == pytest.approx(2.0, rel=4 / np.sqrt(2 * 4000))
-
-
-def test_scaled_noise_has_the_wanted_rms_over_the_flight():
-    wanted = np.array([1.2846, 0.9342, 2.8017])
-    noise = scaled_noise(generator(3, "x"), 107.0, 45.0, wanted)
-    values = noise(np.arange(0.0, 107.0, 0.1))
-    # It is scaled on another grid of times: the rms of slow functions differs by less than 1e-3.
-    np.testing.assert_allclose(np.sqrt((values**2).mean(axis=0)), wanted, rtol=1e-3)
